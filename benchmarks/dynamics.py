@@ -16,9 +16,9 @@ from beside import alone, beside
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.experiment.excitation import Limits, RawCondition, observed
+from haptid.experiment.excitation import Limits, RawCondition, observed_motion
 from haptid.experiment.excitation.gradients import Slopes
-from haptid.experiment.excitation.limits import Bounds
+from haptid.experiment.excitation.limits import MotionBounds
 from haptid.observation.r_factor import condition
 from stopwatch import Work
 
@@ -61,7 +61,7 @@ def works(arm: Arm) -> dict[str, Work]:
 def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
     """What a search for a motion asks: the smooth stand-in for the condition number, and the same with its slopes."""
     slopes = Slopes.of(
-        Bounds.of(arm.model, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
+        MotionBounds.of(arm.model, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
         RawCondition(),
         tuple(range(len(arm.beta))),
         np.ones(arm.n),
@@ -86,7 +86,7 @@ def main() -> None:
     arm = Arm()
     motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
     ours = works(arm)
-    ours["condition number of a motion"] = Work(1, lambda: condition(observed(arm.model, motion).stack()[:-1]))
+    ours["condition number of a motion"] = Work(1, lambda: condition(observed_motion(arm.model, motion).stack()[:-1]))
     figures = beside(arm.case(), ours, PEERS)
     figures |= searched(*(work.microseconds() for work in search(arm, motion)), figures)
     print(json.dumps(figures))

@@ -10,7 +10,7 @@ import numpy as np
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.bench.limits import loop_openness
-from haptid.experiment.excitation import FourierSeries, Limits, Search, design, observed, quality
+from haptid.experiment.excitation import FourierSeries, Limits, Search, design, observed_motion, quality
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 # What is sought: positions about a centre, rad, to either side of it, degrees; speed, rad/s; acceleration, rad/s^2.
@@ -39,7 +39,7 @@ def run() -> dict[str, float]:
         beta = model.base.of(experiment.setup(model).chi)
         rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(2)[0])
         made = bench.plan(experiment.kind, model, 1e-3, rng)
-        found = quality(observed(model, made), tuple(range(len(beta))), beta, np.full(3, 0.01))
+        found = quality(observed_motion(model, made), tuple(range(len(beta))), beta, np.full(3, 0.01))
         tau = haptid.inverse_dynamics(model, beta, made.q.T, made.qd.T, made.qdd.T)
         figures[f"{name}, condition raw"] = found.raw
         figures[f"{name}, condition with unit columns"] = found.scaled

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import haptid
-from haptid.report import Report, Source, report_of
+from haptid.report import Report, ReportSource, report_of
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "phantom"
 
@@ -27,8 +27,8 @@ def found() -> haptid.Identification:
 
 
 @cache
-def source() -> Source:
-    return Source(found(), "haptid identify study.toml")
+def source() -> ReportSource:
+    return ReportSource(found(), "haptid identify study.toml")
 
 
 @cache

@@ -12,8 +12,8 @@ from collections import defaultdict
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "python" / "haptid"
-# Each command of the command line is a function named after it, in a module named after it.
-APART = ("cli",)
+# Rooms whose modules implement one interface, each under the same names: commands, papers, file formats.
+APART = ("cli", "demos", "log/formats")
 
 
 def definitions(path: Path) -> set[str]:
@@ -34,7 +34,7 @@ def repeated(package: Path = PACKAGE) -> dict[str, list[str]]:
     homes: dict[str, list[str]] = defaultdict(list)
     for path in sorted(package.rglob("*.py")):
         place = path.relative_to(package)
-        if place.parts[0] in APART:
+        if any(str(place).startswith(f"{apart}/") for apart in APART):
             continue
         for name in definitions(path):
             homes[name].append(str(place))

@@ -73,7 +73,7 @@ from haptid.estimation.nonlinear import VariableProjection, variable_projection
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import (
-    Constant,
+    ConstantVelocity,
     DirectionPairs,
     FrictionCurve,
     ModelSubtraction,
@@ -113,7 +113,7 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.observation.plan import Block
-from haptid.report import Hand, Report, make_report, read_report, write_comparison
+from haptid.report import HandForceData, Report, make_report, read_report, write_comparison
 from haptid.results.result import Result, result_schema
 from haptid.results.schema import ResultLog
 from haptid.simulation import PID
@@ -156,7 +156,7 @@ __all__ = [
     "ClusterRobust",
     "Comparison",
     "Compensation",
-    "Constant",
+    "ConstantVelocity",
     "Constrained",
     "Cost",
     "DaskExecutor",
@@ -184,7 +184,7 @@ __all__ = [
     "FrictionCurve",
     "GautierRatio",
     "GivenParameters",
-    "Hand",
+    "HandForceData",
     "HandleForce",
     "HandleMotion",
     "Heteroscedastic",

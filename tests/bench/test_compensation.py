@@ -10,7 +10,7 @@ from haptid import errors
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
-from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.experiment import bench
 from true_parameters import true_parameters
@@ -40,7 +40,7 @@ def shake(model, chi, pose, law, direction, newtons=0.05):
     found = bench.simulate(setup, rest(pose), np.random.default_rng(0))
     qa, qda, qdda = (x[500:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
     J = handle_motion(model, qa).jacobian[:, :3]
-    a = np.einsum("pij,jp->pi", J, qdda) + drift(model, qa, qda)[:, :3]
+    a = np.einsum("pij,jp->pi", J, qdda) + velocity_product_acceleration(model, qa, qda)[:, :3]
     v = np.einsum("pij,jp->pi", J, qda)
     return np.column_stack([x @ direction for x in (found.hand[500:], a, v)])
 

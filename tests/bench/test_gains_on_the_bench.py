@@ -7,7 +7,7 @@ import pytest
 
 import haptid
 from bench_identification import CASES, ENDS, truth_of
-from haptid.device.priors import Body
+from haptid.device.priors import PriorBody
 from haptid.experiment import bench
 
 pytest.importorskip("mujoco")
@@ -47,8 +47,8 @@ def observed(arm, model, seed, payload=None):
 
 def test_a_gain_that_is_off_is_found(arm, wrong):
     com = np.array([arm.lengths["L2"], 0.0, 0.0])
-    bare, loaded = observed(arm, wrong, 1), observed(arm, wrong, 2, bench.Payload(WEIGHT))
-    found = haptid.drive_gains(bare, loaded, "3", Body(WEIGHT, com, None))
+    bare, loaded = observed(arm, wrong, 1), observed(arm, wrong, 2, bench.SimulatedPayload(WEIGHT))
+    found = haptid.drive_gains(bare, loaded, "3", PriorBody(WEIGHT, com, None))
     np.testing.assert_allclose(found.factor, TRUE, rtol=0.003)
     assert found.conf_int()[1, 1] < 0.84
     beta = arm.base.of(truth_of(CASE))

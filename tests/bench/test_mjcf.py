@@ -6,7 +6,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.experiment.bench import Payload, Physics, mjcf
+from haptid.experiment.bench import Physics, SimulatedPayload, mjcf
 from haptid.experiment.bench.mjcf import closed, cut_sites, depth_first
 from true_parameters import drawn, put, true_parameters
 
@@ -123,7 +123,7 @@ def test_payload_is_a_mass_at_the_handle():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     chi, step = true_parameters(model), Physics(step=2e-4)
     bare = mujoco.MjModel.from_xml_string(mjcf(model, chi, step))
-    laden = mujoco.MjModel.from_xml_string(mjcf(model, chi, step, Payload(0.1, (0.01, 0.0, 0.0))))
+    laden = mujoco.MjModel.from_xml_string(mjcf(model, chi, step, SimulatedPayload(0.1, (0.01, 0.0, 0.0))))
     assert laden.body_mass.sum() - bare.body_mass.sum() == pytest.approx(0.1, rel=1e-12)
     assert laden.opt.timestep == 2e-4
 
@@ -157,5 +157,5 @@ def test_terms_without_counterpart_and_payload_without_handle_are_refused(tmp_pa
     path.write_text(RELATED.partition("[handle]")[0])
     bare = haptid.DynamicModel(haptid.read_device(path))
     with pytest.raises(errors.IncompleteDeviceError) as raised:
-        mjcf(bare, np.ones(len(bare.device.parameters)), payload=Payload(0.1))
+        mjcf(bare, np.ones(len(bare.device.parameters)), payload=SimulatedPayload(0.1))
     assert raised.value.where == "payload"

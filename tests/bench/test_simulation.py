@@ -127,7 +127,7 @@ def test_gravity_feed_forward_and_integral_hold_better_than_pd():
 
 def test_payload_is_felt_by_the_motors():
     _, bare = made(seconds=2.0, still=True)
-    _, laden = made(seconds=2.0, still=True, payload=bench.Payload(0.05))
+    _, laden = made(seconds=2.0, still=True, payload=bench.SimulatedPayload(0.05))
     arm, forearm = 0.215 * np.cos(0.2), 0.17 * np.sin(0.3)
     more = 0.05 * 9.81 * np.array([arm, forearm])
     friction = 0.02 / more.min()  # stiction may hold some of it

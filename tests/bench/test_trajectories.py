@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import haptid
 from haptid import errors
 from haptid.experiment import bench
-from haptid.experiment.bench.trajectories import spread
+from haptid.experiment.bench.trajectories import per_coordinate
 from true_parameters import true_parameters
 
 PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
@@ -147,4 +147,4 @@ def test_settings_that_do_not_fit():
     with pytest.raises(errors.TrajectoryError) as raised:
         check(bench.Multisine(2.0, CENTRE, SIZE))
     assert raised.value.found == pytest.approx(2.0)
-    assert (spread("x", (2.0,), ["a", "b"]) == 2.0).all()
+    assert (per_coordinate("x", (2.0,), ["a", "b"]) == 2.0).all()

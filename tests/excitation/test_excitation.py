@@ -21,7 +21,7 @@ from haptid.experiment.excitation import (
     Search,
     TrianglesWithSines,
     design,
-    observed,
+    observed_motion,
     quality,
     write_experiment,
 )
@@ -51,7 +51,7 @@ def explicit(trajectory):
 def test_quality_is_that_of_the_stored_matrix(found):
     made = found.trajectory(0.04)
     noise, columns = np.array([0.001, 0.002, 0.004]), tuple(range(1, len(BETA)))
-    one = quality(observed(PHANTOM, made), columns, BETA, noise)
+    one = quality(observed_motion(PHANTOM, made), columns, BETA, noise)
     W = explicit(made)[:, :, 1:]
     stacked = W.reshape(-1, len(columns))
     assert one.raw == pytest.approx(np.linalg.cond(stacked), rel=1e-8)

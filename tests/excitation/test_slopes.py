@@ -6,19 +6,19 @@ import pytest
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.excitation import (
-    Bounds,
     Coupling,
     FourierSeries,
     Information,
     LargestDeviation,
     Limits,
+    MotionBounds,
     RawCondition,
     ScaledCondition,
     Search,
     Slopes,
     TrianglesWithSines,
     design,
-    observed,
+    observed_motion,
     quality,
 )
 from motions import truth
@@ -51,7 +51,7 @@ def random_states(seed: int, count: int = 80) -> np.ndarray:
 def test_slopes_are_those_of_the_cost(criterion, zero):
     beta = BETA.copy()
     beta[list(zero)] = 0.0
-    slopes = Slopes.of(Bounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
+    slopes = Slopes.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
     states, way = random_states(1), random_states(2)
     cost = lambda t: slopes(states + t * way, 3.0, 10.0)[0]  # noqa: E731
     step = 1e-6
@@ -63,12 +63,12 @@ def test_slopes_are_those_of_the_cost(criterion, zero):
 def test_a_sharp_stand_in_differs_from_the_criterion_by_a_constant(criterion):
     """By none but for Information, whose stand-in leaves out the number of rows."""
     columns = tuple(range(len(BETA)))
-    slopes = Slopes.of(Bounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
+    slopes = Slopes.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
     apart = []
     for seed in (3, 4):
         states = random_states(seed)
         made = bench.Trajectory(0.04, *(np.ascontiguousarray(x.T) for x in states))
-        found = quality(observed(PHANTOM, made), columns, BETA, NOISE)
+        found = quality(observed_motion(PHANTOM, made), columns, BETA, NOISE)
         apart.append(slopes.cost(states, power=200.0) - criterion.cost(found) - _left_out(criterion, found))
     np.testing.assert_allclose(apart, 0.0, atol=0.02)
 
@@ -83,7 +83,7 @@ def _left_out(criterion, found):
     "family", [FourierSeries(8.0, 0.2, 3), TrianglesWithSines(8.0)], ids=lambda one: type(one).__name__
 )
 def test_only_families_that_say_so_are_affine(family):
-    bounds, rng = Bounds.of(PHANTOM, NARROW, BETA), np.random.default_rng(0)
+    bounds, rng = MotionBounds.of(PHANTOM, NARROW, BETA), np.random.default_rng(0)
     ends = [family.start(bounds, rng) for _ in range(2)]
     made = []
     for share in (0.0, 0.5, 1.0):
@@ -94,7 +94,7 @@ def test_only_families_that_say_so_are_affine(family):
 
 
 def test_a_drawn_series_fills_its_limits():
-    bounds = Bounds.of(PHANTOM, NARROW, BETA)
+    bounds = MotionBounds.of(PHANTOM, NARROW, BETA)
     for seed in range(5):
         kind = FourierSeries().kind(FourierSeries().start(bounds, np.random.default_rng(seed)), bounds)
         made = bench.plan(kind, PHANTOM, 0.01, np.random.default_rng(1))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.experiment.excitation import Bounds, Coupling, Limits, RawCondition, ScaledCondition, Slopes
+from haptid.experiment.excitation import Coupling, Limits, MotionBounds, RawCondition, ScaledCondition, Slopes
 
 # A tree, parallelograms, coupled motors, and loops that are not linear.
 DEVICES = ("arm7", "phantom_premium_15", "cea_medical_branch", "four_bar", "slider_crank", "five_bar", "delta")
 
 
-def limited(name: str) -> Bounds:
+def limited(name: str) -> MotionBounds:
     """A device whose passive joints have narrow limits too, and so have torques."""
     model = haptid.DynamicModel(haptid.read_device(name))
     joints = tuple(
@@ -29,7 +29,7 @@ def limited(name: str) -> Bounds:
         couplings=(Coupling(weights, -0.1, 0.1),),
     )
     beta = np.random.default_rng(3).normal(size=len(model.base))
-    return Bounds.of(model, limits, beta)
+    return MotionBounds.of(model, limits, beta)
 
 
 def states_of(model: haptid.Device, count: int = 60) -> np.ndarray:

@@ -10,7 +10,7 @@ import exciting_motion
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.bench.limits import FLAT, loop_openness
-from haptid.experiment.excitation import observed, quality
+from haptid.experiment.excitation import observed_motion, quality
 
 RESULTS = Path(exciting_motion.__file__).parent / "results" / "exciting-motion.json"
 
@@ -19,7 +19,7 @@ def test_the_wide_example_has_a_condition_below_fifty():
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     experiment = bench.read_experiment(exciting_motion.EXAMPLES / "excite-wide.toml")
     made = bench.plan(experiment.kind, model, 0.02, np.random.default_rng(0))
-    scaled = quality(observed(model, made), tuple(range(34)), np.zeros(34), np.ones(3)).scaled
+    scaled = quality(observed_motion(model, made), tuple(range(34)), np.zeros(34), np.ones(3)).scaled
     recorded = json.loads(RESULTS.read_text())["figures"]["excite-wide, condition with unit columns"]
     assert scaled < 50
     assert scaled == pytest.approx(recorded, rel=0.02)

@@ -7,7 +7,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.export import FORMATS, CCode, export, export_c
+from haptid.export import EXPORTERS, CCode, export, export_c
 from haptid.export.formats.c_source import comment, wrapped
 from haptid.export.output import default_name
 from small_study import DEVICE, write_study
@@ -115,10 +115,10 @@ def test_parameters_that_no_body_has(tmp_path, identification):
 def test_a_format_that_is_none(tmp_path, identification):
     with pytest.raises(errors.UnknownNameError) as raised:
         export(identification, tmp_path / "out", ["c", "fortran"])
-    assert raised.value.limit == FORMATS
+    assert raised.value.limit == EXPORTERS
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORTERS)
 def test_every_format_says_how_the_model_was_validated(tmp_path, identification, name):
     """From the result folder as from the identification; and what fails is written only when it is told."""
     (tmp_path / "result").mkdir()

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.export import FORMATS, CCode, export
+from haptid.export import EXPORTERS, CCode, export
 from haptid.inference.diagnosis import diagnose
 from haptid.report import source
 from small_study import write_study
@@ -70,7 +70,7 @@ def test_a_result_without_a_verdict_is_read(folder, tmp_path):
     assert "WARNING" not in (made.folder / "two_links.h").read_text()
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORTERS)
 def test_every_format_says_what_the_model_is_not_fit_for(unfit, tmp_path, name):
     read = haptid.Result.load(unfit)
     made = export(read, tmp_path / "out", [name])[name]

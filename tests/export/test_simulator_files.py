@@ -12,7 +12,7 @@ import haptid
 from bench_identification import CASES, device_of, log_of, record
 from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
-from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.formats.bodies import departure, standard_parameters_of
 from haptid.export.formats.urdf import angles, upright
 from haptid.observation.filtering import decimate
 from haptid.observation.plan import Plan
@@ -191,7 +191,7 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
     wrong = np.array(beta)
     wrong[model.base.names.index("ZZ3R" if "ZZ3R" in model.base.names else "ZZ3")] *= -0.01
     held = haptid.project_to_feasible(model, wrong, np.eye(len(beta)))
-    chi = standard_parameters(model, held.beta)
+    chi = standard_parameters_of(model, held.beta)
     assert departure(model, held.beta, chi) < 1e-8
     assert loaded(export_mjcf((model, held.beta), tmp_path)).nv == 3
 

@@ -11,7 +11,7 @@ import haptid
 from compiled import compiler, relative, run
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
-from haptid.export.formats.latex import escaped, number, unit_text
+from haptid.export.formats.latex import escaped, latex_number, unit_text
 from haptid.export.output import default_name
 from haptid.export.selftest import Golden
 from true_parameters import true_parameters
@@ -84,9 +84,9 @@ def test_latex_compiles(tmp_path):
 
 
 def test_figures_and_text_in_latex():
-    assert number(-1.25e-7) == r"$-1.25 \times 10^{-7}$"
-    assert number(0.5) == "$0.5$"
-    assert number(-np.inf) == r"$-\infty$"
+    assert latex_number(-1.25e-7) == r"$-1.25 \times 10^{-7}$"
+    assert latex_number(0.5) == "$0.5$"
+    assert latex_number(-np.inf) == r"$-\infty$"
     assert unit_text("kg m^2") == r"kg\,m$^{2}$"
     assert escaped("5 % of a_b") == r"5 \% of a\_b"
 

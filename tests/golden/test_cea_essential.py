@@ -8,7 +8,7 @@ from scipy import signal
 
 import haptid
 from haptid.experiment import bench
-from haptid.experiment.excitation import observed
+from haptid.experiment.excitation import observed_motion
 from haptid.inference.elimination import eliminate
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "cea"
@@ -67,7 +67,7 @@ def test_34_parameters_become_the_15_of_the_paper(seed):
 
 def test_condition_of_16000_rows_and_34_columns():
     """The paper says close to 50. Within 60 degrees and 4.5 rad/s, and no loop flat, the 15 alone reach that."""
-    observation = observed(DEVICE, planned("excite.toml", 20 / 5333))
+    observation = observed_motion(DEVICE, planned("excite.toml", 20 / 5333))
     assert observation.rows == pytest.approx(16000, rel=1e-3)
     raw, scaled = observation.condition
     assert raw == pytest.approx(1925, rel=0.01)
@@ -76,7 +76,7 @@ def test_condition_of_16000_rows_and_34_columns():
     raw, scaled = observation.condition_without(others)
     assert raw == pytest.approx(142, rel=0.01)
     assert scaled == pytest.approx(16.5, rel=0.01)
-    plain = observed(DEVICE, planned("experiment.toml", 30 / 5333))
+    plain = observed_motion(DEVICE, planned("experiment.toml", 30 / 5333))
     assert plain.condition[1] > 20 * observation.condition[1]
 
 

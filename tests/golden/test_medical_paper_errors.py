@@ -11,7 +11,7 @@ from haptid.demos import read_demo
 from haptid.dynamics.inverse import core_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
-from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 
 DEMO = read_demo("medical")
 DEVICE = haptid.DynamicModel(haptid.read_device(DEMO.device))
@@ -71,7 +71,7 @@ def test_t5_the_neglected_force_needs_the_inverse_jacobian(branch):
     J = handle_motion(DEVICE, qa).jacobian[:, :3]
     v = np.random.default_rng(2).uniform(-1, 1, (20, 3))
     qd = np.linalg.solve(J, v[:, :, None])[:, :, 0].T
-    turning = drift(DEVICE, qa, qd)[:, :3]
+    turning = velocity_product_acceleration(DEVICE, qa, qd)[:, :3]
     qdd = -np.linalg.solve(J, turning[:, :, None])[:, :, 0].T
     felt = hand(J, haptid.inverse_dynamics(DEVICE, identified.beta, qa, qd, qdd))
     ours = characterise(identified, qa, worst_condition=1e4).neglected_force_of(v).values

@@ -11,7 +11,7 @@ from haptid.dynamics.inverse import bias_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
-from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 from mechanisms import draw, mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters
@@ -95,7 +95,7 @@ def test_drift_is_the_change_of_the_jacobian(mechanism):
     ahead, behind = (handle_motion(model, qa + side * h * qda).jacobian for side in (1, -1))
     wanted = np.einsum("pij,jp->pi", (ahead - behind) / (2 * h), qda)
     scale = 1 + np.abs(wanted).max() + (np.abs(mechanism.rates).sum() * np.abs(qda).max()) ** 3
-    np.testing.assert_allclose(drift(model, qa, qda), wanted, atol=1e-8 * scale)
+    np.testing.assert_allclose(velocity_product_acceleration(model, qa, qda), wanted, atol=1e-8 * scale)
 
 
 def shipped(name="cea_medical_branch", poses=5, seed=4):

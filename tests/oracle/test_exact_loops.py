@@ -9,14 +9,14 @@ import pytest
 
 from haptid import errors
 from haptid.device.geometry import Reader
-from haptid.device.loops.chain import Chain, solve
+from haptid.device.loops.chain import Chain, close_cuts
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.reader import read_tables
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
-from haptid.dynamics.symbolic.loops import opened
+from haptid.dynamics.symbolic.loops import opened_tree
 
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"
 TERMS = """
@@ -125,13 +125,13 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     """Torques of active joints by standard parameter, by Newton's method and differentiated Jacobians."""
     tables, file = read_tables(path)
     passive = [name for loop in tables.loops for name in loop.passive]
-    tree = opened(tables, file)
+    tree = opened_tree(tables, file)
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]
     chain = Chain.of(tree.joints, loops.cuts, tuple(active))
     rng = np.random.default_rng(0)
-    q = solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
+    q = close_cuts(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
     J = chain.residual(q)[1]
     good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-13
     good &= np.linalg.svd(J[:, :, unknown], compute_uv=False)[:, -1] > 0.02

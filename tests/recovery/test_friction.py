@@ -9,7 +9,7 @@ import haptid
 from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.friction_test.choice import choose_friction
-from haptid.experiment.friction_test.curve import Constant, ModelSubtraction, friction_curve
+from haptid.experiment.friction_test.curve import ConstantVelocity, ModelSubtraction, friction_curve
 from motions import motion as multisine
 from motions import truth
 from true_parameters import true_parameters
@@ -155,8 +155,8 @@ def gains():
 
 def test_motions_without_a_constant_velocity():
     with pytest.raises(errors.NoRowsError) as raised:
-        friction_curve(DEVICE, multisine(DEVICE, BETA, seconds=4.0, dt=4e-3), constant=Constant(tolerance=1e-3))
+        friction_curve(DEVICE, multisine(DEVICE, BETA, seconds=4.0, dt=4e-3), constant=ConstantVelocity(tolerance=1e-3))
     assert raised.value.limit == 1e-3
     with pytest.raises(errors.SettingError) as raised:
-        Constant(shortest=0.0)
+        ConstantVelocity(shortest=0.0)
     assert raised.value.where == "shortest"

@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.device.priors import Body
+from haptid.device.priors import PriorBody
 from motions import motion
 
 DEVICE = """
@@ -29,7 +29,7 @@ joints = "all"
 kind = "coulomb"
 joints = "all"
 """
-LOAD = Body(0.8, np.array([0.25, 0.05, 0.02]), np.diag([0.002, 0.004, 0.003]))
+LOAD = PriorBody(0.8, np.array([0.25, 0.05, 0.02]), np.diag([0.002, 0.004, 0.003]))
 
 
 def device_of(folder, text=DEVICE):
@@ -119,4 +119,4 @@ def test_what_cannot_be_is_refused(model, tmp_path, monkeypatch):
     with pytest.raises(errors.ConvergenceError):
         haptid.drive_gains(bare, loaded, "3", LOAD)
     with pytest.raises(errors.IdentifiabilityError, match="gain"):
-        haptid.drive_gains(bare, haptid.observe(model, recorded(model, seed=3)), "3", Body(0.0, np.zeros(3), None))
+        haptid.drive_gains(bare, haptid.observe(model, recorded(model, seed=3)), "3", PriorBody(0.0, np.zeros(3), None))

@@ -12,7 +12,7 @@ from haptid import errors, estimation
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.instrumental import second_stage
 from haptid.estimation.methods.kalman import FilterState, information_rows
-from haptid.estimation.methods.simulation_based import along
+from haptid.estimation.methods.simulation_based import simulate_along
 from haptid.observation.rows import Rows
 from haptid.simulation import PID
 
@@ -90,7 +90,9 @@ def test_two_stages_are_the_textbook_s_one():
     log = made(ARM)[1]
     calm = haptid.treat(log, haptid.Treatment(cutoff_hz=12, decimation=10, torque_delay_s=5e-4, reversal_speed=0.05))
     observation = observed(ARM, 30, 10)
-    instruments = along(observation, [haptid.treat(replace(log, position=calm.q), observation.motions[0].treatment)])
+    instruments = simulate_along(
+        observation, [haptid.treat(replace(log, position=calm.q), observation.motions[0].treatment)]
+    )
     weights, p = np.ones(3), len(observation.base)
     parts = list(zip(Rows(observation), Rows(instruments), strict=True))
     W, y = (

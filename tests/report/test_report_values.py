@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 import haptid
 from haptid import errors
 from haptid.errors import OutputFolderError, ResultFileError
-from haptid.report import Hand, Source, make_report, read_report, sparklines, write_comparison
+from haptid.report import HandForceData, ReportSource, make_report, read_report, sparklines, write_comparison
 from haptid.report.chart import envelope, extremes, packed, shaded
 from haptid.report.citations import bibtex, entries
 from haptid.report.mathml import groupings, parameter
@@ -244,12 +244,12 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
 def test_the_force_of_a_hand_is_shown_beside_the_sensor():
     force = haptid.estimate_force(found().estimate, found().runs[1].motion)
     sensor = np.nan_to_num(force.force)
-    section = HandSection.of(Source(found(), hands=(Hand.of("pushed", force, sensor),)))
+    section = HandSection.of(ReportSource(found(), hands=(HandForceData.of("pushed", force, sensor),)))
     assert section is not None
     assert len(section.charts) == 3
     assert "RMS difference 0 N" in section.charts[0].caption
     assert HandSection.of(source()) is None
-    whole = make_report(found(), hands=(Hand.of("pushed", force),))
+    whole = make_report(found(), hands=(HandForceData.of("pushed", force),))
     assert "hand" in whole.sections
 
 

@@ -13,7 +13,7 @@ import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
 from haptid import errors
 from haptid.dynamics.forward import ForwardDynamics, ParametricForwardDynamics, sets_of
-from haptid.dynamics.regressor import columns
+from haptid.dynamics.regressor import regressor_columns
 from haptid.experiment import bench
 from haptid.simulation import PID, Stretches, closed_loop, open_loop, sensitivity, smooth
 from haptid.simulation.control import recorded
@@ -212,7 +212,9 @@ def test_parameters_of_their_own_at_every_state():
     np.testing.assert_allclose(cdd, found[:, 0], rtol=1e-9)
     M, _ = ForwardDynamics(model, sets_of(model, beta[0])).parts(c[:, :1], cd[:, :1])
     np.testing.assert_allclose(inverse @ M[0], np.eye(3), atol=1e-9)
-    Y = columns(model, c[:, :1].copy(), cd[:, :1].copy(), np.ascontiguousarray(cdd[:, None]), base_of(model))[:, :, 0]
+    Y = regressor_columns(model, c[:, :1].copy(), cd[:, :1].copy(), np.ascontiguousarray(cdd[:, None]), base_of(model))[
+        :, :, 0
+    ]
     np.testing.assert_allclose(by_beta, -inverse @ Y, rtol=1e-8, atol=1e-8)
     assert by_state.shape == (3, 6)
 

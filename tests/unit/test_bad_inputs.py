@@ -184,7 +184,10 @@ BAD = {
     "stretch upside down": (entry("stretch = [3, 1]"), r"before it begins"),
     "every row too slow": (text("study.toml", "decimation = 5", "decimation = 5\nreversal_speed = 90"), r"slower"),
     # the device
-    "reversal_speed of the wrong length": (text("study.toml", "decimation = 5", "reversal_speed = [1, 1, 1]"), r"each row"),
+    "reversal_speed of the wrong length": (
+        text("study.toml", "decimation = 5", "reversal_speed = [1, 1, 1]"),
+        r"each row",
+    ),
     "cut-off that is no number": (text("study.toml", "= 30", "= 'off'"), r"treatment\.cutoff_hz`.*'none'"),
     "order of a filter that has none": (text("study.toml", "decimation = 5", "parallel_order = 2"), r"only.*causal"),
     "differentiator with accelerations": (

@@ -9,7 +9,7 @@ import haptid
 from haptid import errors
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, line, sweep
-from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.end_effector.characterisation.plots import SweepCurve, plot_map, plot_sweeps
 from mechanisms import draw
 from motions import motion
 from random_devices import as_device, parameters
@@ -192,8 +192,8 @@ def test_a_handle_on_the_base_moves_nothing(phantom):
     with pytest.raises(errors.SettingError) as raised:
         apparent_mass(GivenParameters(fixed, np.ones(len(fixed.base))), POSES)
     assert raised.value.where == "handle.link"
+    bare = haptid.DynamicModel(replace(phantom.device, handle=None))
     with pytest.raises(errors.IncompleteDeviceError):
-        bare = haptid.DynamicModel(replace(phantom.device, handle=None))
         apparent_mass(GivenParameters(bare, np.ones(len(phantom.base))), POSES)
 
 
@@ -218,7 +218,7 @@ def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
     x = np.linspace(0.0, 0.8, 9)
     masses = apparent_mass(identified, sweep([0.0, 0.0, 0.3], 1, x)).mass
     bare = apparent_mass(GivenParameters(phantom, identified.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
-    drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
+    drawn = SweepCurve("be, rad", x, {"with intervals": masses, "without": bare})
     plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
     value = np.outer(np.linspace(1, 2, 5), masses.values[:, 0])
     value[0, 0] = np.nan
@@ -226,6 +226,6 @@ def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
         plot_map(x, np.arange(5.0), shown, ("x", "y", "kg"), tmp_path / f"{name}.png")
     assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
     with pytest.raises(errors.ShapeError):
-        Sweep("be, rad", x[:-1], {"": masses})
+        SweepCurve("be, rad", x[:-1], {"": masses})
     with pytest.raises(errors.ShapeError):
         plot_map(x, x, value, ("x", "y", "kg"), tmp_path / "wrong.png")

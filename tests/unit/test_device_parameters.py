@@ -13,7 +13,7 @@ from haptid.device import INERTIAL, Counterbalance, Device, read_device
 from haptid.device.device import Joint
 from haptid.device.geometry import placed
 from haptid.device.parameters import Symmetry, standard_parameters
-from haptid.device.priors import Body, body_prior, inertial_parameters
+from haptid.device.priors import PriorBody, body_prior, inertial_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import DeviceError
 
@@ -232,7 +232,7 @@ def test_a_prior_body_keeps_its_kinetic_energy(seed: int) -> None:
     turn = placed(rng.normal(size=3), rng.uniform(-2, 2, 3))
     joint = Joint("1", -1, False, np.eye(3), np.zeros(3), True, None, None, None, turn[:3, :3], turn[:3, 3])
     A = rng.normal(size=(3, 3))
-    body = Body(rng.uniform(0.1, 5), rng.normal(size=3), A @ A.T)
+    body = PriorBody(rng.uniform(0.1, 5), rng.normal(size=3), A @ A.T)
     # A twist of the link frame, and the same motion seen from the convention's frame.
     v, w = rng.normal(size=(2, 3))
     wf = turn[:3, :3].T @ w
@@ -247,11 +247,11 @@ def test_a_prior_body_keeps_its_kinetic_energy(seed: int) -> None:
 
 def test_prior_deviations_are_never_zero() -> None:
     joint = Joint("1", -1, False, np.eye(3), np.zeros(3), True, None, None, None, np.eye(3), np.zeros(3))
-    made = body_prior(Body(2.0, np.zeros(3), np.diag([0.1, 0.2, 0.3])), joint, 10.0)
+    made = body_prior(PriorBody(2.0, np.zeros(3), np.diag([0.1, 0.2, 0.3])), joint, 10.0)
     assert made["M1"].std == pytest.approx(0.2)
     assert made["XY1"].std == pytest.approx(0.03)
     assert made["MX1"].std == pytest.approx(0.1 * np.sqrt(2.0 * 0.3))
-    assert "XX1" not in body_prior(Body(2.0, np.zeros(3), None), joint, None)
+    assert "XX1" not in body_prior(PriorBody(2.0, np.zeros(3), None), joint, None)
 
 
 def test_priors_by_name_and_what_symmetry_makes_of_them(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import haptid.device
 from haptid import errors
 from haptid.device import device_schema, read_device, shipped_devices
-from haptid.device.toml.reader import LARGEST_FILE
+from haptid.device.toml.reader import LARGEST_DEVICE_FILE
 
 ARM = """
 schema = 1
@@ -345,7 +345,7 @@ def test_files_that_cannot_be_taken_in(tmp_path: Path) -> None:
     with pytest.raises(errors.DeviceFileError, match="cannot be opened"):
         read_device(tmp_path)
     large = tmp_path / "large.toml"
-    large.write_bytes(b"#" * (LARGEST_FILE + 1))
+    large.write_bytes(b"#" * (LARGEST_DEVICE_FILE + 1))
     with pytest.raises(errors.DeviceFileError, match="more than 1000000 bytes"):
         read_device(large)
     latin = tmp_path / "latin.toml"

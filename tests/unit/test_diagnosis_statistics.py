@@ -8,7 +8,7 @@ from scipy import stats
 
 import haptid
 from haptid.inference.diagnosis.excitation import dependencies
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, listed, worst
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, joined_names, worst
 from haptid.inference.diagnosis.influence import deletions
 from haptid.inference.diagnosis.lack_of_fit import fourier_sums, wild_bootstrap
 from haptid.inference.diagnosis.residuals import (
@@ -51,8 +51,8 @@ def test_a_finding_cannot_be_changed_and_the_worst_status_wins():
         finding.figures["p"] = 0.1
     assert worst(["ok", "bad", "doubt"]) == "bad"
     assert worst([]) == "ok"
-    assert listed(["a", "b", "c"]) == "a, b and c"
-    assert listed(list("abcdef")) == "a, b, c, d and 2 more"
+    assert joined_names(["a", "b", "c"]) == "a, b and c"
+    assert joined_names(list("abcdef")) == "a, b, c, d and 2 more"
 
 
 def test_memory_of_autoregressive_noise_is_its_closed_form():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptid.dynamics.symbolic.arithmetic import PRIMES, Coefficient, Laurent, PrimeField, UnluckyDrawError, rational
-from haptid.dynamics.symbolic.interpolation import fit
+from haptid.dynamics.symbolic.interpolation import fit_coefficient
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, LENGTH, Symbol, draw
 
 FIELD = PrimeField(PRIMES[0])
@@ -92,7 +92,7 @@ def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], dimension: tuple[in
     for prime in PRIMES[:2]:
         points.append(draw(symbols, PrimeField(prime), np.random.default_rng(prime), count))
         y.append(wanted.modulo(points[-1]))
-    return fit(points, y, symbols, dimension, {})
+    return fit_coefficient(points, y, symbols, dimension, {})
 
 
 def laurent(*terms: tuple[int, str]) -> Laurent:

@@ -16,7 +16,7 @@ from scipy import signal
 import haptid
 from haptid.log import as_array, checks, is_long
 from haptid.log.lazy import CHUNK, OnDisk
-from haptid.motion.streaming import PIECE, filtered, memory
+from haptid.motion.streaming import SAMPLES_FILTERED, filtered, memory
 
 
 class Constrained(OnDisk):
@@ -59,11 +59,11 @@ def test_pieces_are_filtered_as_the_whole(order: int, cutoff: float, more: int, 
 
 
 def test_what_stands_still_is_exactly_still_across_pieces() -> None:
-    made = filtered(np.full((2 * PIECE, 1), 0.3), np.asarray(signal.butter(4, 0.08, output="sos")))
+    made = filtered(np.full((2 * SAMPLES_FILTERED, 1), 0.3), np.asarray(signal.butter(4, 0.08, output="sos")))
     assert np.ptp(made) == 0
 
 
-@pytest.mark.parametrize("size", [5, checks.PIECE + 1, 3 * checks.PIECE, 3 * checks.SAMPLED + 7])
+@pytest.mark.parametrize("size", [5, checks.SAMPLES_CHECKED + 1, 3 * checks.SAMPLES_CHECKED, 3 * checks.SAMPLED + 7])
 def test_the_longest_step_is_found_piece_by_piece(size: int) -> None:
     column = np.random.default_rng(size).normal(size=size)
     at, largest, sample = checks._steps(column)

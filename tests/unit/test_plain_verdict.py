@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 
 from haptid.inference.diagnosis.finding import Finding
-from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE, verdict
+from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE_PARAMETERS, verdict
 
-LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE)
+LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
 
 
 def given(relative, statuses, told=4, seen=False):

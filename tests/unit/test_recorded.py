@@ -9,7 +9,7 @@ import pydantic
 import pytest
 
 import haptid
-from haptid.device.toml.reader import checked, device_of
+from haptid.device.toml.reader import checked_tables, device_of
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultFileError
 from haptid.results.result import Result, device_file, result_schema
@@ -72,7 +72,7 @@ def test_figures_at_the_handle_come_from_the_folder_alone(made):
 @pytest.mark.parametrize("name", haptid.shipped_devices())
 def test_every_device_comes_back_from_its_own_tables(name):
     model = haptid.DynamicModel(haptid.read_device(name))
-    device = device_of(*checked(json.loads(json.dumps(device_file(model))), "here"))
+    device = device_of(*checked_tables(json.loads(json.dumps(device_file(model))), "here"))
     again = haptid.DynamicModel(device)
     assert again.base.names == model.base.names
     np.testing.assert_allclose(again.base.regrouping, model.base.regrouping, atol=1e-12)
@@ -83,7 +83,7 @@ def test_every_device_comes_back_from_its_own_tables(name):
 
 def test_gravity_comes_back_as_it_was_mounted():
     model = haptid.DynamicModel(haptid.read_device("five_bar")).with_gravity([1.0, -2.0, 3.0])
-    again = device_of(*checked(device_file(model), "here"))
+    again = device_of(*checked_tables(device_file(model), "here"))
     np.testing.assert_array_equal(again.gravity, [1.0, -2.0, 3.0])
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import haptid
 from haptid import estimation as e
-from haptid.device.priors import Body
+from haptid.device.priors import PriorBody
 from haptid.errors import StudyFileError, UnknownNameError
 from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
@@ -21,7 +21,7 @@ from haptid.uncertainty.quantities import correlations
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
 
-BODY = Body(0.7, np.array([0.25, 0.1, 0.0]), np.diag([0.0, 0.0, 0.003]))
+BODY = PriorBody(0.7, np.array([0.25, 0.1, 0.0]), np.diag([0.0, 0.0, 0.003]))
 LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0, 0.003, 0, 0, 0] }"
 
 

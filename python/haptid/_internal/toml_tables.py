@@ -20,7 +20,7 @@ Model = TypeVar("Model", bound=BaseModel)
 LARGEST_FILE = 1 << 20
 # Types of pydantic errors that are shown first: a misspelt key is the cause of a missing one, and for a union of
 # types these say more than a mismatch with one of them.
-FIRST = ("extra_forbidden", "missing", "value_error")
+_FIRST = ("extra_forbidden", "missing", "value_error")
 # Advice for types of pydantic errors whose own message is not for users.
 INSTEAD = {
     "string_type": 'Write a text in double quotes, such as "1"',
@@ -175,8 +175,8 @@ def _rank(detail: Any) -> int:
     """Sort key of one of several errors; a wrong literal says which are allowed."""
     kind = detail["type"]
     if kind == "literal_error" and isinstance(detail["input"], str):
-        return len(FIRST)
-    return FIRST.index(kind) if kind in FIRST else len(FIRST) + 1 + (kind == "literal_error")
+        return len(_FIRST)
+    return _FIRST.index(kind) if kind in _FIRST else len(_FIRST) + 1 + (kind == "literal_error")
 
 
 def _steps(detail: Any, data: Any) -> list[str | int]:

@@ -24,7 +24,7 @@ Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 # Workers that may be lost with one item before it counts as the cause.
-LOSSES = 3
+_LOSSES = 3
 # Timeout of the connection to a cluster, s.
 PATIENCE = 30.0
 
@@ -85,8 +85,8 @@ class ProcessExecutor:
                         raise error
                     if made is None:  # its worker was lost
                         losses[k] += 1
-                        if losses[k] == LOSSES:
-                            raise _lost(k, LOSSES)
+                        if losses[k] == _LOSSES:
+                            raise _lost(k, _LOSSES)
                         waiting.appendleft((k, item))
                     else:
                         yield k, made[0]

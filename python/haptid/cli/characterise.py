@@ -56,7 +56,7 @@ def characterise(
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.handle import asked, chosen, draw, show
     from haptid.end_effector.characterisation.characterise import characterise as feel
-    from haptid.end_effector.characterisation.table import columns, write_columns
+    from haptid.end_effector.characterisation.table import table_columns, write_columns
     from haptid.end_effector.force import WORST_CONDITION
     from haptid.results.result import Result
 
@@ -69,7 +69,7 @@ def characterise(
             tell = teller(progress)
             tell("figures", 0.0)
             found = feel(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
-            made = columns(found, wanted)
+            made = table_columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")
             tell("figures", 1.0)
             draw(poses, found, folder / "masses.png", tell)

@@ -49,13 +49,13 @@ def friction(
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.experiment.friction_test.choice import choose_friction
-    from haptid.experiment.friction_test.curve import Constant, friction_curve
+    from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
     from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
 
     with errors_shown():
         check_writable(out_folder)
         settings = {"tolerance": tolerance, "slowest": slowest}
-        constant = Constant(**{name: value for name, value in settings.items() if value is not None})
+        constant = ConstantVelocity(**{name: value for name, value in settings.items() if value is not None})
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
             model, motion = _test(what, log, data, tell)

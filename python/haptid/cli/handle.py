@@ -16,9 +16,9 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
 from haptid.end_effector.characterisation import Characterisation, apparent_mass, line
 from haptid.end_effector.characterisation.characterise import POSES
-from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.end_effector.characterisation.plots import SweepCurve, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
-from haptid.end_effector.characterisation.table import Asked, Column
+from haptid.end_effector.characterisation.table import Asked, TableColumn
 from haptid.report.tables import table
 
 # Poses of a sweep, and of each side of a map.
@@ -92,7 +92,7 @@ def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str,
     if poses.path is not None:
         label = "from the first pose (0) to the second (1)"
         plot_sweeps(
-            [Sweep(label, poses.path, {found.model.device.name: found.apparent_mass})], "apparent mass, kg", path
+            [SweepCurve(label, poses.path, {found.model.device.name: found.apparent_mass})], "apparent mass, kg", path
         )
     elif poses.where is not None:
         _draw_map(poses.where, found, path)
@@ -115,7 +115,7 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
     plot_map(first, second, mass.reshape(SIDE, SIDE), labels, path)
 
 
-def show(console: Console, found: Characterisation, made: Sequence[Column]) -> None:
+def show(console: Console, found: Characterisation, made: Sequence[TableColumn]) -> None:
     """Print the figures: of one pose with intervals, of several poses median and range; and the notes."""
     grasp = found.grasp
     console.print(
@@ -132,14 +132,14 @@ def show(console: Console, found: Characterisation, made: Sequence[Column]) -> N
         console.print(f"- {note}", soft_wrap=True)
 
 
-def _single(column: Column) -> list[str]:
+def _single(column: TableColumn) -> list[str]:
     value, interval = float(column.figure.values[0]), column.figure.conf_int()
     if not np.isfinite(value):
         return ["unknown", ""]
     return [f"{value:.4g}", "" if interval is None else f"{interval[0, 0]:.4g} .. {interval[0, 1]:.4g}"]
 
 
-def _several(column: Column) -> list[str]:
+def _several(column: TableColumn) -> list[str]:
     value, interval = column.figure.values, column.figure.conf_int()
     known = np.isfinite(value)
     if not known.any():

@@ -56,7 +56,7 @@ def identify(
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
     from haptid.observation.plan import Plan
-    from haptid.report import Source, report_of, sparklines, tables
+    from haptid.report import ReportSource, report_of, sparklines, tables
     from haptid.report.plots import plot_torque
     from haptid.results.result import Result
     from haptid.study import read_study
@@ -75,7 +75,7 @@ def identify(
             tell = teller(progress)
             found = walk(plan, data, tell, workers(count, scheduler), kept)
             tell("writing the report", 0.0)
-            source = Source(found, _typed(study, data, out_folder))
+            source = ReportSource(found, _typed(study, data, out_folder))
             result = Result.of(found, source.diagnosis.verdict)
             result.save(folder)
             report_of(source).write(folder)

@@ -27,7 +27,7 @@ from haptid.motion.treatment import Motion, Treatment, treat
 # Largest relative torque residual of a mounting expressed in the device's own base parameters: rounding.
 LARGEST_RESIDUAL = 1e-9
 # States per parameter at which the torques are compared.
-STATES = 20
+_STATES = 20
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array
         IdentifiabilityError: there are none.
     """
     p, rng = len(model.base), np.random.default_rng(0)
-    q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), STATES * p))
+    q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), _STATES * p))
     wanted = inverse_dynamics(mounted, beta, q, qd, qdd).ravel()
     columns = np.array([inverse_dynamics(model, unit, q, qd, qdd).ravel() for unit in np.eye(p)]).T
     found, *_ = np.linalg.lstsq(columns, wanted, rcond=None)

@@ -14,15 +14,15 @@ from haptid.demos.recordings import record_all
 from haptid.errors import UnknownNameError, suggestion
 from haptid.experiment.bench.simulation import load_mujoco
 from haptid.report.document import DocumentSection, TextTable
-from haptid.report.page import page, write_text
+from haptid.report.page import page, write_page_text
 
-KINDS: dict[str, Kind] = {"phantom_configurations": PHANTOM_CONFIGURATIONS, "cea_branches": CEA_BRANCHES}
+_KINDS: dict[str, Kind] = {"phantom_configurations": PHANTOM_CONFIGURATIONS, "cea_branches": CEA_BRANCHES}
 PLAN, CLAIMS, PAGE = "demo.toml", "claims.csv", "paper.html"
 
 
 def kind_of(demo: Demo) -> Kind:
     """How a demonstration is run."""
-    return KINDS[demo.kind]
+    return _KINDS[demo.kind]
 
 
 def demo_names() -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def read_demo(name: str) -> Demo:
     plan = tomllib.loads((DATA / name / PLAN).read_text(encoding="utf-8"))
     with (DATA / name / CLAIMS).open(newline="", encoding="utf-8") as file:
         claims = list(csv.DictReader(file))
-    return KINDS[plan["kind"]].plan.model_validate({**plan, "claims": claims, "name": name})
+    return _KINDS[plan["kind"]].plan.model_validate({**plan, "claims": claims, "name": name})
 
 
 def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None) -> Any:
@@ -88,7 +88,7 @@ def write_results(demo: Demo, found: Any, folder: Path) -> None:
     head = {"schema": 1, "demo": demo.name, "title": demo.title, "source": demo.source, "claims": claims}
     write_json(folder / "result.json", {**head, **kind.values(found)})
     sections = [*kind.sections(found), claims_section(demo)]
-    write_text(folder / PAGE, page(demo.title, f"Source: {demo.source}.", sections))
+    write_page_text(folder / PAGE, page(demo.title, f"Source: {demo.source}.", sections))
 
 
 def claims_section(demo: Demo) -> DocumentSection:

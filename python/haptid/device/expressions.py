@@ -16,9 +16,9 @@ from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError
 
 # Longest expression, characters: enough for any column, and too short to exhaust the stack.
-LONGEST = 400
+_LONGEST = 400
 # Largest number in an expression, SI: beyond any device, far from overflow.
-LARGEST = 1e30
+_LARGEST = 1e30
 
 FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin,
@@ -38,9 +38,9 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
+_ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
 COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
-LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
+_LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
 TARGET = 'Write a sum such as "L1*MX2 + g*(M2 + M3)", each parameter with a constant factor.'
 
 
@@ -64,7 +64,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Column:
+class CustomColumn:
     """An expression for a regressor column, over the joints' motion.
 
     Attributes:
@@ -99,20 +99,20 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
         DeviceFileError: the text is not such arithmetic, uses another name, or its value is beyond LARGEST.
     """
     if isinstance(value, str):
-        tree = _parse(value, place, ARITHMETIC)
+        tree = _parse(value, place, _ARITHMETIC)
         known = {**lengths, "pi": math.pi}
-        _Rules(value, frozenset(known), place, ARITHMETIC).check(tree)
+        _Rules(value, frozenset(known), place, _ARITHMETIC).check(tree)
         with np.errstate(all="ignore"):
             made = float(_evaluate(tree, known))
     else:
         made = float(value)
-    if not abs(made) <= LARGEST:  # nan is not
-        found = f"its value is {made:g}, limit {LARGEST:.0e}"
+    if not abs(made) <= _LARGEST:  # nan is not
+        found = f"its value is {made:g}, limit {_LARGEST:.0e}"
         raise _unreadable(place, str(value), found, "Write a finite number, in SI units.")
     return made
 
 
-def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Place) -> Column:
+def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Place) -> CustomColumn:
     """A column expression, checked to use only known names.
 
     Raises:
@@ -121,7 +121,7 @@ def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Pl
     tree = _parse(text, place, COLUMN)
     motion = {f"{letter}_{joint}" for joint in joints for letter in "qva"}
     _Rules(text, frozenset({*lengths, *motion, "pi"}), place, COLUMN, functions=True).check(tree)
-    return Column(text, tree, dict(lengths))
+    return CustomColumn(text, tree, dict(lengths))
 
 
 def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place: Place) -> tuple[str, Linear]:
@@ -132,18 +132,18 @@ def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place:
     """
     left, equals, right = text.partition("=")
     if not equals or "=" in right or not left.strip().isidentifier():
-        raise place.error(f'"{text}" is not one joint symbol, an equals sign and a sum', LINEAR)
+        raise place.error(f'"{text}" is not one joint symbol, an equals sign and a sum', _LINEAR)
     if left.strip() not in symbols:
         raise place.unknown("joint symbol", left.strip(), symbols)
-    tree = _parse(right.strip(), place, LINEAR)
+    tree = _parse(right.strip(), place, _LINEAR)
     known = {**lengths, "pi": math.pi}
-    _Rules(text, frozenset({*known, *symbols}), place, LINEAR).check(tree)
+    _Rules(text, frozenset({*known, *symbols}), place, _LINEAR).check(tree)
     try:
         made = _linear(tree, known)
     except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
-        raise place.error(f'"{text}" is not linear: {error}', LINEAR) from None
+        raise place.error(f'"{text}" is not linear: {error}', _LINEAR) from None
     if not all(math.isfinite(x) for x in (made.constant, *made.factors.values())):
-        raise place.error(f'"{text}" has a factor that is not finite', LINEAR)
+        raise place.error(f'"{text}" has a factor that is not finite', _LINEAR)
     return left.strip(), made
 
 
@@ -161,8 +161,8 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
         made = _linear(tree, known)
     except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
         raise _not_a_combination(place, text, str(error)) from None
-    if not all(abs(x) <= LARGEST for x in (made.constant, *made.factors.values())):
-        raise _not_a_combination(place, text, f"it has a factor beyond {LARGEST:.0e}")
+    if not all(abs(x) <= _LARGEST for x in (made.constant, *made.factors.values())):
+        raise _not_a_combination(place, text, f"it has a factor beyond {_LARGEST:.0e}")
     if made.constant:
         raise _not_a_combination(place, text, f"its part {made.constant:g} has no parameter in it")
     return {name: factor for name, factor in made.factors.items() if factor}
@@ -182,8 +182,8 @@ class _NotLinearError(ValueError):
 
 
 def _parse(text: str, place: Place, instead: str) -> ast.expr:
-    if len(text) > LONGEST:
-        raise _unreadable(place, text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
+    if len(text) > _LONGEST:
+        raise _unreadable(place, text[:40] + "...", f"it has {len(text)} characters, limit {_LONGEST}", instead)
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -216,8 +216,8 @@ class _Rules:
         """Raise DeviceFileError unless `_evaluate` handles every node and every name is known."""
         match node:
             case ast.Constant(value=value) if type(value) in (int, float):
-                if abs(value) > LARGEST:  # type: ignore[arg-type]
-                    raise self.refuse(node, f"is beyond {LARGEST:.0e}")
+                if abs(value) > _LARGEST:  # type: ignore[arg-type]
+                    raise self.refuse(node, f"is beyond {_LARGEST:.0e}")
             case ast.Name(id=name):
                 if name not in self.known:
                     functions = FUNCTIONS if self.functions else ()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 INERTIAL_UNITS = ("kg m^2",) * 6 + ("kg m",) * 3 + ("kg",)
 # Symbol of the magnitude of the device file's gravity in targets, m/s^2.
-GRAVITY = "g"
+_GRAVITY = "g"
 # Powers of kg, m, s and rad in the units of parameters.
 POWERS: Mapping[str, tuple[int, int, int, int]] = {
     "kg m^2": (1, 2, 0, 0),
@@ -37,7 +37,7 @@ POWERS: Mapping[str, tuple[int, int, int, int]] = {
     "N m/rad": (1, 2, -2, -1),
     "N/m": (1, 0, -2, 0),
 }
-UNITS = {powers: unit for unit, powers in POWERS.items()}
+_UNITS = {powers: unit for unit, powers in POWERS.items()}
 # Largest distance of a power of length from an integer: beyond it, a length was added to a plain number.
 WHOLE = 1e-6
 
@@ -211,10 +211,10 @@ def read_combinations(
         return ()
     gravity = float(np.linalg.norm(reader.triple(tables.gravity, place.at("gravity"))))
     for name in reader.lengths:
-        if name == GRAVITY or name in parameters.raw:
-            first = "the magnitude of gravity" if name == GRAVITY else "a standard parameter"
+        if name == _GRAVITY or name in parameters.raw:
+            first = "the magnitude of gravity" if name == _GRAVITY else "a standard parameter"
             raise place.at("lengths", name).taken("name", name, f"{first}, in [targets]")
-    constants = {**reader.lengths, GRAVITY: gravity}
+    constants = {**reader.lengths, _GRAVITY: gravity}
     return tuple(
         _combination(name, table, parameters, constants, place.at("targets", name))
         for name, table in tables.targets.items()
@@ -249,8 +249,8 @@ def _unit(
 ) -> str:
     """The common unit of all parts of a combination."""
     of = dict(zip(parameters.raw, parameters.raw_units, strict=True))
-    longer = {name: value if name == GRAVITY else 2.0 * value for name, value in constants.items()}
-    heavier = {**constants, GRAVITY: 2.0 * constants[GRAVITY]}
+    longer = {name: value if name == _GRAVITY else 2.0 * value for name, value in constants.items()}
+    heavier = {**constants, _GRAVITY: 2.0 * constants[_GRAVITY]}
     lengths, gravities = (combination(text, parameters.raw, scaled, place) for scaled in (longer, heavier))
     found = {_product(of[n], lengths.get(n, 0.0) / f, gravities.get(n, 0.0) / f) for n, f in factors.items()}
     if len(found) > 1 or None in found:
@@ -281,7 +281,7 @@ def _product(unit: str, longer: float, heavier: float) -> str | None:
         return None
     kg, m, s, rad = POWERS[unit]
     made = (kg, m + metres + gravities, s - 2 * gravities, rad)
-    return UNITS.get(made) or _written(made)
+    return _UNITS.get(made) or _written(made)
 
 
 def _written(powers: tuple[int, int, int, int]) -> str:

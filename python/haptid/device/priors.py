@@ -19,7 +19,7 @@ TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class PriorBody:
     """A rigid body in the link frame of the file's convention.
 
     Attributes:
@@ -46,7 +46,7 @@ def tensor(entries: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def inertial_parameters(body: Body, joint: Joint) -> Array:
+def inertial_parameters(body: PriorBody, joint: Joint) -> Array:
     """The ten parameters of a body, (10,), in the joint's link frame of the normal form; NaN where unknown.
 
     The tensor is moved from the centre of mass to the frame's origin (Huygens-Steiner).
@@ -62,7 +62,7 @@ def inertial_parameters(body: Body, joint: Joint) -> Array:
     return chi
 
 
-def body_prior(body: Body, joint: Joint, std_percent: float | None) -> dict[str, Prior]:
+def body_prior(body: PriorBody, joint: Joint, std_percent: float | None) -> dict[str, Prior]:
     """Priors of a link's ten parameters, without those that are unknown.
 
     `std_percent` gives standard deviations: of the mass, that share of the mass; of a first moment, that share of the
@@ -134,7 +134,7 @@ def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) 
     return Prior(reader.number(value.value, place.at("value")), std)
 
 
-def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
+def _body(table: PriorBodyTable, reader: Reader, place: Place) -> PriorBody:
     """A CAD body; its mass and inertia must be those of a rigid body."""
     mass = reader.not_negative(table.mass, place.at("mass"))
     inertia = None
@@ -144,7 +144,7 @@ def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
         if least < -1e-9 * float(np.trace(np.abs(inertia))):
             found = f"the least principal moment is {least:.3g} kg m^2"
             raise place.at("inertia").error(found, "Write XX YY ZZ XY XZ YZ of the tensor about the centre of mass.")
-    return Body(mass, np.array(reader.triple(table.com, place.at("com"))), inertia)
+    return PriorBody(mass, np.array(reader.triple(table.com, place.at("com"))), inertia)
 
 
 def unused_priors(prior: Mapping[str, Prior], index: Mapping[str, int]) -> list[str]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # rounding noise would otherwise count as rank.
 NO_EFFECT = 1e-12
 # A regrouping coefficient this small relative to the ratio of its columns' lengths is rounding.
-ROUNDING = 1e-9
+_ROUNDING = 1e-9
 # Least ratio between the least independent column kept and the most independent one dropped.
 CLEAR_GAP = 1e3
 # Rest of a combination outside the base parameters, as a share of what cancelled: below this it is rounding.
@@ -33,7 +33,7 @@ CANCELLED = 1e-7
 # Most groupings that an error lists.
 MOST_GROUPS = 3
 # Within a link, the parameters that the literature keeps come first.
-PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
+_PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
     lengths = np.linalg.norm(W, axis=0)
     effective = lengths > NO_EFFECT * lengths.max(initial=0.0)
     order = [k for k in preference(model) if effective[k]]
-    kept, Q, gap = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
+    kept, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)  # shown in the parameters' own order
     regrouping = regroup(W, Q, kept, effective)
     names = tuple(
@@ -151,7 +151,7 @@ def preference(model: DynamicModel) -> list[int]:
     """Indices of the standard parameters, in the order in which they are preferred as base parameters."""
     parameters = model.device.parameters
     first = {name: k for k, name in enumerate(model.device.keep)}
-    rank = {kind: k for k, kind in enumerate(PREFERENCE)}
+    rank = {kind: k for k, kind in enumerate(_PREFERENCE)}
 
     def key(k: int) -> tuple[int, int, int, int]:
         kind, link = parameters.kinds[k], parameters.links[k]
@@ -164,7 +164,7 @@ def preference(model: DynamicModel) -> list[int]:
     return sorted(range(len(parameters.names)), key=key)
 
 
-def eliminate(W: Array, order: list[int], tolerance: float) -> tuple[list[int], Array, tuple[float, float]]:
+def select_independent(W: Array, order: list[int], tolerance: float) -> tuple[list[int], Array, tuple[float, float]]:
     """Ordered elimination: columns of unit length are kept when independent of those kept before.
 
     Returns:
@@ -194,7 +194,7 @@ def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array
     lengths = np.linalg.norm(W, axis=0)
     # What a coefficient changes in a column, relative to that column: below ROUNDING it is noise.
     share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
-    coefficients[share < ROUNDING] = 0.0
+    coefficients[share < _ROUNDING] = 0.0
     coefficients[:, kept] = np.eye(len(kept))
     return coefficients
 

@@ -15,7 +15,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, columns, external
+from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, external, regressor_columns
 from haptid.errors import SimulationError
 
 
@@ -86,7 +86,7 @@ INVERTIBLE = 1e-12
 # Smoothed dry friction is saturated this many widths from standstill: 1 - tanh is 1e-5 there.
 SATURATED = 6.0
 # Passes in which the signs of the joint loads are found: two or three where friction is less than the load itself.
-PASSES = 8
+_PASSES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class ForwardDynamics:
         Friction is linear in cdd for given signs of the loads: a few passes find the signs.
         """
         force = (M @ cdd[:, :, None])[:, :, 0]
-        for _ in range(PASSES):
+        for _ in range(_PASSES):
             more, rest = load_friction_parts(loads, cdd)
             before, cdd = cdd, self._solved(M + more, force - rest)
             if not any((one.sign(before) != one.sign(cdd)).any() for one in loads):
@@ -310,5 +310,5 @@ class ParametricForwardDynamics:
         cdd = forward.acceleration(*column, tau[:, None])
         inverse = np.linalg.inv(forward.mass(column[0])[0])
         by_state = -inverse @ np.concatenate(forward.slopes(*column, cdd), axis=2)[0]
-        Y = columns(self.model, *column, cdd, self.base)[:, :, 0]
+        Y = regressor_columns(self.model, *column, cdd, self.base)[:, :, 0]
         return cdd[:, 0], by_state, -inverse @ Y, inverse

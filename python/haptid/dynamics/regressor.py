@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.expressions import Column
+from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.errors import MissingAccelerationError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
 
 # Step sizes of central differences by position, velocity and acceleration.
-STEPS = (1e-6, 1e-5, 1e-4)
+DIFFERENCE_STEPS = (1e-6, 1e-5, 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class CoreChannels:
 
     def torque_slopes(self, chi: Array) -> Array:
         """Derivatives of every row's torque by the motion, (rows, 3, rows, n); `chi` of the core's columns, (r,)."""
-        columns = np.flatnonzero(chi)
+        regressor_columns = np.flatnonzero(chi)
         made = self.model.mechanism.torque_slopes(
-            *self.motion, self.own, columns.tolist(), chi[columns].tolist(), self.loops
+            *self.motion, self.own, regressor_columns.tolist(), chi[regressor_columns].tolist(), self.loops
         )
         return self.by_motion(made)
 
@@ -58,7 +58,7 @@ class CoreChannels:
         """
         slopes, by_python = np.split(by_channel, [self.motion.shape[0] * self.motion.shape[1]], axis=-2)
         slopes = slopes.reshape(*slopes.shape[:-2], *self.motion.shape).copy()
-        for s, step in enumerate(STEPS if by_python.size else ()):
+        for s, step in enumerate(DIFFERENCE_STEPS if by_python.size else ()):
             for j in range(self.motion.shape[1]):
                 change = self._python_channels(s, j, step) - self._python_channels(s, j, -step)
                 slopes[..., s, j, :] += (by_python * change).sum(axis=-2) / (2 * step)
@@ -95,7 +95,9 @@ def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Arr
 def check_columns(model: DynamicModel) -> None:
     """Raise MissingAccelerationError if a user-defined column reads accelerations."""
     for term in model.externals:
-        if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in model.device.joint_names}):
+        if isinstance(term.shape, CustomColumn) and term.shape.reads(
+            {f"a_{name}" for name in model.device.joint_names}
+        ):
             raise _acceleration_column(term.name)
 
 
@@ -110,11 +112,13 @@ def check_linear(model: DynamicModel) -> None:
 def rows(model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
     """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
     mechanism = model.mechanism
-    columns = list(range(mechanism.columns))
-    return np.asarray(mechanism.regressor(c, cd, cdd, external(model, c, cd, cdd), columns, model.loops(c, cd)))
+    regressor_columns = list(range(mechanism.columns))
+    return np.asarray(
+        mechanism.regressor(c, cd, cdd, external(model, c, cd, cdd), regressor_columns, model.loops(c, cd))
+    )
 
 
-def columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
+def regressor_columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
     """Columns of inverse dynamics by base parameters, (n, p, samples)."""
     used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
     c, cd, cdd = (np.ascontiguousarray(x) for x in (c, cd, cdd))

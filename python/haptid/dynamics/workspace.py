@@ -14,9 +14,9 @@ from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, WorkspaceError
 
-Range = tuple[float, float]
+_Range = tuple[float, float]
 # Cells of a grid over the joints' limits, including those outside other limits.
-POSES = 120_000
+_POSES = 120_000
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Workspace:
         """Whether each pose is inside all limits, (samples,)."""
         return np.asarray((self.slack(qa) >= 0).all(axis=0))
 
-    def grid(self, poses: int = POSES) -> Array:
+    def grid(self, poses: int = _POSES) -> Array:
         """Poses inside all limits, at the centres of equal cells over the joints' limits, (active, samples), rad or m.
 
         Args:
@@ -155,7 +155,7 @@ def workspace(
     )
 
 
-def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
+def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, _Range | None]:
     """Limits of every joint by name: those given, else the file's."""
     known = {joint.name: joint.position_limits for joint in model.device.joints}
     for name, pair in given.items():
@@ -165,7 +165,7 @@ def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) ->
     return known
 
 
-def _ascending(name: str, pair: Sequence[float]) -> Range:
+def _ascending(name: str, pair: Sequence[float]) -> _Range:
     """Two limits, the lower one first."""
     both = tuple(pair) if isinstance(pair, Iterable) else ()
     if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:

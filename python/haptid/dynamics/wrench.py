@@ -12,7 +12,7 @@ from haptid.dynamics.kinematics import HandleMotion
 # A component is determined where its part in the null space of the torques is smaller than this.
 NULL_SPACE = 1e-6
 # Lower limit of a row's noise, as a share of the noisiest row's.
-LEAST_NOISE = 1e-6
+_LEAST_NOISE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
     singular = np.linalg.svd(scaled[:, :unknown], compute_uv=False)[:, :rank]
     condition = singular[:, 0] / np.maximum(singular[:, -1], np.finfo(float).tiny)
     usable = condition <= worst
-    weights = 1 / np.maximum(noise, LEAST_NOISE * noise.max()) if noise.any() else np.ones(len(rows))
+    weights = 1 / np.maximum(noise, _LEAST_NOISE * noise.max()) if noise.any() else np.ones(len(rows))
     inverse = _inverse(scaled[:, :unknown].mT * weights[:, None], rank) * weights * scale[:unknown, None]
     leak = np.linalg.norm(inverse[usable, :3] @ J[usable, 3:].mT, axis=(1, 2), ord=2)
     return Lever(

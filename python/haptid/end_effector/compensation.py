@@ -46,12 +46,12 @@ from haptid.dynamics.kinematics import handle_of
 from haptid.dynamics.regressor import external
 from haptid.end_effector.characterisation.apparent_mass import apparent_mass
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
-from haptid.end_effector.force import setting_error
+from haptid.end_effector.force import force_setting_error
 from haptid.observation.reversals import softened
 
 # From time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
 # coordinates, (motors,), N m or N.
-Step = Callable[[float, Array], Array]
+_Step = Callable[[float, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +81,18 @@ class Compensation:
     def __post_init__(self) -> None:
         for name in ("share", "weight", "friction"):
             if not 0 <= getattr(self, name) <= 1 or (name == "share" and self.share == 1):
-                raise setting_error(name, getattr(self, name), f"0 to {'below ' * (name == 'share')}1")
+                raise force_setting_error(name, getattr(self, name), f"0 to {'below ' * (name == 'share')}1")
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
-                raise setting_error(name, getattr(self, name), "a finite number above 0")
+                raise force_setting_error(name, getattr(self, name), "a finite number above 0")
         for term in self.identified.model.terms if self.friction else ():
             if isinstance(term.shape, LoadDependentFriction):
                 wanted = f"0: term {term.name} depends on accelerations, which the controller does not have"
-                raise setting_error("friction", self.friction, wanted)
+                raise force_setting_error("friction", self.friction, wanted)
         if self.towards is not None:
             handle_of(self.identified.model)
             if not positive(self.towards):
-                raise setting_error("towards", self.towards, "a mass above 0 kg, or None")
+                raise force_setting_error("towards", self.towards, "a mass above 0 kg, or None")
 
     def share_at(self, qa: Array) -> Array:
         """Share of the inertia that is compensated at poses, (poses,).
@@ -108,7 +108,7 @@ class Compensation:
         share = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
         return freeze(np.clip(share, 0.0, self.share))
 
-    def begin(self, dt: float) -> Step:
+    def begin(self, dt: float) -> _Step:
         """The controller, starting from rest, to be called once every control period.
 
         Args:

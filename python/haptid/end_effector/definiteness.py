@@ -12,16 +12,16 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Workspace
 from haptid.estimation import Estimate
-from haptid.estimation.feasibility.feasible import checked
+from haptid.estimation.feasibility.feasible import check_beta
 
 # Number of the grid's lowest poses from which the smallest eigenvalue is refined.
-STARTS = 20
+_STARTS = 20
 # Least distance between those poses in some joint, as a share of its range.
 APART = 0.2
 # Tolerance on limits, rad or m: the optimiser ends on them.
-AT_LIMIT = 1e-6
+_AT_LIMIT = 1e-6
 # Least component of an eigenvector for which one coordinate is named alone.
-ALONE = 0.99
+_ALONE = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +83,10 @@ class Definiteness:
     def _failing(self) -> str:
         labels = self.workspace.model.device.row_labels
         worst = int(np.argmax(np.abs(self.direction)))
-        if abs(self.direction[worst]) >= ALONE:
+        if abs(self.direction[worst]) >= _ALONE:
             return labels[worst]
         parts = zip(self.direction, labels, strict=True)
-        return " ".join(f"{x:+.2g} {label}" for x, label in parts if abs(x) > 1 - ALONE)
+        return " ".join(f"{x:+.2g} {label}" for x, label in parts if abs(x) > 1 - _ALONE)
 
     def _caveats(self) -> list[str]:
         model, notes = self.workspace.model, list[str]()
@@ -114,13 +114,13 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
     estimate = identified if isinstance(identified, Estimate) else None
     if estimate is not None:
         model.require_same(estimate.model)
-    beta = identified.beta if isinstance(identified, Estimate) else checked(model, identified)
+    beta = identified.beta if isinstance(identified, Estimate) else check_beta(model, identified)
     mass = _MassEigenvalue(workspace, beta)
     poses = workspace.grid()
     values, _ = mass.lowest(poses)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]
     ends = np.column_stack([starts, *(mass.descend(start) for start in starts.T)])
-    ends = ends[:, (workspace.slack(ends) >= -AT_LIMIT).all(axis=0)]
+    ends = ends[:, (workspace.slack(ends) >= -_AT_LIMIT).all(axis=0)]
     found, vectors = mass.lowest(ends)
     best = int(np.argmin(found))
     at, direction = ends[:, best], np.zeros(len(model.device.active))
@@ -183,7 +183,7 @@ class _MassEigenvalue:
             jac=slope,
             method="SLSQP",
             bounds=[(0.0, 1.0)] * len(width),
-            constraints={"type": "ineq", "fun": lambda x: self.workspace.slack(pose(x))[:, 0] - AT_LIMIT / 2},
+            constraints={"type": "ineq", "fun": lambda x: self.workspace.slack(pose(x))[:, 0] - _AT_LIMIT / 2},
             options={"maxiter": 200, "ftol": 1e-12},
         )
         return np.asarray(pose(np.clip(found.x, 0.0, 1.0))[:, 0])
@@ -193,7 +193,7 @@ def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
     """Indices of the lowest poses that are far from each other, the lowest first."""
     place = (poses - limits[:, :1]) / (limits[:, 1:] - limits[:, :1])
     left, chosen = np.arange(len(values)), list[int]()
-    while len(left) and len(chosen) < STARTS:
+    while len(left) and len(chosen) < _STARTS:
         lowest = int(left[np.argmin(values[left])])
         chosen.append(lowest)
         left = left[np.abs(place[:, left] - place[:, [lowest]]).max(axis=0) > APART]

@@ -29,7 +29,7 @@ from haptid.validation.validation import Validation, direct
 REVERSAL_SPEED = 0.01
 # Largest condition number of the Jacobian at which a pose is used.
 WORST_CONDITION = 30.0
-COMPONENTS = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
+_COMPONENTS = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ def estimate_force(
     """
     model = estimate.model
     handle_of(model)
-    check_settings(reversal_speed, worst_condition)
+    check_force_settings(reversal_speed, worst_condition)
     if moment is not None:
         moment = np.asarray(moment, dtype=float)
         expect("moment", moment.shape, (len(motion), 3))
@@ -165,15 +165,15 @@ def noted(validation: Validation | None) -> tuple[str, ...]:
     return () if validation is not None else (UNVALIDATED,)
 
 
-def check_settings(reversal_speed: float, worst_condition: float) -> None:
+def check_force_settings(reversal_speed: float, worst_condition: float) -> None:
     """Raise SettingError for a setting out of range."""
     if not (reversal_speed == 0 or positive(reversal_speed)):
-        raise setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
+        raise force_setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
     if not (positive(worst_condition) and worst_condition > 1):
-        raise setting_error("worst_condition", worst_condition, "a finite number above 1")
+        raise force_setting_error("worst_condition", worst_condition, "a finite number above 1")
 
 
-def setting_error(name: str, value: object, wanted: str) -> SettingError:
+def force_setting_error(name: str, value: object, wanted: str) -> SettingError:
     """The error for a setting out of range."""
     return SettingError(f"{name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
 
@@ -184,7 +184,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         first = tuple(int(k) for k in bad[0])
-        raise setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
+        raise force_setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
@@ -263,7 +263,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             qa=to_joints @ s.centres(s.c),
             motors=motors,
             external=s.torque(chi) - motors,
-            covariance=spread(parts, s.sizes(doubt(soft, chi, s.c, s.cd, speed))),
+            covariance=_spread(parts, s.sizes(doubt(soft, chi, s.c, s.cd, speed))),
             moment=shown,
         )
 
@@ -274,7 +274,7 @@ def spread_columns(estimate: Estimate) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def spread(parts: Iterable[Array], errors: Array) -> Array:
+def _spread(parts: Iterable[Array], errors: Array) -> Array:
     """Covariance of torques from parameter contributions and independent errors, each (rows, samples)."""
     covariance = np.eye(len(errors))[:, :, None] * errors**2
     for part in parts:
@@ -313,7 +313,7 @@ def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
         return
     rows = sum(estimate.model.device.measured)
     if moment == "taken as zero":
-        known = [name for name, wrench in zip(COMPONENTS, found.determined, strict=True) if wrench]
+        known = [name for name, wrench in zip(_COMPONENTS, found.determined, strict=True) if wrench]
         yield (
             f"{rows} torques do not determine the six components of a wrench. The force is correct where the hand "
             f"applies no moment; a moment of 1 N m causes a force error of up to {found.leak:.3g} N. Determined "

@@ -23,16 +23,16 @@ from haptid.end_effector.force import (
     HandleForce,
     WrenchEstimate,
     check_finite,
-    check_settings,
+    check_force_settings,
+    force_setting_error,
     handle_force,
     lever_of,
     noise_of,
     noted,
-    setting_error,
     spread_columns,
 )
 from haptid.estimation import Estimate
-from haptid.estimation.feasibility.feasible import checked
+from haptid.estimation.feasibility.feasible import check_beta
 from haptid.motion.channels import coordinate_torque, state
 from haptid.motion.treatment import Motion
 from haptid.observation.reversals import doubt, softened
@@ -41,7 +41,7 @@ from haptid.validation.validation import Validation
 # Time constants after which a singular pose no longer affects the low-pass: 0.7 % is left.
 SETTLING = 5.0
 # Samples passed to the core at a time.
-CHUNK = 1 << 14
+_CHUNK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ class MomentumObserver:
 
     def __post_init__(self) -> None:
         if not positive(self.gain):
-            raise setting_error("gain", self.gain, "a finite number above zero, rad/s")
-        check_settings(self.reversal_speed, WORST_CONDITION)
+            raise force_setting_error("gain", self.gain, "a finite number above zero, rad/s")
+        check_force_settings(self.reversal_speed, WORST_CONDITION)
 
     @property
     def bandwidth_hz(self) -> float:
@@ -123,15 +123,15 @@ class MomentumObserver:
             MissingAccelerationError: a column of the device reads accelerations.
         """
         if not positive(dt):
-            raise setting_error("dt", dt, "a finite time above zero, s")
+            raise force_setting_error("dt", dt, "a finite time above zero, s")
         shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
             check_finite(name, array)
         if not shape[1]:
-            raise setting_error("number of samples", 0, "one sample or more")
+            raise force_setting_error("number of samples", 0, "one sample or more")
         c, cd = (model.device.row_map @ np.asarray(x, dtype=float) for x in (qa, qda))
-        p, pushed = self._balance(model, raw_parameters(model, checked(model, beta)), c, cd)
+        p, pushed = self._balance(model, raw_parameters(model, check_beta(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
         rest = np.zeros((len(c), 1))
         last = before or ObserverResult(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
@@ -161,8 +161,8 @@ class MomentumObserver:
     def _balance(self, model: DynamicModel, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
         """Momentum, and its rate without the hand and the motors, each (rows, samples)."""
         soft, bodies, pieces = softened(model, self.reversal_speed), rigid(model, chi), []
-        for low in range(0, c.shape[1], CHUNK):
-            here, rates = c[:, low : low + CHUNK], cd[:, low : low + CHUNK]
+        for low in range(0, c.shape[1], _CHUNK):
+            here, rates = c[:, low : low + _CHUNK], cd[:, low : low + _CHUNK]
             p, rest = momentum(model, bodies, here, rates)
             own = external(model, here, rates, None)
             terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
@@ -201,7 +201,7 @@ def observe_force(
     """
     observer = observer or MomentumObserver()
     handle_of(estimate.model)
-    check_settings(observer.reversal_speed, worst_condition)
+    check_force_settings(observer.reversal_speed, worst_condition)
     path = _Path.of(estimate, motion)
     found = lever_of(estimate, path.middles, noise_of(estimate, validation), False, worst_condition)
     noise = np.square(found.inverse) @ np.square(noise_of(estimate, validation))

@@ -142,7 +142,7 @@ def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
 
 def check_excited(names: Sequence[str], R: Array) -> None:
     """Raise IdentifiabilityError, naming the least excited parameter, where R is numerically singular."""
-    k, ratio = weakest(R)
+    k, ratio = weakest_direction(R)
     if ratio < EXCITED:
         raise IdentifiabilityError(
             f"base parameter {names[k]} is not excited by this log: the ratio of singular values of the regressor is "
@@ -154,7 +154,7 @@ def check_excited(names: Sequence[str], R: Array) -> None:
         )
 
 
-def weakest(R: Array) -> tuple[int, float]:
+def weakest_direction(R: Array) -> tuple[int, float]:
     """The least excited column of an R factor with columns of unit length, and its ratio of singular values.
 
     The column with the largest part in the last singular vector; a zero column, and 0, where there is one.

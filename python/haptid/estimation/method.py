@@ -23,7 +23,7 @@ BATCH = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class BlockMoments:
     """Normal equations and scores of each block of rows, in coordinates g with beta = root g, in which the sum is 1.
 
     sum G + pull'pull is the unit matrix; the scores s add up to zero.
@@ -93,13 +93,13 @@ class Fit:
     noise: Sequence[Array] | None = None
 
     @cached_property
-    def moments(self) -> Moments:
+    def moments(self) -> BlockMoments:
         """Of every block of every motor that has rows."""
         blocks, G, s = zip(*self._cells(), strict=True)
-        return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
+        return BlockMoments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
 
     @cached_property
-    def pooled_moments(self) -> Moments:
+    def pooled_moments(self) -> BlockMoments:
         """Of every block of time, summed over motors."""
         many, k = len(self.observation.blocks), self.solution.root.shape[1]
         G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
@@ -107,7 +107,7 @@ class Fit:
             G[blocks] += here
             s[blocks] += score
             there[blocks] = True
-        return Moments(G[there], s[there], np.flatnonzero(there))
+        return BlockMoments(G[there], s[there], np.flatnonzero(there))
 
     def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:
         """Indices of some blocks of one motor, and their G and s."""

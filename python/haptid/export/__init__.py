@@ -4,7 +4,7 @@
 everything up to `results`.
 """
 
-from haptid.export.all_formats import FORMATS, export
+from haptid.export.all_formats import EXPORTERS, export
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c import CExport, export_c
 from haptid.export.formats.json import export_json
@@ -16,7 +16,7 @@ from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export
 
 __all__ = [
-    "FORMATS",
+    "EXPORTERS",
     "CCode",
     "CExport",
     "Export",

@@ -17,26 +17,26 @@ from haptid.export.formats.mjcf import export_mjcf
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export
-from haptid.export.provenance import IdentifiedModel
+from haptid.export.provenance import ExportSource
 
 
 class Exporter(Protocol):
     """Protocol of an exporter to a folder."""
 
-    def __call__(self, identified: IdentifiedModel, folder: Path, *, anyway: bool = False) -> Export: ...
+    def __call__(self, identified: ExportSource, folder: Path, *, anyway: bool = False) -> Export: ...
 
 
 class Coder(Protocol):
     """Protocol of an exporter of code to a folder."""
 
-    def __call__(self, identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
+    def __call__(self, identified: ExportSource, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
 
 
-def _double(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+def _double(identified: ExportSource, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
     return export_c(identified, folder, replace(code, precision="double"), anyway=anyway)
 
 
-def _single(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+def _single(identified: ExportSource, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
     return export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
 
 
@@ -47,11 +47,11 @@ OTHERS: Mapping[str, Exporter] = {
     "json": export_json,
     "latex": export_latex,
 }
-FORMATS = (*CODE, *OTHERS)
+EXPORTERS = (*CODE, *OTHERS)
 
 
 def export(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     formats: Sequence[str],
     code: CCode | None = None,
@@ -63,7 +63,7 @@ def export(
     Args:
         identified: as in `export_c`.
         folder: parent of these folders.
-        formats: some of `FORMATS`.
+        formats: some of `EXPORTERS`.
         code: names and smoothing of code formats; the precision is that of the format.
         anyway: export a model that fails its criterion or was not validated, with a note in the files.
 
@@ -73,9 +73,9 @@ def export(
         OutputFolderError: the folder cannot be written.
     """
     for name in formats:
-        if name not in FORMATS:
+        if name not in EXPORTERS:
             raise UnknownNameError(
-                f"there is no export format {name!r}.", where=name, limit=FORMATS, advice=suggestion(name, FORMATS)
+                f"there is no export format {name!r}.", where=name, limit=EXPORTERS, advice=suggestion(name, EXPORTERS)
             )
     folder, code = Path(folder), code or CCode()
     made: dict[str, Export] = {}

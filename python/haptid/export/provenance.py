@@ -20,9 +20,9 @@ from haptid.validation.validation import Validation
 
 # What can be exported: the identification of a study, a result read from its folder, an estimate, or a model with
 # base parameters of other origin.
-IdentifiedModel = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
+ExportSource = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
 # Maximum line length of a file's heading, characters.
-WIDTH = 112
+_WIDTH = 112
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Provenance:
 
 
 def provenance(
-    identified: IdentifiedModel, validation: Validation | None, largest_error: float | None, anyway: bool
+    identified: ExportSource, validation: Validation | None, largest_error: float | None, anyway: bool
 ) -> Provenance:
     """The model with its provenance, provided that it meets its validation criterion.
 
@@ -136,7 +136,7 @@ def about(source: Provenance) -> list[str]:
         *source.fitness,
     ]
     return [
-        *(line for sentence in said for line in textwrap.wrap(sentence, WIDTH) or [""]),
+        *(line for sentence in said for line in textwrap.wrap(sentence, _WIDTH) or [""]),
         *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters of other origin",)),
     ]
 
@@ -163,7 +163,7 @@ def coordinate_lines(model: DynamicModel) -> list[str]:
             parts.append(_command(drive, torque))
         if not model.device.measured[k]:
             parts.append("no motor: parameters identifiable only through other rows")
-        lines += textwrap.wrap(one_line(f"q[{k}] {'; '.join(parts)}"), WIDTH, subsequent_indent="     ")
+        lines += textwrap.wrap(one_line(f"q[{k}] {'; '.join(parts)}"), _WIDTH, subsequent_indent="     ")
     return lines
 
 

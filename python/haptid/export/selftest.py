@@ -22,7 +22,7 @@ from haptid.motion.filters import HighPass
 from haptid.observation.reversals import softened
 
 # Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
-WORST = 1e-6
+_WORST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ class Golden:
         """States at which a function is well-conditioned, (samples,)."""
         if function in ("forward_dynamics", "handle_mobility"):
             sizes = np.linalg.eigvalsh(self._M)
-            return np.asarray(sizes[:, 0] > WORST * np.abs(sizes[:, -1]))
+            return np.asarray(sizes[:, 0] > _WORST * np.abs(sizes[:, -1]))
         if function == "handle_force":
             sizes = np.linalg.svd(self._J, compute_uv=False)
-            return np.asarray(sizes[:, -1] > np.sqrt(WORST) * sizes[:, 0])
+            return np.asarray(sizes[:, -1] > np.sqrt(_WORST) * sizes[:, 0])
         return np.ones(self.q.shape[1], dtype=bool)
 
     def at(self, samples: np.ndarray) -> Golden:
@@ -145,20 +145,20 @@ def selftest(files: Files) -> str:
     golden = states(files)
     parts, calls = [], []
     for name in ("q", "qd", "qdd", "tau"):
-        parts.append(table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
+        parts.append(_table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
     for function in files.code.functions:
         if not golden.sound(function.name).all():
             calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
             continue
         wanted = golden.functions[function.name]()
-        parts += [table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
+        parts += [_table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
     q, qd, tau = path(len(files.model.device.drives))
     observed, differentiated = watched(files, q, qd, tau)
     for name, values in (("q", q), ("qd", qd), ("tau", tau)):
-        parts.append(table(f"path_{name}", values.T, files.dialect, inputs=True))
-    parts.append(table("observer_wanted", observed, DOUBLE))
-    parts.append(table("differentiator_wanted", differentiated, DOUBLE))
+        parts.append(_table(f"path_{name}", values.T, files.dialect, inputs=True))
+    parts.append(_table("observer_wanted", observed, DOUBLE))
+    parts.append(_table("differentiator_wanted", differentiated, DOUBLE))
     return files.filled(
         "selftest.c",
         samples=SAMPLES,
@@ -194,7 +194,7 @@ def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array
     return seen.torque.T, HighPass(CUTOFF_HZ).velocity(q, STEP).T
 
 
-def table(name: str, values: Array, dialect: C, inputs: bool = False) -> str:
+def _table(name: str, values: Array, dialect: C, inputs: bool = False) -> str:
     """A static array of numbers, (samples, size)."""
     rows = ",\n".join("    {" + ", ".join(dialect.literal(float(x)) for x in row) + "}" for row in values)
     real = dialect.real if inputs else "double"

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, read_only
-from haptid.device.priors import Body
+from haptid.device.priors import PriorBody
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, ModelMismatchError
 from haptid.estimation.intervals.cluster_robust import clustered
@@ -59,7 +59,7 @@ class DriveGains:
         )
 
 
-def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -> DriveGains:
+def drive_gains(bare: Observation, loaded: Observation, link: str, body: PriorBody) -> DriveGains:
     """Gains of the motors from a known payload.
 
     The torque computed with the file's gains is s W (beta + loaded shift), where `shift` is what the payload adds to

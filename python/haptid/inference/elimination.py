@@ -32,7 +32,7 @@ from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
 
 # Significance level of the F-test.
-SIGNIFICANCE = 0.05
+_SIGNIFICANCE = 0.05
 # Columns of unit length whose least singular value is below this are collinear to rounding error.
 COLLINEAR = 1e-7
 
@@ -200,7 +200,7 @@ class BackwardElimination:
     """
 
     rule: Rule = field(default_factory=GautierRatio)
-    level: float = SIGNIFICANCE
+    level: float = _SIGNIFICANCE
 
     def __post_init__(self) -> None:
         if not 0 < self.level < 1:

@@ -15,7 +15,7 @@ from haptid.inference.comparison import compare
 from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Singular values below this share of the largest count as zero: that direction is not identifiable.
-RANK_TOLERANCE = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def _least_squares(columns: Array, shift: Array) -> tuple[Array, Array]:
     lengths = np.linalg.norm(columns, axis=0)
     scale = np.where(lengths > 0, lengths, 1.0)
     u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
-    kept = s > RANK_TOLERANCE * s[0]
+    kept = s > _RANK_TOLERANCE * s[0]
     inverse = (vt[kept].T / s[kept]) @ u[:, kept].T
     identifiable = (np.linalg.norm(vt[kept], axis=0) > 1 - 1e-6) & (lengths > 0)
     covariance = (inverse @ inverse.T) / np.outer(scale, scale)

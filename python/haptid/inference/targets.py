@@ -18,7 +18,7 @@ from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
 # A drive rate below this share of the largest is rounding error.
-ROUNDING = 1e-7
+_ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
             continue
         k = model.device.row_names.index(motor.name)
         rates = model.device.drive_rates[:, k]
-        loads = np.flatnonzero(np.abs(rates) > ROUNDING * np.abs(rates).max())
+        loads = np.flatnonzero(np.abs(rates) > _ROUNDING * np.abs(rates).max())
         if len(loads) != 1:
             return None
         drive = model.device.drives[loads[0]]

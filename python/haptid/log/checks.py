@@ -16,13 +16,13 @@ from haptid.errors import LogDataError, LogMismatchError, LogTimeError
 from haptid.log.units import PERIODS
 
 if TYPE_CHECKING:
-    from haptid.log.formats.sniff import Column
+    from haptid.log.formats.sniff import RawChannel
     from haptid.log.log import Log, Signal
 
-Range = tuple[float, float]
+_Range = tuple[float, float]
 
 # Largest magnitude of a sample in any unit: a larger one comes from damaged bytes, and its powers overflow.
-LARGEST = 1e30
+_LARGEST = 1e30
 # A step is a jump if it is longer than JUMP times the 99.9 % quantile of the steps,
 JUMP = 50.0
 # and than this many times the smallest step (a coarse encoder moves by whole counts),
@@ -31,7 +31,7 @@ JUMP_COUNTS = 20.0
 JUMP_SI = 1e-3
 JUMPS_ASIDE = 4
 # Steps that are computed at a time.
-PIECE = 2**14
+SAMPLES_CHECKED = 2**14
 # Steps above which the quantile is estimated from every second one, every third one, ...
 SAMPLED = 2**16
 # Smallest range of a counter that wraps.
@@ -56,18 +56,18 @@ LEAST_SHARE = 0.02
 SLACK = 0.05
 
 
-def usable(column: Column) -> NDArray[np.bool_]:
+def usable(column: RawChannel) -> NDArray[np.bool_]:
     """Where a column holds a finite number not beyond `LARGEST`."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(column) < LARGEST)
+        return np.asarray(np.abs(column) < _LARGEST)
 
 
-def all_usable(column: Column) -> bool:
+def all_usable(column: RawChannel) -> bool:
     """Whether every sample is `usable`, from the extremes alone, without a mask of all samples."""
-    return column.size == 0 or bool(column.min() > -LARGEST and column.max() < LARGEST)
+    return column.size == 0 or bool(column.min() > -_LARGEST and column.max() < _LARGEST)
 
 
-def lengths(path: Path, columns: Mapping[str, Column]) -> int:
+def lengths(path: Path, columns: Mapping[str, RawChannel]) -> int:
     """The common number of samples."""
     (first, column), *others = columns.items()
     for name, other in others:
@@ -76,7 +76,7 @@ def lengths(path: Path, columns: Mapping[str, Column]) -> int:
     return column.size
 
 
-def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
+def refuse_nonfinite(path: Path, name: str, column: RawChannel, stamps: Array) -> None:
     """Refuse NaN and infinities."""
     if column.dtype.kind != "f" or all_usable(column):
         return
@@ -85,7 +85,7 @@ def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
     raise non_finite(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
-def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: NDArray[np.intp]) -> None:
+def repeats(path: Path, columns: Mapping[str, RawChannel], stamps: Array, repeated: NDArray[np.intp]) -> None:
     """Refuse samples that differ under equal stamps."""
     for name, column in columns.items():
         differing = repeated[column[repeated] != column[repeated - 1]]
@@ -95,7 +95,7 @@ def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: 
             raise repeated_stamps(path, repeated.size, first, float(stamps[first]), why)
 
 
-def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> str | None:
+def refuse_constant(path: Path, name: str, column: RawChannel, quantity: str, ok: bool) -> str | None:
     """Refuse a constant channel; returns a note instead where it is allowed."""
     if column.min() != column.max():
         return None
@@ -110,7 +110,7 @@ def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> 
     return f"{quantity} channel {name!r} is {column[0]:.6g} in every sample, as allowed"
 
 
-def identical(path: Path, columns: Mapping[str, Column]) -> None:
+def identical(path: Path, columns: Mapping[str, RawChannel]) -> None:
     """Refuse two channels that are equal in every sample and not constant."""
     for (name, column), (other, rival) in combinations(columns.items(), 2):
         probe = slice(None, None, max(1, column.size // PROBES))
@@ -182,7 +182,7 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
 def _steps(column: Array) -> tuple[int, float, Array]:
     """Place and length of a column's longest step, and a sample of its steps; piece by piece."""
     every = max(1, (column.size - 1) // SAMPLED)
-    piece = every * max(1, PIECE // every)
+    piece = every * max(1, SAMPLES_CHECKED // every)
     sample = np.empty(-(-(column.size - 1) // every))
     room, at, largest = np.empty(min(piece, column.size - 1)), 0, -1.0
     for start in range(0, column.size - 1, piece):
@@ -271,7 +271,7 @@ def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
 
 
 def check_against(
-    log: Log, position_ranges: Sequence[Range | None], prismatic: Sequence[bool], names: Sequence[str]
+    log: Log, position_ranges: Sequence[_Range | None], prismatic: Sequence[bool], names: Sequence[str]
 ) -> tuple[str, ...]:
     """Compare positions with the limits of their joints, to find wrong units and swapped channels.
 
@@ -308,16 +308,16 @@ def check_against(
     )
 
 
-def _inside(span: Range, limits: Range) -> bool:
+def _inside(span: _Range, limits: _Range) -> bool:
     slack = SLACK * (limits[1] - limits[0])
     return limits[0] - slack <= span[0] and span[1] <= limits[1] + slack
 
 
-def _times(span: Range, factor: float) -> Range:
+def _times(span: _Range, factor: float) -> _Range:
     return span[0] * factor, span[1] * factor
 
 
-def _check_degrees(name: str, channel: str, span: Range, limits: Range | None) -> None:
+def _check_degrees(name: str, channel: str, span: _Range, limits: _Range | None) -> None:
     low, high = span
     if limits is None:
         if high - low > MOST_TURNS:
@@ -330,7 +330,7 @@ def _check_degrees(name: str, channel: str, span: Range, limits: Range | None) -
 
 
 def _check_radians(
-    angles: Sequence[int], spans: Sequence[Range], ranges: Sequence[Range | None], names: Sequence[str]
+    angles: Sequence[int], spans: Sequence[_Range], ranges: Sequence[_Range | None], names: Sequence[str]
 ) -> None:
     def small(k: int) -> bool:
         limits, (low, high) = ranges[k], spans[k]
@@ -357,8 +357,8 @@ def _check_radians(
 
 def _check_swapped(
     log: Log,
-    spans: Sequence[Range],
-    ranges: Sequence[Range | None],
+    spans: Sequence[_Range],
+    ranges: Sequence[_Range | None],
     prismatic: Sequence[bool],
     names: Sequence[str],
 ) -> None:
@@ -382,12 +382,12 @@ def _check_swapped(
                 )
 
 
-def _furthest(span: Range, limits: Range) -> float:
+def _furthest(span: _Range, limits: _Range) -> float:
     """The end of a span that is further from the middle of the limits."""
     return max(span, key=lambda end: abs(end - 0.5 * (limits[0] + limits[1])))
 
 
-def _degrees(name: str, channel: str, low: float, high: float, limits: Range | None) -> LogMismatchError:
+def _degrees(name: str, channel: str, low: float, high: float, limits: _Range | None) -> LogMismatchError:
     """Error of an angle in radians that is plausible only as degrees."""
     why = f"{(high - low) / (2 * math.pi):.1f} turns"
     if limits:
@@ -407,7 +407,7 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
     when = "" if time is None else f" (t = {time:.6g} s)"
     samples = "1 sample" if count == 1 else f"{count} samples"
     return LogDataError(
-        f"{path}: channel {name!r} is missing, infinite or beyond {LARGEST:g} at {samples}, first at sample "
+        f"{path}: channel {name!r} is missing, infinite or beyond {_LARGEST:g} at {samples}, first at sample "
         f"{index}{when}.",
         where=(name, index),
         found=count,

@@ -18,10 +18,10 @@ from haptid.log import checks, resampling, units
 
 if TYPE_CHECKING:
     from haptid.log.log import Signal
-    from haptid.log.read import Format, Kind
+    from haptid.log.read import ChannelKind, Format
 
 # Samples that are computed together, at fixed places, so that the result does not depend on what is sliced first.
-CHUNK = resampling.PIECE
+CHUNK = resampling.SAMPLES_RESAMPLED
 # Chunks of all arrays that are cached: those that one segment of rows needs, and their neighbours.
 HELD = 16
 
@@ -113,7 +113,7 @@ def _chunk(array: OnDisk, k: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class LazySource:
     """The rows of a file that a log consists of.
 
     Attributes:
@@ -163,9 +163,9 @@ class SignalOnDisk(OnDisk):
         known: profile of the positions, computed while the file was checked.
     """
 
-    source: Source
+    source: LazySource
     signal: Signal
-    quantity: Kind
+    quantity: ChannelKind
     wraps: tuple[tuple[NDArray[np.intp], Array], ...]
     known: MotionProfile | None = None
 

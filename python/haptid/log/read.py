@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, resampling, units
-from haptid.log.formats.sniff import Column, block_of, channel_list, empty, guess
-from haptid.log.lazy import MotionProfile, SignalOnDisk, Source, as_array
+from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
+from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 
-Kind = Literal["position", "torque"]
+ChannelKind = Literal["position", "torque"]
 # A file of more bytes is opened rather than read.
-LARGE = 2**26
+_LARGE = 2**26
 # `checks.find_wraps` of a channel that is not unwrapped.
 NO_WRAPS = (np.empty(0, np.intp), np.empty(0))
 
@@ -50,14 +50,14 @@ class Format:
         found: list[str] = self._reader.names(path)
         return found
 
-    def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         """Those wanted channels that the file has, each (n,)."""
-        found: dict[str, Column] = self._reader.columns(path, wanted)
+        found: dict[str, RawChannel] = self._reader.columns(path, wanted)
         return found
 
-    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
         """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
-        found: list[Column] = self._reader.rows(path, wanted, start, stop)
+        found: list[RawChannel] = self._reader.rows(path, wanted, start, stop)
         return found
 
 
@@ -172,7 +172,7 @@ def sha256_of(path: Path) -> str:
 def time_base(
     path: Path,
     channels: Channels,
-    raw: Column | None,
+    raw: RawChannel | None,
     count: int,
     stretch: tuple[float, float] | None,
     notes: list[str],
@@ -208,10 +208,10 @@ def time_base(
     return base, rows, seconds
 
 
-def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeated: NDArray[np.intp]) -> None:
+def _check_raw(path: Path, columns: Mapping[str, RawChannel], seconds: Array, repeated: NDArray[np.intp]) -> None:
     """Refuse defects of the samples as they are in the file."""
     for name, column in columns.items():
-        checks.finite(path, name, column, seconds)
+        checks.refuse_nonfinite(path, name, column, seconds)
     if repeated.size:
         checks.repeats(path, columns, seconds, repeated)
     checks.identical(path, columns)
@@ -231,7 +231,7 @@ class Inspection:
         self.path, self.base, self.notes = path, base, notes
         self.moving: list[NDArray[np.uint8]] = []
 
-    def column(self, name: str, raw: Column, signal: Signal, kind: Kind, si: float) -> Array:
+    def column(self, name: str, raw: RawChannel, signal: Signal, kind: ChannelKind, si: float) -> Array:
         """A channel of a signal at the stamps, (m,), in the file's unit; positions before torques.
 
         Args:
@@ -242,7 +242,7 @@ class Inspection:
         if self.base.repeated.size:
             raw = np.delete(raw, self.base.repeated)
         column = raw.astype(np.float64, copy=False)
-        self._note(checks.constant(self.path, name, column, kind, signal.constant_ok))
+        self._note(checks.refuse_constant(self.path, name, column, kind, signal.constant_ok))
         if kind == "position":
             return self._position(name, column, signal, si)
         self._torque(name, column, signal)
@@ -268,7 +268,7 @@ class Inspection:
             self.notes.append(sentence)
 
 
-def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, kind: Kind) -> Array:
+def _block(inspection: Inspection, columns: dict[str, RawChannel], signal: Signal, kind: ChannelKind) -> Array:
     """The channels of a signal on the grid, (channels, n), SI; each raw column is released once copied."""
     base, scale = inspection.base, units.scale(signal.unit, kind)[1]
     block, in_place = _room(base, columns, signal)
@@ -284,7 +284,7 @@ def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, k
     return freeze(block)
 
 
-def _room(base: resampling.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
+def _room(base: resampling.TimeBase, columns: Mapping[str, RawChannel], signal: Signal) -> tuple[Array, bool]:
     """Memory for the signal, (channels, n), and whether its raw columns are in it already."""
     n, count = base.t.size, len(signal.channels)
     block = block_of([columns[name] for name in signal.channels], 2 * count + 1)
@@ -297,7 +297,7 @@ def is_long(path: Path) -> bool:
     """Whether a file is to be opened rather than read: it is large, and its format can be read by rows."""
     return (
         path.is_file()
-        and path.stat().st_size > LARGE
+        and path.stat().st_size > _LARGE
         and any(kind.by_rows and path.suffix.lower() in kind.suffixes for kind in FORMATS)
     )
 
@@ -388,16 +388,16 @@ class _FileReader:
         resampling.interpolate(self.base, column, "position", out)
         return out
 
-    def _source(self) -> Source:
-        return Source(self.path, self.path.stat().st_size, self.kind, self.rows.start, self.base)
+    def _source(self) -> LazySource:
+        return LazySource(self.path, self.path.stat().st_size, self.kind, self.rows.start, self.base)
 
-    def _channel(self, name: str) -> Column:
+    def _channel(self, name: str) -> RawChannel:
         """The kept rows of one channel, (rows,), as they are in the file, checked."""
         raw = self._read(name)
         if raw.size != self.count:
             raise checks.unequal_lengths(self.path, self.first, self.count, name, raw.size)
         raw = raw[self.rows]
-        checks.finite(self.path, name, raw, self.stamps)
+        checks.refuse_nonfinite(self.path, name, raw, self.stamps)
         if self.base.repeated.size:
             checks.repeats(self.path, {name: raw}, self.stamps, self.base.repeated)
         if raw.min() != raw.max():
@@ -407,7 +407,7 @@ class _FileReader:
             self.seen[digest] = name
         return raw
 
-    def _read(self, name: str) -> Column:
+    def _read(self, name: str) -> RawChannel:
         found = self.kind.columns(self.path, (name,))
         if name not in found:
             raise _missing(self.path, name, self.kind.names(self.path))

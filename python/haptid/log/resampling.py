@@ -16,23 +16,23 @@ from haptid.errors import LogTimeError
 from haptid.log.checks import all_usable, non_finite, repeated_stamps, usable
 
 if TYPE_CHECKING:
-    from haptid.log.formats.sniff import Column
+    from haptid.log.formats.sniff import RawChannel
 
 FEWEST_SAMPLES = 50
 # Stamps this close to a uniform grid, in steps, are on it: the position error is below any encoder's resolution.
 UNIFORM = 1e-4
 # A step longer than this many regular ones is a gap; one longer than LONGEST_GAP is not filled.
-GAP = 1.5
+_GAP = 1.5
 LONGEST_GAP = 10.0
 # Longest sampling period, s; a longer one almost certainly means stamps in another unit.
 SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
 # Steps above which the median is estimated from every second one, every third one, ...
-SAMPLED = 2**18
+_SAMPLED = 2**18
 # Interpolation is done piece by piece; a cubic spline's dependence on a sample k away decays as (2 - sqrt(3))^k.
-PIECE = 2**16
-MARGIN = 40
+SAMPLES_RESAMPLED = 2**16
+_MARGIN = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class TimeBase:
     notes: tuple[str, ...]
 
 
-def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
+def since_first(path: Path, name: str, raw: RawChannel, scale: float) -> Array:
     """Stamps from the first one on, (n,), s; integer stamps are subtracted as integers, without rounding.
 
     Stamps in float64 are overwritten.
@@ -97,14 +97,14 @@ def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> sli
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def resolution(raw: Column) -> float:
+def resolution(raw: RawChannel) -> float:
     """Resolution of the stamps in their own unit: a decimal place, or that of their type."""
     if raw.dtype.kind in "iu":
         return 1.0
     if not all_usable(raw):
         return 0.0
     largest = max(abs(float(raw.min())), abs(float(raw.max())))
-    pieces = [raw[start : start + PIECE] for start in range(0, raw.size, PIECE)]
+    pieces = [raw[start : start + SAMPLES_RESAMPLED] for start in range(0, raw.size, SAMPLES_RESAMPLED)]
     single = all(np.array_equal(piece, piece.astype(np.float32)) for piece in pieces)
     finest = float(np.spacing(np.float32(largest))) if single else float(np.spacing(largest))
     for place in range(10):
@@ -113,7 +113,7 @@ def resolution(raw: Column) -> float:
     return finest
 
 
-def _has_places(raw: Column, place: int, largest: float) -> bool:
+def _has_places(raw: RawChannel, place: int, largest: float) -> bool:
     shifted = raw * 10.0**place
     error = np.abs(shifted - np.rint(shifted)).max()
     return bool(error <= 4 * np.spacing(largest * 10.0**place))
@@ -153,7 +153,7 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
-    step = float(np.median(np.diff(seconds[:PIECE])))
+    step = float(np.median(np.diff(seconds[:SAMPLES_RESAMPLED])))
     if step > SLOWEST:
         raise LogTimeError(
             f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {SLOWEST:g} s).",
@@ -199,8 +199,8 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
     """Stamps, uniform grid, whether the samples are on it, and notes."""
     steps = np.diff(seconds)
-    median = float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
-    gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
+    median = float(np.median(steps[:: max(1, steps.size // _SAMPLED)]))
+    gaps = np.flatnonzero(steps > _GAP * median + min(fineness, 0.25 * median))
     ordinary = (seconds[-1] - seconds[0] - steps[gaps].sum()) / (steps.size - gaps.size)
     missing = _missing(path, seconds, steps, gaps, ordinary)
     n = seconds.size + missing
@@ -248,11 +248,11 @@ def _uniform(first: float, step: float, n: int) -> Array:
 def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
     """Index of the grid point nearest to each stamp, and the largest distance to it in steps."""
     slots, off = np.empty(seconds.size, np.int32), 0.0
-    for start in range(0, seconds.size, PIECE):
-        places = (seconds[start : start + PIECE] - seconds[0]) / step
+    for start in range(0, seconds.size, SAMPLES_RESAMPLED):
+        places = (seconds[start : start + SAMPLES_RESAMPLED] - seconds[0]) / step
         nearest = np.rint(places)
         off = max(off, float(np.abs(places - nearest).max()))
-        slots[start : start + PIECE] = nearest
+        slots[start : start + SAMPLES_RESAMPLED] = nearest
     return slots, off
 
 
@@ -299,16 +299,16 @@ def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque
         kind: of the values.
         out: (n,), written.
     """
-    for start in range(0, base.t.size, PIECE):
-        stop = min(start + PIECE, base.t.size)
+    for start in range(0, base.t.size, SAMPLES_RESAMPLED):
+        stop = min(start + SAMPLES_RESAMPLED, base.t.size)
         low, high = around(base, start, stop)
         out[start:stop] = curve(base, values[low:high], low, kind)(base.t[start:stop])
 
 
 def around(base: TimeBase, start: int, stop: int) -> tuple[int, int]:
     """First stamp and one past the last that grid points start..stop are interpolated from."""
-    low = max(int(np.searchsorted(base.stamps, base.t[start])) - MARGIN, 0)
-    high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + MARGIN
+    low = max(int(np.searchsorted(base.stamps, base.t[start])) - _MARGIN, 0)
+    high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + _MARGIN
     return low, min(high, base.stamps.size)
 
 

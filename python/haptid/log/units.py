@@ -8,10 +8,10 @@ from typing import Literal
 
 from haptid.errors import LogChannelError
 
-Quantity = Literal["position", "torque", "time"]
+_Quantity = Literal["position", "torque", "time"]
 
 # unit -> (SI unit, factor); counts keep their name, and the gain is per count.
-POSITION = {
+_POSITION = {
     "rad": ("rad", 1.0),
     "deg": ("rad", math.pi / 180),
     "turn": ("rad", 2 * math.pi),
@@ -20,7 +20,7 @@ POSITION = {
     "um": ("m", 1e-6),
     "counts": ("counts", 1.0),
 }
-TORQUE = {
+_TORQUE = {
     "N m": ("N m", 1.0),
     "mN m": ("N m", 1e-3),
     "N": ("N", 1.0),
@@ -30,8 +30,8 @@ TORQUE = {
     "mA": ("A", 1e-3),
     "counts": ("counts", 1.0),
 }
-TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
-TABLES: dict[Quantity, dict[str, tuple[str, float]]] = {"position": POSITION, "torque": TORQUE, "time": TIME}
+_TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
+TABLES: dict[_Quantity, dict[str, tuple[str, float]]] = {"position": _POSITION, "torque": _TORQUE, "time": _TIME}
 
 # Period of a wrapped channel, in its own unit; counters wrap at a power of two.
 PERIODS = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0}
@@ -58,7 +58,7 @@ SPELLINGS = {
 }
 
 
-def closest_unit(unit: str, quantity: Quantity) -> str | None:
+def closest_unit(unit: str, quantity: _Quantity) -> str | None:
     """The known unit of a quantity nearest to an unknown one; None where none is close."""
     known = TABLES[quantity]
     plain = unit.strip().lower()
@@ -69,7 +69,7 @@ def closest_unit(unit: str, quantity: Quantity) -> str | None:
     return close[0] if close else None
 
 
-def scale(unit: str, quantity: Quantity) -> tuple[str, float]:
+def scale(unit: str, quantity: _Quantity) -> tuple[str, float]:
     """SI unit and the factor to it.
 
     Raises:

@@ -33,7 +33,7 @@ CUT = 1e-6
 # Butterworth filter of high order is lost in rounding errors.
 LOWEST = 1e-5
 # Initial transient of a differentiator that is neglected, as a share: below double precision.
-FORGOTTEN = 1e-17
+_FORGOTTEN = 1e-17
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +228,7 @@ class HighPass:
         x = 2 * np.pi * self.cutoff_hz * dt
         return 2 * x / (2 + x) / dt, (2 - x) / (2 + x)
 
-    def memory(self, dt: float, share: float = FORGOTTEN) -> int:
+    def memory(self, dt: float, share: float = _FORGOTTEN) -> int:
         """Samples after which less than a share of the initial velocity is left."""
         a = abs(self.coefficients(dt)[1])
         return 1 + int(np.ceil(np.log(share) / np.log(a))) if a > share else 1

@@ -15,9 +15,9 @@ from haptid._internal.arrays import Array, freeze
 from haptid.log.lazy import OnDisk, as_array
 
 # Transient of a filter that is neglected beyond the samples around a piece, as a share.
-FORGOTTEN = 1e-18
+_FORGOTTEN = 1e-18
 # Samples in memory that are filtered at a time.
-PIECE = 2**15
+SAMPLES_FILTERED = 2**15
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def filtered(channels: Array, sections: Array) -> Array:
     around = memory(sections)
     if isinstance(channels, OnDisk):
         return as_array(Filtered(channels, sections, channels.between(0, 1), around))
-    n, step = len(channels), max(PIECE, 4 * around)
+    n, step = len(channels), max(SAMPLES_FILTERED, 4 * around)
     samples, made = channels.T, np.empty((channels.shape[1], n))
     first = samples[:, :1]  # subtracted for the filter, so that a constant channel stays exactly constant
     for low in range(0, n, step):
@@ -90,7 +90,7 @@ def filtered(channels: Array, sections: Array) -> Array:
 def memory(sections: Array) -> int:
     """Samples until a filter's transient falls below FORGOTTEN, by its slowest pole; at least sosfiltfilt's padding."""
     slowest = float(np.abs(signal.sos2zpk(sections)[1]).max())
-    forgets = int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
+    forgets = int(np.ceil(np.log(_FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
     return max(forgets, 3 * (2 * len(sections) + 1))
 
 

@@ -86,7 +86,7 @@ class Treatment:
             self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
         self._expect("block", positive, "a finite number above zero")
         self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
-        self._expect("torque_delay_s", finite, "a finite time, s")
+        self._expect("torque_delay_s", _finite, "a finite time, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
@@ -165,7 +165,7 @@ def low_pass(order: int, cutoff: float) -> Array:
     return freeze(np.asarray(signal.butter(order, cutoff, output="sos")))
 
 
-def finite(value: Any) -> bool:
+def _finite(value: Any) -> bool:
     """Whether a value is a finite number."""
     return (whole(value) or isinstance(value, float)) and abs(value) < np.inf
 

@@ -9,11 +9,11 @@ from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
-from haptid.observation.cache import Part, RFactorCache
+from haptid.observation.cache import CachedPart, RFactorCache
 from haptid.observation.observation import Observation, assemble
 from haptid.observation.plan import Plan, RFactors
 
-Progress = Callable[[Motion, float], None]
+_Progress = Callable[[Motion, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class Reducer:
 
     plans: tuple[Plan, ...]
 
-    def __call__(self, part: Part) -> RFactors:
+    def __call__(self, part: CachedPart) -> RFactors:
         plan, start, stop = part
         return self.plans[plan].reduce(start, stop)
 
@@ -32,7 +32,7 @@ def observe_all(
     motions: Sequence[Motion],
     workers: Executor | None = None,
     kept: RFactorCache | None = None,
-    progress: Progress | None = None,
+    progress: _Progress | None = None,
 ) -> tuple[Observation, ...]:
     """The observation of each motion, as by `observe`, computed part by part by workers.
 
@@ -66,7 +66,7 @@ def observe_all(
 
 
 def _reduced(
-    plans: tuple[Plan, ...], parts: list[Part], workers: Executor, kept: RFactorCache | None
+    plans: tuple[Plan, ...], parts: list[CachedPart], workers: Executor, kept: RFactorCache | None
 ) -> Iterator[tuple[int, RFactors]]:
     """Index of a part and its R factors: first those from the cache, then the others as workers finish them."""
     files = kept.files(plans, parts) if kept else [None] * len(parts)

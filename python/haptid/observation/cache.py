@@ -25,7 +25,7 @@ LEAST_KEPT = 2**19
 PLACES, SAMPLES = 16, 4
 
 # Rows start..stop of one of several plans: index of the plan, start, stop.
-Part = tuple[int, int, int]
+CachedPart = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RFactorCache:
     folder: Path
     least: int = LEAST_KEPT
 
-    def files(self, plans: Sequence[Plan], parts: Sequence[Part]) -> list[Path | None]:
+    def files(self, plans: Sequence[Plan], parts: Sequence[CachedPart]) -> list[Path | None]:
         """The file of each part; None for a part that is not cached."""
         long = [len(plan.motion) >= self.least and plan.motion.log is not None for plan in plans]
         names = [fingerprint(plan) if worth else None for plan, worth in zip(plans, long, strict=True)]

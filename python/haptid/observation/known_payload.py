@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device import INERTIAL
-from haptid.device.priors import Body, inertial_parameters
+from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import DeviceError, UnknownNameError, suggestion
@@ -28,10 +28,10 @@ class Payload:
     """
 
     link: str
-    body: Body
+    body: PriorBody
 
 
-def payload_torque(model: DynamicModel, link: str, body: Body) -> Array:
+def payload_torque(model: DynamicModel, link: str, body: PriorBody) -> Array:
     """Increment of the base parameters by a body fixed to a link, (p,), SI.
 
     Args:
@@ -73,7 +73,7 @@ def payload_torque(model: DynamicModel, link: str, body: Body) -> Array:
     return freeze(model.base.of(chi))
 
 
-def without_payload(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
+def without_payload(model: DynamicModel, motion: Motion, link: str, body: PriorBody) -> Motion:
     """Motion with the torque of a payload subtracted, that was fixed to a link during the recording.
 
     Logs with known payloads and logs without then serve one estimate: their observations add.
@@ -118,7 +118,7 @@ def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, loa
     return replace(log, torque=torque, notes=(*log.notes, note))
 
 
-def _data(body: Body) -> str:
+def _data(body: PriorBody) -> str:
     """Centre of mass and inertia as text."""
     about = "a point" if body.inertia is None else f"inertia {body.inertia.tolist()} kg m^2 about it"
     return f"centre of mass {body.com.tolist()} m, {about}"

@@ -13,10 +13,10 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 
 # Smoothed models that are cached: a stream requires one at every sample.
-CACHED = 8
+_CACHED = 8
 
 
-@lru_cache(maxsize=CACHED)
+@lru_cache(maxsize=_CACHED)
 def softened(model: DynamicModel, speed: float) -> DynamicModel:
     """The model with tanh(v / speed) in place of sgn(v), wherever its file has a sharper transition.
 

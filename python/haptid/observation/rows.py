@@ -23,7 +23,7 @@ from haptid.observation.plan import Block, Plan, Signals
 from haptid.observation.r_factor import triangle
 
 # Numbers (rows times columns) that `Rows` caches between passes; more are computed again in every pass.
-CACHED = 1 << 26
+_CACHED = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ class Rows:
         self._cached: list[Chunk] | None = None
 
     def __iter__(self) -> Iterator[Chunk]:
-        if self._cached is None and self.observation.rows * (len(self.observation.base) + 1) <= CACHED:
+        if self._cached is None and self.observation.rows * (len(self.observation.base) + 1) <= _CACHED:
             self._cached = list(chunks_of(self.observation))
         return iter(self._cached) if self._cached is not None else chunks_of(self.observation)
 

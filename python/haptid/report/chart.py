@@ -17,7 +17,7 @@ COLOURS = ("black", "blue", "vermillion", "green", "purple", "orange", "sky", "y
 # Colours of measured, predicted and residual in every chart.
 MEASURED, PREDICTED, RESIDUAL = "black", "blue", "vermillion"
 
-Style = Literal["line", "envelope", "points", "band", "stack", "interval"]
+_Style = Literal["line", "envelope", "points", "band", "stack", "interval"]
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ def axis(label: str, unit: str = "", **settings: Any) -> dict[str, Any]:
 
 
 def plot(
-    x: Mapping[str, Any], y: Mapping[str, Any], series: Sequence[Mapping[str, Any]], **more: Any
+    x: Mapping[str, Any], y: Mapping[str, Any], chart_series: Sequence[Mapping[str, Any]], **more: Any
 ) -> dict[str, Any]:
     """A plot of curves; `group` links horizontal axes, `height` is in pixels."""
-    return {"kind": "plot", "x": dict(x), "y": dict(y), "series": [dict(s) for s in series], **more}
+    return {"kind": "plot", "x": dict(x), "y": dict(y), "series": [dict(s) for s in chart_series], **more}
 
 
-def series(name: str, style: Style, colour: str, **values: Any) -> dict[str, Any]:
+def chart_series(name: str, style: _Style, colour: str, **values: Any) -> dict[str, Any]:
     """One curve, cloud or band of a plot: x with y, or low and high."""
     return {"name": name, "style": style, "colour": colour, **values}
 
@@ -78,10 +78,12 @@ def envelope(name: str, colour: str, t0: float, step: float, y: Array, bins: int
     """
     each = -(-len(y) // bins)
     if each <= 2:
-        return series(name, "line", colour, x=even(t0, step, len(y)), y=packed(y))
+        return chart_series(name, "line", colour, x=even(t0, step, len(y)), y=packed(y))
     low, high = extremes(y, each)
     middle = t0 + 0.5 * (each - 1) * step
-    return series(name, "envelope", colour, x=even(middle, each * step, len(low)), low=packed(low), high=packed(high))
+    return chart_series(
+        name, "envelope", colour, x=even(middle, each * step, len(low)), low=packed(low), high=packed(high)
+    )
 
 
 def extremes(y: Array, each: int) -> tuple[Array, Array]:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from importlib.resources import files
 
 from haptid.estimation import OLS, PhysicallyConsistent
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 from haptid.results.result import weighting
 
 
-def bibtex(source: Source) -> str:
+def bibtex(source: ReportSource) -> str:
     """Entries of the methods that were used, in the order of the pipeline."""
     known = entries()
     return "\n\n".join(known[key] for key in dict.fromkeys(_used(source)))
@@ -23,7 +23,7 @@ def entries() -> dict[str, str]:
     return {part[part.index("{") + 1 : part.index(",")]: part for part in parts}
 
 
-def _used(source: Source) -> Iterator[str]:
+def _used(source: ReportSource) -> Iterator[str]:
     """Keys of the methods that were used."""
     made, model = source.estimate, source.estimate.model
     if model.device.convention == "modified-dh":

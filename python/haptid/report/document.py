@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.report.chart import Chart, axis, even, figure, packed, plot, series
+from haptid.report.chart import Chart, axis, chart_series, even, figure, packed, plot
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def panels(
     times, names = even(t[0], t[1] - t[0], len(t)), ", ".join(curves)
     charts = []
     for k, label in enumerate(labels):
-        drawn = [series(name, "line", colour, x=times, y=packed(y[k])) for name, (colour, y) in curves.items()]
+        drawn = [chart_series(name, "line", colour, x=times, y=packed(y[k])) for name, (colour, y) in curves.items()]
         rms = ", ".join(f"{name} {figure(float(np.sqrt(np.mean(y[k] ** 2))))}" for name, (_, y) in curves.items())
         drawing = plot(axis("time", "s"), axis(label, unit), drawn, group=key, height=190, zoom=True)
         alt = f"{label} against time: {names}."

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.symbolic import Regroupings
-from haptid.dynamics.symbolic.formulas import NAME, Style, formula
+from haptid.dynamics.symbolic.formulas import NAME, Style, grouping_formula
 
 # An element is represented in a text by its number between these two, so that texts can be concatenated.
 OPEN, CLOSE = "\ue000", "\ue001"
@@ -38,7 +38,7 @@ def parameter(text: str) -> str:
 def _exact(found: Regroupings, k: int) -> str:
     page = _Typesetter()
     return page.terms(
-        formula(found.coefficients[k], found.independent_columns[k], found.standard, found.links, page.style)
+        grouping_formula(found.coefficients[k], found.independent_columns[k], found.standard, found.links, page.style)
     )
 
 

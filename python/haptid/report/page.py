@@ -19,7 +19,7 @@ from haptid.results.result import finite
 
 # The script's parts, in the order of their dependencies.
 SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")
-STYLES = ("page.css",)
+_STYLES = ("page.css",)
 
 
 def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
@@ -41,14 +41,14 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
             title=title,
             about=about,
             sections=shown,
-            styles=[Markup(_text(name)) for name in STYLES],
+            styles=[Markup(_text(name)) for name in _STYLES],
             scripts=[Markup(_text(name)) for name in SCRIPTS],
             drawings=_embedded({key: chart.drawing for key, chart in charts.items()}),
         )
     )
 
 
-def write_text(path: Path, text: str) -> None:
+def write_page_text(path: Path, text: str) -> None:
     """Write a file.
 
     Raises:

@@ -12,18 +12,18 @@ from types import MappingProxyType
 
 from haptid._core import __version__
 from haptid.errors import ResultFileError
-from haptid.report.page import page, write_text
+from haptid.report.page import page, write_page_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
-from haptid.report.source import Hand, Source
+from haptid.report.source import HandForceData, ReportSource
 from haptid.results.result import finite
 from haptid.study.identify import Identification
 
-SCHEMA = 2
+_SCHEMA = 2
 # Files of a report in a result folder: its data and its page.
 DATA, PAGE = "report-data.json.gz", "report.html"
 # Report data are some megabytes; a file that unpacks to more is refused.
-LARGEST = 1 << 28
+_LARGEST = 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,19 +57,23 @@ class Report:
         Raises:
             OutputFolderError: it cannot be written there.
         """
-        write_text(path, self.html())
+        write_page_text(path, self.html())
 
     def write(self, folder: Path) -> None:
         """Write the page and its data into a folder."""
         self.write_page(folder / PAGE)
         plain = {key: section.plain() for key, section in self.sections.items()}
-        head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
+        head = {"schema": _SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
         text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))
         (folder / DATA).write_bytes(gzip.compress(text.encode("utf-8"), mtime=0))
 
 
 def make_report(
-    identification: Identification, *, command: str = "", hands: Sequence[Hand] = (), made: datetime | None = None
+    identification: Identification,
+    *,
+    command: str = "",
+    hands: Sequence[HandForceData] = (),
+    made: datetime | None = None,
 ) -> Report:
     """The report of an identification.
 
@@ -79,10 +83,10 @@ def make_report(
         hands: estimated hand forces.
         made: when; now where None.
     """
-    return report_of(Source(identification, command, tuple(hands)), made)
+    return report_of(ReportSource(identification, command, tuple(hands)), made)
 
 
-def report_of(source: Source, made: datetime | None = None) -> Report:
+def report_of(source: ReportSource, made: datetime | None = None) -> Report:
     """The report of a source, which may have results computed already."""
     found = [kind.of(source) for kind in SECTIONS]
     moment = (made or datetime.now(UTC)).astimezone(UTC)
@@ -110,12 +114,12 @@ def read_report(folder: str | Path) -> Report:
     path = Path(folder) / DATA
     try:
         with gzip.open(path) as file:
-            text = file.read(LARGEST + 1)
-        if len(text) > LARGEST:
-            raise _unreadable(path, f"it unpacks to more than {LARGEST >> 20} MiB")
+            text = file.read(_LARGEST + 1)
+        if len(text) > _LARGEST:
+            raise _unreadable(path, f"it unpacks to more than {_LARGEST >> 20} MiB")
         data = json.loads(text)
-        if data["schema"] != SCHEMA:
-            raise _unreadable(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
+        if data["schema"] != _SCHEMA:
+            raise _unreadable(path, f"its schema is {data['schema']}, and {_SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
         return Report(data["name"], data["device"], data["made"], data["haptid"], sections)

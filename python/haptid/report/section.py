@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
 
 from haptid.report.chart import Chart
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 
 
 class PageSection(Protocol):
@@ -59,9 +59,9 @@ class Shown:
 
 
 class Section(Shown, ABC):
-    """A section of the report of one result, made from a `Source`."""
+    """A section of the report of one result, made from a `ReportSource`."""
 
     @classmethod
     @abstractmethod
-    def of(cls, source: Source) -> Self | None:
+    def of(cls, source: ReportSource) -> Self | None:
         """The section, or None where it does not apply to the source."""

@@ -87,7 +87,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class HandForceData:
     """Force of a hand on the device in the base frame: estimated, and measured where there was a sensor.
 
     Attributes:
@@ -115,13 +115,13 @@ class Hand:
                 expect(name, getattr(self, name).shape, (len(self.t), *shape))
 
     @staticmethod
-    def of(name: str, found: HandleForce, measured: Array | None = None) -> Hand:
+    def of(name: str, found: HandleForce, measured: Array | None = None) -> HandForceData:
         """From the result of `estimate_force`, and a sensor's force in the base frame, (rows, 3), N."""
-        return Hand(name, found.t, found.force, found.conf_int(), measured, found.notes)
+        return HandForceData(name, found.t, found.force, found.conf_int(), measured, found.notes)
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class ReportSource:
     """Input of a report.
 
     Attributes:
@@ -132,7 +132,7 @@ class Source:
 
     identification: Identification
     command: str = ""
-    hands: tuple[Hand, ...] = field(default=())
+    hands: tuple[HandForceData, ...] = field(default=())
 
     @property
     def estimate(self) -> Estimate:

@@ -64,7 +64,7 @@ def show_identification(console: Console, found: Identification) -> None:
     searched = found.projection.notes if found.projection else ()
     for note in (*found.proposal.reasons, *found.estimate.notes, *searched):
         console.print(f"- {note}")
-    console.print(f"\n{verdict(found)}")
+    console.print(f"\n{_verdict(found)}")
 
 
 def searched_table(projection: VariableProjection) -> Table:
@@ -128,7 +128,7 @@ def error_cells(validation: Validation, motors: int) -> list[str | Text]:
     return [kind, f"{validation.relative:.2f}", *each]
 
 
-def verdict(found: Identification) -> str:
+def _verdict(found: Identification) -> str:
     """Largest error on unseen rows and the study's criterion, in a sentence."""
     if not found.unseen:
         return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."

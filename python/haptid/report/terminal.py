@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.report.source import Source, Track
+from haptid.report.source import ReportSource, Track
 
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 # Characters of a line.
-WIDTH = 40
+_WIDTH = 40
 
 
-def sparklines(source: Source) -> tuple[str, ...]:
+def sparklines(source: ReportSource) -> tuple[str, ...]:
     """RMS of the residual over time, a line for each log and motor with used rows."""
     return tuple(line for track in source.tracks for line in _lines(track))
 
@@ -23,7 +23,7 @@ def _lines(track: Track) -> Iterator[str]:
     width = max(len(label) for label in track.labels)
     yield f"Residual along {track.name} ({track.kind}), {track.seconds:.3g} s"
     for k in track.motors_used:
-        levels = rms_of_bins(track.residual[k], WIDTH)
+        levels = rms_of_bins(track.residual[k], _WIDTH)
         yield f"  {track.labels[k]:{width}s} {sparkline(levels)} up to {np.nanmax(levels):.2g} {track.units[k]}"
 
 

@@ -16,7 +16,7 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, freeze
-from haptid.device.toml.reader import checked, device_of
+from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
@@ -29,18 +29,18 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
-    Condition,
-    Cost,
     Criteria,
     ErrorTable,
-    EstimateTable,
     NonlinearConstant,
     ObservationTable,
     PhysicalConstraints,
+    ResultCondition,
+    ResultCost,
+    ResultEstimate,
     ResultLog,
     ResultParameter,
+    ResultTable,
     ResultUse,
-    Table,
 )
 from haptid.study.identify import Identification, Run
 from haptid.uncertainty.quantities import Quantities
@@ -49,9 +49,9 @@ from haptid.validation.validation import MotorError, Validation
 if TYPE_CHECKING:
     from haptid.inference.diagnosis import Verdict
 
-SCHEMA: Literal[2] = 2
+_SCHEMA: Literal[2] = 2
 # A result of two hundred parameters has some megabytes; a larger file is no result.
-LARGEST_FILE = 1 << 26
+_LARGEST_FILE = 1 << 26
 RELATIVE_ERROR = (
     "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
 )
@@ -61,14 +61,14 @@ PHYSICAL_INTERVAL = (
 BOUNDS_INTERVAL = "of the unconstrained fit; cut at the bounds, widened to the constrained value"
 
 
-class Result(Table):
+class Result(ResultTable):
     """An identification as its result folder has it, without the logs.
 
     Made by `Result.of` from an identification or by `Result.load` from a folder. The fields are the keys of
     `result.json`; `model` and the arrays are made from them.
     """
 
-    schema_: Literal[2] = Field(default=SCHEMA, alias="schema", description="version of this format")
+    schema_: Literal[2] = Field(default=_SCHEMA, alias="schema", description="version of this format")
     haptid: str = Field(default=__version__, description="version of the program")
     device: str = Field(default="", description="its name")
     study: str = Field(description="its name")
@@ -76,7 +76,7 @@ class Result(Table):
     treatment: dict[str, Any] = Field(description="every setting by its name in a study")
     treatment_reasons: list[str] = Field(default=[])
     observation: ObservationTable | None = None
-    estimate: EstimateTable
+    estimate: ResultEstimate
     validation: list[ErrorTable]
     criteria: Criteria
     verdict: list[ResultUse] = Field(default=[])
@@ -105,11 +105,11 @@ class Result(Table):
                 rows=estimate.observation.rows,
                 parameters=len(estimate.model.device.parameters.names),
                 rank=len(estimate.base),
-                condition=Condition(raw=float(raw), scaled=float(scaled)),
+                condition=ResultCondition(raw=float(raw), scaled=float(scaled)),
                 no_effect=list(estimate.base.no_effect),
                 blocks=len(estimate.observation.blocks),
             ),
-            estimate=EstimateTable(
+            estimate=ResultEstimate(
                 method=weighting(estimate.method).name,
                 status=estimate.status,
                 intervals=interval(estimate),
@@ -144,7 +144,7 @@ class Result(Table):
         path = Path(folder)
         path = path / "result.json" if path.is_dir() else path
         made = _validated(cls, path, _read(path))
-        model = DynamicModel(device_of(*checked(made.device_file, f"{path}, device_file")))
+        model = DynamicModel(device_of(*checked_tables(made.device_file, f"{path}, device_file")))
         model = model.at_constants([constant.value for constant in made.estimate.nonlinear_constants])
         if model.has_loads:
             model = _with_load_friction(path, model, made.estimate.load_friction_parameters)
@@ -153,7 +153,7 @@ class Result(Table):
             raise _other_parameters(path, stored, model.base.names, made.haptid)
         size = len(stored)
         if [len(row) for row in made.estimate.covariance] != [size] * size:
-            raise fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
+            raise _fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
         made._model = model
         return made
 
@@ -328,7 +328,9 @@ def _constraints(found: Constrained | BoundedSolution | None) -> PhysicalConstra
     return PhysicalConstraints(
         margin=inside.margin,
         active=list(found.active),
-        cost_percent=[Cost(motor=cost.label, unconstrained=cost.free, constrained=cost.held) for cost in found.costs],
+        cost_percent=[
+            ResultCost(motor=cost.label, unconstrained=cost.free, constrained=cost.held) for cost in found.costs
+        ],
         standard_parameters=dict(zip(names, inside.chi.tolist(), strict=True)),
     )
 
@@ -377,7 +379,7 @@ def _validations(errors: Iterable[ErrorTable], model: DynamicModel, *, seen: boo
             motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
 
 
-def fault(path: Path, what: str, key: str | None = None) -> ResultFileError:
+def _fault(path: Path, what: str, key: str | None = None) -> ResultFileError:
     """The error for a file that is no result of this schema."""
     advice = "Give the output folder of `haptid identify`, or identify again."
     return ResultFileError(f"{path}: {what}.", where=key or str(path), advice=advice)
@@ -397,27 +399,27 @@ def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], v
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise fault(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
+        if path.stat().st_size > _LARGEST_FILE:
+            raise _fault(path, f"the file is larger than {_LARGEST_FILE >> 20} MiB, so it is no result")
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise fault(path, "there is no such file") from None
+        raise _fault(path, "there is no such file") from None
     except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
-        raise fault(path, f"cannot be read ({error})") from error
+        raise _fault(path, f"cannot be read ({error})") from error
     if not isinstance(values, dict):
-        raise fault(path, "is not a result of haptid")
+        raise _fault(path, "is not a result of haptid")
     return values
 
 
 def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
     version = values.get("schema")
-    if isinstance(version, int) and version != SCHEMA:
+    if isinstance(version, int) and version != _SCHEMA:
         raise ResultFileError(
             f"{path}: was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this "
-            f"haptid ({__version__}) reads schema {SCHEMA}.",
+            f"haptid ({__version__}) reads schema {_SCHEMA}.",
             where="schema",
             found=version,
-            limit=SCHEMA,
+            limit=_SCHEMA,
             advice=f"Run `haptid identify` again on the study {values.get('study')!r}.",
         )
     try:
@@ -426,18 +428,18 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
-        raise fault(path, f"key `{where}` {what}", where) from error
+        raise _fault(path, f"key `{where}` {what}", where) from error
 
 
 def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float] | None) -> DynamicModel:
     """With load-dependent friction of the bodies that it was estimated with."""
     key = "estimate.load_friction_parameters"
     if parameters is None:
-        raise fault(path, f"key `{key}` is missing, of which the load-dependent friction is made", key)
+        raise _fault(path, f"key `{key}` is missing, of which the load-dependent friction is made", key)
     try:
         return model.with_load(parameters)
     except ShapeError as error:
-        raise fault(path, f"key `{key}` is wrong ({error})", key) from error
+        raise _fault(path, f"key `{key}` is wrong ({error})", key) from error
 
 
 def _or(values: Sequence[float | None], instead: float) -> Array:

@@ -22,11 +22,11 @@ Grade = Literal["ok", "doubt", "bad"]
 Number = Annotated[float | None, BeforeValidator(lambda x: finite_or_none(x) if isinstance(x, float) else x)]
 
 
-class Table(BaseModel):
+class ResultTable(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class PayloadTable(Table):
+class _PayloadTable(ResultTable):
     """A known body whose torque was subtracted from a log; inertia about its centre of mass, null of a point mass."""
 
     link: str
@@ -35,13 +35,13 @@ class PayloadTable(Table):
     inertia: list[list[float]] | None = Field(description="3 x 3, kg m^2")
 
     @classmethod
-    def of(cls, payload: Payload) -> PayloadTable:
+    def of(cls, payload: Payload) -> _PayloadTable:
         body = payload.body
         inertia = None if body.inertia is None else body.inertia.tolist()
         return cls(link=payload.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
 
 
-class ResultLog(Table):
+class ResultLog(ResultTable):
     """A log of a result."""
 
     path: str = Field(description="as in the study")
@@ -51,7 +51,7 @@ class ResultLog(Table):
     samples: int
     dt: float = Field(description="sampling period, s")
     notes: list[str] = Field(default=[], description="what was mended")
-    payload: PayloadTable | None = Field(default=None, description="subtracted from the torque")
+    payload: _PayloadTable | None = Field(default=None, description="subtracted from the torque")
 
     @property
     def stop(self) -> float:
@@ -70,29 +70,29 @@ class ResultLog(Table):
             samples=len(read.t),
             dt=run.motion.dt,
             notes=list(read.notes),
-            payload=None if load is None else PayloadTable.of(load),
+            payload=None if load is None else _PayloadTable.of(load),
         )
 
 
-class Condition(Table):
+class ResultCondition(ResultTable):
     """Condition number of the stacked regressor."""
 
     raw: Number
     scaled: Number = Field(description="with columns of unit length")
 
 
-class ObservationTable(Table):
+class ObservationTable(ResultTable):
     """The rows of the fit."""
 
     rows: int
     parameters: int = Field(description="standard parameters of the device")
     rank: int = Field(description="base parameters")
-    condition: Condition
+    condition: ResultCondition
     no_effect: list[str] = Field(description="standard parameters without effect on the torque")
     blocks: int = Field(description="time blocks, the clusters of the standard errors")
 
 
-class Quantity(Table):
+class _Quantity(ResultTable):
     """A number with its uncertainty."""
 
     name: str
@@ -103,14 +103,14 @@ class Quantity(Table):
     conf_int: tuple[Number, Number] = Field(description="confidence interval [low, high] at estimate.level")
 
 
-class Prior(Table):
+class _Prior(ResultTable):
     """A value known before the identification."""
 
     value: float
     std: Number = Field(description="standard deviation; null where none is given")
 
 
-class ResultParameter(Quantity):
+class ResultParameter(_Quantity):
     """A base parameter, or a target."""
 
     unconstrained: float = Field(description="value of the unconstrained fit, to which se belongs")
@@ -123,7 +123,7 @@ class ResultParameter(Quantity):
     eliminated: bool | None = Field(
         default=None, description="set to zero by backward elimination; null without elimination"
     )
-    prior: Prior | None = None
+    prior: _Prior | None = None
 
     @classmethod
     def of(cls, p: Parameter, dof: float, eliminated: bool | None = None) -> ResultParameter:
@@ -140,17 +140,17 @@ class ResultParameter(Quantity):
             constrained_outside_ci=p.constrained_outside_ci,
             grouping=p.grouping,
             eliminated=eliminated,
-            prior=None if p.prior is None else Prior(value=p.prior[0], std=p.prior[1]),
+            prior=None if p.prior is None else _Prior(value=p.prior[0], std=p.prior[1]),
         )
 
 
-class NonlinearConstant(Quantity):
+class NonlinearConstant(_Quantity):
     """A constant in which the torque is nonlinear, as found by variable projection; profile likelihood interval."""
 
     range: tuple[float, float] = Field(description="in which it was searched")
 
 
-class Cost(Table):
+class ResultCost(ResultTable):
     """Relative residual of the unconstrained and of the constrained fit, per cent."""
 
     motor: str
@@ -158,17 +158,17 @@ class Cost(Table):
     constrained: Number
 
 
-class PhysicalConstraints(Table):
+class PhysicalConstraints(ResultTable):
     """Physical consistency: bodies with positive mass and inertia, passive friction."""
 
     kind: Literal["physical"] = "physical"
     margin: Number
     active: list[str]
-    cost_percent: list[Cost]
+    cost_percent: list[ResultCost]
     standard_parameters: dict[str, float]
 
 
-class BoundConstraints(Table):
+class BoundConstraints(ResultTable):
     """Bounds on base parameters."""
 
     kind: Literal["bounds"] = "bounds"
@@ -178,7 +178,7 @@ class BoundConstraints(Table):
 Constraints = Annotated[PhysicalConstraints | BoundConstraints, Field(discriminator="kind")]
 
 
-class EstimateTable(Table):
+class ResultEstimate(ResultTable):
     """The estimate."""
 
     method: str
@@ -196,7 +196,7 @@ class EstimateTable(Table):
     covariance: list[list[Number]] = Field(description="of the unconstrained base parameters, SI")
 
 
-class ErrorTable(Table):
+class ErrorTable(ResultTable):
     """Prediction error of one motor on one log, or of all its motors together."""
 
     log: str
@@ -210,14 +210,14 @@ class ErrorTable(Table):
     count: int | None = Field(description="rows")
 
 
-class Criteria(Table):
+class Criteria(ResultTable):
     """The study's criterion."""
 
     relative_error_percent: float | None
     met: bool | None
 
 
-class ResultUse(Table):
+class ResultUse(ResultTable):
     """What the diagnosis says of one use of the model."""
 
     use: str = Field(description="predicting, compensation or quoting")

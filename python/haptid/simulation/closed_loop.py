@@ -110,7 +110,7 @@ class Steps:
 
 
 # From control period k, positions and velocities to torques, and which motors are not saturated.
-TorqueLaw = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
+_TorqueLaw = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
 
 
 def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
@@ -180,7 +180,12 @@ def open_loop(
 
 
 def _run(
-    forward: ForwardDynamics, motion: Motion, stretches: Stretches, per: int, start: tuple[Array, Array], law: TorqueLaw
+    forward: ForwardDynamics,
+    motion: Motion,
+    stretches: Stretches,
+    per: int,
+    start: tuple[Array, Array],
+    law: _TorqueLaw,
 ) -> Steps:
     """All steps, with constant torque within a control period."""
     c, cd = start

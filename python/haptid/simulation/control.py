@@ -14,7 +14,7 @@ from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
 from haptid.motion.treatment import Motion
 
-Figures = float | Sequence[float]
+_Figures = float | Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,13 @@ class PID:
         saturation: largest torque of a motor's coordinate, N m or N; None for no limit.
     """
 
-    kp: Figures
-    kd: Figures
-    ki: Figures = 0.0
+    kp: _Figures
+    kd: _Figures
+    ki: _Figures = 0.0
     reference: Signal | Sequence[Array] | None = None
     rate_hz: float | None = None
     velocity_cutoff_hz: float | None = None
-    saturation: Figures | None = None
+    saturation: _Figures | None = None
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "velocity_cutoff_hz"):

@@ -13,13 +13,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics
-from haptid.dynamics.regressor import columns
+from haptid.dynamics.regressor import regressor_columns
 from haptid.motion.treatment import Motion
 from haptid.simulation.closed_loop import Steps
 from haptid.simulation.control import PID, ControllerState, InitialState
 
 # Steps that are linearised at a time: enough for the core, with little memory.
-CHUNK = 64
+_CHUNK = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,18 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         x[:, :, p:] = np.eye(2 * n)
     else:
         c, cd = steps.c[0, :, :count], steps.cd[0, :, :count]
-        static = columns(forward.model, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)  # as `closed_loop` begins
+        static = regressor_columns(forward.model, c, cd, np.zeros_like(c), base).transpose(
+            0, 2, 1
+        )  # as `closed_loop` begins
         none = np.zeros((n, count, varied))
         running = ControllerState(law, forward.model, period, InitialState(none, none, none, none, static))
     made_c = np.empty((len(steps.stretches.sample), n, varied, count))
     made_tau = None if running is None else np.empty_like(made_c)
-    for first in range(0, len(steps.c), CHUNK):
-        part = slice(first, min(first + CHUNK + 1, len(steps.c)))
+    for first in range(0, len(steps.c), _CHUNK):
+        part = slice(first, min(first + _CHUNK + 1, len(steps.c)))
         linear = _linearised(forward, steps, part, base)
         ahead = np.asarray(np.linalg.inv(np.eye(2 * n) - 0.5 * period * linear.F))
-        for k in range(first, min(first + CHUNK, len(steps.c))):
+        for k in range(first, min(first + _CHUNK, len(steps.c))):
             s, rate = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
             tau = None
             if running is not None:
@@ -112,7 +114,7 @@ def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array
     F = np.zeros((states, 2 * n, 2 * n))
     F[:, :n, n:] = np.eye(n)
     F[:, n:, :n], F[:, n:, n:] = -inverse @ by_c, -inverse @ by_cd
-    b = -inverse @ columns(forward.model, c, cd, cdd, base).transpose(2, 0, 1)
+    b = -inverse @ regressor_columns(forward.model, c, cd, cdd, base).transpose(2, 0, 1)
     F, b, inverse = (np.asarray(x.reshape(-1, count, *x.shape[1:]), dtype=np.float64) for x in (F, b, inverse))
     return _Linear(F, b, inverse)
 

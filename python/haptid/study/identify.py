@@ -26,7 +26,7 @@ from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.cross_validation import alternate, each_log
 from haptid.validation.validation import Validation, direct, pooled, validate
 
-Progress = Callable[[str, float], None]
+_Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Identification:
 def identify(
     study: Study,
     data: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: _Progress | None = None,
     workers: Executor | None = None,
     kept: RFactorCache | None = None,
 ) -> Identification:
@@ -135,7 +135,7 @@ def _silent(_what: str, _share: float) -> None:
     """No progress report."""
 
 
-def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
+def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
     path = data / entry.path
@@ -155,14 +155,14 @@ def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEnt
     return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
 
 
-def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
+def _treat(log: Log, treatment: Treatment, tell: _Progress) -> Motion:
     tell(f"treating {log.path.name}", 0.0)
     motion = treat(log, treatment)
     tell(f"treating {log.path.name}", 1.0)
     return motion
 
 
-def _pace(tell: Progress) -> Callable[[Motion, float], None]:
+def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
     """Progress of observing, with samples per second."""
     begin, done = time.perf_counter(), dict[Motion, float]()
 

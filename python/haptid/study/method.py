@@ -74,8 +74,8 @@ INTERVALS: Mapping[str, Callable[[], Intervals]] = {
     "bootstrap": Bootstrap,
     "profile": Profile,
 }
-LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
-SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
+_LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
+_SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
 CONSTRAINTS = ("possible", "limits", "relations")
 
 
@@ -87,12 +87,12 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             controller, and there is none.
     """
     make, keys = METHODS[table.method]
-    given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
+    given = {key: value for key in _SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
         if key not in keys:
             raise fault(study, f"estimate.{key}", f"the method {table.method!r} has no such setting", given[key])
     if "loss" in given:
-        given["loss"] = LOSSES[given["loss"]]()
+        given["loss"] = _LOSSES[given["loss"]]()
     if isinstance(make, type) and issubclass(make, ClosedLoop):
         if controller is None:
             raise fault(

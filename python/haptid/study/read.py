@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.toml_tables import read_checked
-from haptid.device.priors import Body, tensor
+from haptid.device.priors import PriorBody, tensor
 from haptid.errors import LogError, SettingError, StudyFileError
 from haptid.log import Channels, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
@@ -115,7 +115,7 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
 
 def _load(table: LoadTable) -> Payload:
     inertia = None if table.inertia is None else tensor(np.array(table.inertia))
-    return Payload(table.link, Body(table.mass, np.array(table.com), inertia))
+    return Payload(table.link, PriorBody(table.mass, np.array(table.com), inertia))
 
 
 def _signal(study: Path, where: str, table: SignalTable) -> Signal:

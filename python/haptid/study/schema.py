@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from haptid.errors import StudyFileError
 
 Role = Literal["identify", "validate"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Table(BaseModel):
@@ -24,10 +24,10 @@ class SignalTable(_Table):
     channels: list[str] = Field(min_length=1, description="one channel for each joint or motor, in the device's order")
     unit: str = Field(description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts")
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
-    gain: Finite | list[Finite] = Field(1.0, description="factor on the channel, applied first")
-    offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
+    gain: _Finite | list[_Finite] = Field(1.0, description="factor on the channel, applied first")
+    offset: _Finite | list[_Finite] = Field(0.0, description="added after the gain and the unit, SI")
     unwrap: bool = Field(False, description="unwrap an angle that jumps by whole turns")
-    period: Positive | None = Field(None, description="jump of a wrapped channel, in its own unit; default: one turn")
+    period: _Positive | None = Field(None, description="jump of a wrapped channel, in its own unit; default: one turn")
     constant_ok: bool = Field(False, description="permit a channel that is constant")
     allow_saturation: bool = Field(False, description="permit a torque held at its limit")
 
@@ -37,7 +37,7 @@ class ChannelsTable(_Table):
 
     time: str | None = Field(None, description="channel of the sample times; or give rate_hz")
     time_unit: str = Field("s", description="s, ms, us or ns")
-    rate_hz: Positive | None = Field(None, description="sampling rate, where the log has no times")
+    rate_hz: _Positive | None = Field(None, description="sampling rate, where the log has no times")
     position: SignalTable
     torque: SignalTable
 
@@ -46,9 +46,9 @@ class LoadTable(_Table):
     """A known payload, fixed to a link during the recording; a point mass where `inertia` is left out."""
 
     link: str = Field(description="name of the link's joint")
-    mass: Positive = Field(description="kg")
-    com: list[Finite] = Field(min_length=3, max_length=3, description="centre of mass in the file's link frame, m")
-    inertia: list[Finite] | None = Field(
+    mass: _Positive = Field(description="kg")
+    com: list[_Finite] = Field(min_length=3, max_length=3, description="centre of mass in the file's link frame, m")
+    inertia: list[_Finite] | None = Field(
         None, min_length=6, max_length=6, description="XX YY ZZ XY XZ YZ about the centre of mass, kg m^2"
     )
 
@@ -58,7 +58,9 @@ class LogTable(_Table):
 
     path: str = Field(description="relative to --data, or to the study file")
     role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
-    stretch: list[Finite] | None = Field(None, min_length=2, max_length=2, description="time range used, from .. to, s")
+    stretch: list[_Finite] | None = Field(
+        None, min_length=2, max_length=2, description="time range used, from .. to, s"
+    )
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
     load: LoadTable | None = Field(None, description="known payload of this recording; its torque is subtracted")
 
@@ -66,12 +68,12 @@ class LogTable(_Table):
 class TreatmentTable(_Table):
     """Treatment of the logs; settings that are not given are proposed from the logs. See `haptid.Treatment`."""
 
-    cutoff_hz: Positive | Literal["none"] | None = Field(
+    cutoff_hz: _Positive | Literal["none"] | None = Field(
         None, description="-3 dB of the position filter, Hz, or 'none'"
     )
     order: int | None = Field(None, ge=1, le=12, description="order of one pass of the Butterworth filter; default 4")
     decimation: int | None = Field(None, ge=1, description="samples per row")
-    parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the parallel filter of torque and W, Hz")
+    parallel_cutoff_hz: _Positive | None = Field(None, description="-3 dB of the parallel filter of torque and W, Hz")
     parallel_shape: Literal["bell", "sharp", "causal"] | None = Field(
         None,
         description="of that filter: bell (Kaiser window, default), sharp (windowed sinc), or causal",
@@ -80,18 +82,18 @@ class TreatmentTable(_Table):
     accelerations: Literal["differences", "momentum"] | None = Field(
         None, description="differences of the positions (default), or momentum: a formulation without accelerations"
     )
-    velocity_cutoff_hz: Positive | None = Field(
+    velocity_cutoff_hz: _Positive | None = Field(
         None, description="velocity by a causal differentiator of the positions, Hz; with accelerations = 'momentum'"
     )
-    reversal_speed: Finite | list[Finite] | None = Field(
+    reversal_speed: _Finite | list[_Finite] | None = Field(
         None, description="rows below this speed are dropped, rad/s or m/s; 0 for none"
     )
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None,
         description="rows this close to slow motion are dropped too, s; default: the length of the parallel filter",
     )
-    block: Positive | None = Field(None, description="length of a time block, s; default 1")
-    torque_delay_s: Finite | None = Field(
+    block: _Positive | None = Field(None, description="length of a time block, s; default 1")
+    torque_delay_s: _Finite | None = Field(
         None, description="delay of the torque channel, by which the acting torque is earlier, s; 0 for none"
     )
 
@@ -101,21 +103,21 @@ class ReferenceTable(_Table):
 
     channels: list[str] = Field(min_length=1, description="one channel for each active joint, in the device's order")
     unit: str = Field(description="rad, deg, turn, m, mm, um, counts")
-    gain: Finite | list[Finite] = Field(1.0, description="factor on the channel, applied first")
-    offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
+    gain: _Finite | list[_Finite] = Field(1.0, description="factor on the channel, applied first")
+    offset: _Finite | list[_Finite] = Field(0.0, description="added after the gain and the unit, SI")
 
 
 class ControllerTable(_Table):
     """The controller that moved the device during the recording; one value for all motors, or one for each."""
 
-    kp: Finite | list[Finite] = Field(description="proportional gain at the joint side, N m/rad or N/m")
-    kd: Finite | list[Finite] = Field(description="derivative gain, N m s/rad or N s/m")
-    ki: Finite | list[Finite] = Field(0.0, description="integral gain; 0 for none")
-    rate_hz: Positive | None = Field(None, description="control rate, a multiple of the log's; default: the log's")
-    velocity_cutoff_hz: Positive | None = Field(
+    kp: _Finite | list[_Finite] = Field(description="proportional gain at the joint side, N m/rad or N/m")
+    kd: _Finite | list[_Finite] = Field(description="derivative gain, N m s/rad or N s/m")
+    ki: _Finite | list[_Finite] = Field(0.0, description="integral gain; 0 for none")
+    rate_hz: _Positive | None = Field(None, description="control rate, a multiple of the log's; default: the log's")
+    velocity_cutoff_hz: _Positive | None = Field(
         None, description="cut-off of the first-order filter of the differentiated positions; default: none"
     )
-    saturation: Positive | list[Positive] | None = Field(None, description="torque limit of a motor, N m or N")
+    saturation: _Positive | list[_Positive] | None = Field(None, description="torque limit of a motor, N m or N")
     reference: ReferenceTable | None = Field(None, description="reference positions; default: the treated ones")
 
 
@@ -130,8 +132,8 @@ class HoldoutTable(_Table):
 class LimitTable(_Table):
     """Bounds of a base parameter."""
 
-    low: Finite | None = Field(None, description="lower bound, SI")
-    high: Finite | None = Field(None, description="upper bound, SI")
+    low: _Finite | None = Field(None, description="lower bound, SI")
+    high: _Finite | None = Field(None, description="upper bound, SI")
 
 
 class EstimateTable(_Table):
@@ -160,14 +162,14 @@ class EstimateTable(_Table):
         None, ge=1, description="iterations of the weights; only of WLS, SUR, GLS, heteroscedastic and ridge"
     )
     loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: robust loss; default: Tukey")
-    resolution: Positive | list[Positive] | None = Field(
+    resolution: _Positive | list[_Positive] | None = Field(
         None,
         description="encoder noise: resolution of the position channels, rad or m; default: the log's smallest step",
     )
-    share: Positive | None = Field(
+    share: _Positive | None = Field(
         None, description="ridge: relative standard deviation of prior values that have none; default: 0.3"
     )
-    strength: Positive | None = Field(
+    strength: _Positive | None = Field(
         None, description="ridge, entropic: regularisation strength; default: by cross-validation"
     )
     intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap", "profile"] = Field(
@@ -177,7 +179,7 @@ class EstimateTable(_Table):
         False, description="constrain the estimate to be physically consistent: bodies and passive friction"
     )
     limits: dict[str, LimitTable] | None = Field(None, description="bounds of base parameters, by name")
-    relations: dict[str, Finite] | None = Field(
+    relations: dict[str, _Finite] | None = Field(
         None, description="equality constraints: combinations of parameters and their exact values"
     )
 
@@ -185,7 +187,7 @@ class EstimateTable(_Table):
 class CriteriaTable(_Table):
     """Criterion of the result; the exit status of `haptid identify` reports whether it is met."""
 
-    relative_error_percent: Positive | None = Field(None, description="largest relative error on unseen rows")
+    relative_error_percent: _Positive | None = Field(None, description="largest relative error on unseen rows")
 
 
 class StudyTable(_Table):

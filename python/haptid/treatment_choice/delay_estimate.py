@@ -20,9 +20,9 @@ from haptid.motion.treatment import Treatment, treat, with_delay
 from haptid.observation.observation import Observation, observe
 
 # Distance of the parabola's points in each iteration around the last minimum, samples.
-STEPS = (1.0, 0.5, 0.25)
+_STEPS = (1.0, 0.5, 0.25)
 # Longest delay, samples; a longer one is not the delay of a drive, and the parabola is not valid there.
-LONGEST = 50.0
+_LONGEST = 50.0
 # Groups of blocks for the jackknife standard error.
 GROUPS = 10
 
@@ -52,14 +52,14 @@ def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -
         HaptidError: as `treat` and `observe`.
     """
     dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
-    guess, step = 0.0, STEPS[0]
+    guess, step = 0.0, _STEPS[0]
     trio: list[Observation] = []
-    for step in STEPS:
+    for step in _STEPS:
         late = [(guess + k * step) * dt for k in (-1, 0, 1)]
         trio = [observe(model, *(with_delay(motion, seconds) for motion in motions)) for seconds in late]
         weights = WLS().weights(trio[1])
         lowest = _lowest(trio, weights)
-        if lowest is None or abs(guess + step * lowest) > LONGEST:
+        if lowest is None or abs(guess + step * lowest) > _LONGEST:
             return None
         around, guess = guess, guess + step * lowest
     group = np.arange(len(trio[1].blocks)) * GROUPS // len(trio[1].blocks)

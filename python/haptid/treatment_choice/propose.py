@@ -25,7 +25,7 @@ from haptid.observation.plan import Plan
 from haptid.treatment_choice.delay_estimate import find_delay
 
 # Share of the velocity's power that counts as motion.
-MOTION = 0.98
+_MOTION = 0.98
 # Cut-off of the parallel filter over the motion's highest frequency, and of the position filter over that of the
 # parallel filter: each passes the band of the one before unchanged.
 ABOVE_MOTION, ABOVE_PARALLEL = 3.0, 3.0
@@ -45,7 +45,7 @@ ABOVE_NOISE = 100.0
 # Noise above this share of the acceleration is reported.
 NOISY = 0.1
 # Length of the part of each log that is analysed, s.
-ENOUGH = 120.0
+_ENOUGH = 120.0
 # Length of the segments whose spectra are averaged (Welch), s, and their fewest samples.
 STRETCH, FEWEST = 8.0, 64
 # Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
@@ -86,7 +86,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
-    logs = tuple(log.busiest(ENOUGH) for log in logs)
+    logs = tuple(log.busiest(_ENOUGH) for log in logs)
     filters, why = _filters(logs, given)
     slow, why_slow = _slow(model, logs, filters, given)
     kept, why_kept = _wide_enough(model, logs, slow, given)
@@ -95,10 +95,10 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     return Proposal(timed, (*why, *noise, *why_slow, *why_kept, *why_timed))
 
 
-Step = tuple[Treatment, tuple[str, ...]]
+_Step = tuple[Treatment, tuple[str, ...]]
 
 
-def _filters(logs: Sequence[Log], given: Mapping[str, Any]) -> Step:
+def _filters(logs: Sequence[Log], given: Mapping[str, Any]) -> _Step:
     """Both cut-offs and the decimation, from the motion's highest frequency."""
     dt = max(float(log.dt) for log in logs)
     highest = max(bandwidth(log) for log in logs)
@@ -107,7 +107,7 @@ def _filters(logs: Sequence[Log], given: Mapping[str, Any]) -> Step:
         wanted = given["cutoff_hz"] / ABOVE_PARALLEL
     parallel = given.get("parallel_cutoff_hz") or min(wanted, _ceiling(dt, given))
     made = _with_parallel(parallel, dt, given)
-    motion = f"the motion is below {highest:.2g} Hz ({100 * MOTION:.0f} % of the velocity's power)"
+    motion = f"the motion is below {highest:.2g} Hz ({100 * _MOTION:.0f} % of the velocity's power)"
     reasons = []
     if parallel < highest:
         reasons.append(
@@ -154,7 +154,7 @@ def bandwidth(log: Log) -> float:
         if power.max() < ABOVE_NOISE * floor:  # it hardly moves
             continue
         velocity = (2 * np.pi * f) ** 2 * np.maximum(power - floor, 0.0)
-        highest = max(highest, float(f[np.searchsorted(np.cumsum(velocity), MOTION * velocity.sum())]))
+        highest = max(highest, float(f[np.searchsorted(np.cumsum(velocity), _MOTION * velocity.sum())]))
     return highest
 
 
@@ -191,7 +191,7 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
     return sentence + ("." if worst < NOISY else ": record faster motion, or with a finer encoder.")
 
 
-def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
     """With `reversal_speed`: the speed below which the sign of a motor's dry friction is uncertain."""
     rows = len(model.device.row_names)
     if "reversal_speed" in given or not any(model.coulomb_terms(row) for row in range(rows)):
@@ -213,7 +213,7 @@ def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array,
     return state(model.device, motion, *motion.usable)
 
 
-def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
     """With a parallel filter short enough for each motor to keep a share KEPT of its rows between reversals."""
     if not np.any(treatment.reversal_speed):
         return treatment, ()
@@ -261,7 +261,7 @@ def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> l
     return [float(share) for share in kept[list(model.device.measured)] / max(many, 1)]
 
 
-def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
     """With `torque_delay_s`."""
     if "torque_delay_s" in given:
         return treatment, ()

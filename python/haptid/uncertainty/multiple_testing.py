@@ -8,7 +8,7 @@ from scipy import stats
 from haptid._internal.arrays import Array, freeze
 
 # A deviation below this share of the values is rounding: what is held has none at all.
-ROUNDING = 1e-9
+_ROUNDING = 1e-9
 
 
 def two_sided(value: Array, se: Array, dof: Array) -> Array:
@@ -32,7 +32,7 @@ def together(p: Array) -> Array:
 
 def deviations_to_weigh(value: Array, se: Array) -> Array:
     """Deviations, (n,), none of them below what is rounding of the values, (n,)."""
-    return np.asarray(np.maximum(se, ROUNDING * np.abs(value).max(initial=0.0)))
+    return np.asarray(np.maximum(se, _ROUNDING * np.abs(value).max(initial=0.0)))
 
 
 def misfit(value: Array, se: Array, dof: Array, columns: Array) -> float:

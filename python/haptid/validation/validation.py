@@ -91,15 +91,15 @@ def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
             found=(shared.start, shared.stop),
             advice="Validate on another log, or hold blocks of this one out before the fit.",
         )
-    return compare(estimate, unseen, seen=False)
+    return _compare(estimate, unseen, seen=False)
 
 
 def direct(estimate: Estimate, observation: Observation | None = None) -> Validation:
     """In-sample fit errors, on the fitted rows or some of them; they do not bound prediction errors, see `validate`."""
-    return compare(estimate, observation or estimate.observation, seen=True)
+    return _compare(estimate, observation or estimate.observation, seen=True)
 
 
-def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validation:
+def _compare(estimate: Estimate, observation: Observation, seen: bool) -> Validation:
     """Errors by motor, from R factors alone."""
     if not observation.model.is_same_as(estimate.model):
         raise different_models(estimate.model, observation.model)

@@ -11,7 +11,7 @@ from haptid.demos.cea_branches.plan import Compensating, Sweep
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import apparent_mass
-from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.estimation import Estimate
 from haptid.experiment.bench.setup import Controller, Push, Setup
@@ -21,7 +21,7 @@ from haptid.experiment.bench.trajectories import Trajectory
 # The motors apply the torque of the law alone; the hand moves the device freely.
 OFF = Controller((0.0,), (0.0,), tracking_limit=1.0)
 # Linear components of the handle's velocity.
-LINEAR = slice(0, 3)
+_LINEAR = slice(0, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +101,17 @@ def shaken(plan: Compensating, made: Setup, pose: Array, direction: Array, law: 
     found = simulate(setup, Trajectory(setup.dt, q, 0 * q, 0 * q), np.random.default_rng(0))
     late = round(plan.settled / setup.dt)
     qa, qda, qdda = (x[late:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
-    J = handle_motion(model, qa).jacobian[:, LINEAR]
+    J = handle_motion(model, qa).jacobian[:, _LINEAR]
     speed = np.einsum("pij,jp->pi", J, qda) @ direction
-    acceleration = (np.einsum("pij,jp->pi", J, qdda) + drift(model, qa, qda)[:, LINEAR]) @ direction
+    acceleration = (
+        np.einsum("pij,jp->pi", J, qdda) + velocity_product_acceleration(model, qa, qda)[:, _LINEAR]
+    ) @ direction
     columns = np.column_stack([acceleration, speed, np.ones_like(speed)])
     return float(np.linalg.lstsq(columns, found.hand[late:] @ direction, rcond=None)[0][0])
 
 
 def bound(plan: Compensating, estimated: Estimate, pose: Array, lag: float) -> float:
     """Share below which the loop is stable while a hand holds the handle."""
-    J = handle_motion(estimated.model, pose[:, None]).jacobian[0, LINEAR]
+    J = handle_motion(estimated.model, pose[:, None]).jacobian[0, _LINEAR]
     inertia = mass_matrix(estimated.model, estimated.beta, pose[:, None])[0]
     return stable_share(inertia, plan.hand_damping * J.T @ J, plan.hand_stiffness * J.T @ J, lag)

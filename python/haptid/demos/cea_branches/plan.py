@@ -13,7 +13,7 @@ from haptid.demos.plan import Demo, Part, Table, read_table
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation import sweep
 
-Pair = tuple[float, float]
+_Pair = tuple[float, float]
 
 
 class Branch(Part):
@@ -37,8 +37,8 @@ class Branch(Part):
 class Stretch(Part):
     """Used times of the logs, s, and treatment."""
 
-    identify: Pair
-    unseen: Pair
+    identify: _Pair
+    unseen: _Pair
     decimation: int
     friction_edge: float = Field(description="left out at both ends of the friction test, s")
     friction_cutoff_hz: float
@@ -61,11 +61,11 @@ class Sweep(Part):
     title: str
     label: str
     joint: str
-    degrees: Pair
+    degrees: _Pair
     turned: float = Field(0.0, description="position of the joint minus the plotted angle, degrees")
     pose: dict[str, float] = Field(description="of the other active joints, degrees")
     poses: int
-    published: tuple[Pair, Pair, Pair] = Field(description="ranges of the masses, largest first, kg")
+    published: tuple[_Pair, _Pair, _Pair] = Field(description="ranges of the masses, largest first, kg")
 
     @property
     def plotted(self) -> Array:

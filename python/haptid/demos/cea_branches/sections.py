@@ -10,15 +10,15 @@ from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.plan import Drawn, Sweep
 from haptid.demos.cea_branches.results import Identified, Results
 from haptid.demos.cea_branches.tables import friction, parameters, posture, ranged, sweeps
-from haptid.report.chart import Chart, axis, figure, packed, plot, series
+from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
 from haptid.validation.validation import Validation
 
-WORDS = {"greatest": "maximum", "least": "minimum", "variation": "variation"}
-FIGURES: dict[str, Callable[[Array], float]] = {"greatest": np.max, "least": np.min, "variation": np.ptp}
+_WORDS = {"greatest": "maximum", "least": "minimum", "variation": "variation"}
+_FIGURES: dict[str, Callable[[Array], float]] = {"greatest": np.max, "least": np.min, "variation": np.ptp}
 # One colour for each mass, largest first.
-COLOURS = ("blue", "vermillion", "green")
+_COLOURS = ("blue", "vermillion", "green")
 
 
 def sections(found: Results) -> list[DocumentSection]:
@@ -46,7 +46,7 @@ def _friction(found: Results) -> DocumentSection:
             drawing = plot(
                 axis("velocity", "rad/s"),
                 axis("friction torque", joint.unit, zero=True),
-                [series("mean", "interval", "blue", **points)],
+                [chart_series("mean", "interval", "blue", **points)],
                 height=200,
             )
             caption = f"{len(joint.velocity)} constant velocities with 95 % intervals."
@@ -159,9 +159,9 @@ def _masses(found: Results) -> DocumentSection:
     cells = [["sweep", "largest mass", "printed, kg", *(one.branch.title for one in found.found.values())]]
     for said in found.demo.statements:
         masses = (handle.sweeps[said.sweep].mass.values[:, 0] for handle in found.handles.values())
-        ours = [f"{FIGURES[said.what](mass):.2f}" for mass in masses]
+        ours = [f"{_FIGURES[said.what](mass):.2f}" for mass in masses]
         label = found.demo.sweep(said.sweep).label.split(",")[0]
-        cells.append([label, WORDS[said.what], f"{said.published:.2f}", *ours])
+        cells.append([label, _WORDS[said.what], f"{said.published:.2f}", *ours])
     charts = [_sweep_chart(found, sweep, key, one) for sweep in found.demo.sweeps for key, one in found.found.items()]
     tables = (TextTable("Ranges", sweeps(found)), TextTable("Printed statements", cells))
     return DocumentSection("masses", "Apparent mass (figure 7)", tuple(text), tables, tuple(charts))
@@ -171,17 +171,17 @@ def _sweep_chart(found: Results, sweep: Sweep, key: str, one: Identified) -> Cha
     """Principal apparent masses along a sweep with 95 % intervals; the published ranges are dashed."""
     mass, x = found.handles[key].sweeps[sweep.key].mass, packed(sweep.plotted)
     band, curves = mass.conf_int(), []
-    for k, (ends, colour) in enumerate(zip(sweep.published, COLOURS, strict=True)):
-        curves.append(series(f"mass {k + 1}", "line", colour, x=x, y=packed(mass.values[:, k])))
+    for k, (ends, colour) in enumerate(zip(sweep.published, _COLOURS, strict=True)):
+        curves.append(chart_series(f"mass {k + 1}", "line", colour, x=x, y=packed(mass.values[:, k])))
         for end, level in zip(("lowest", "highest"), ends, strict=True):
             y = packed(np.full(sweep.poses, level))
-            curves.append(series(f"{end} published {k + 1}", "line", colour, x=x, y=y, dash="4 3"))
+            curves.append(chart_series(f"{end} published {k + 1}", "line", colour, x=x, y=y, dash="4 3"))
         if band is not None:
             low, high = packed(band[:, k, 0]), packed(band[:, k, 1])
-            curves.append(series(f"95 % interval {k + 1}", "band", colour, x=x, low=low, high=high))
+            curves.append(chart_series(f"95 % interval {k + 1}", "band", colour, x=x, low=low, high=high))
     label, _, unit = sweep.label.partition(", ")
     drawing = plot(axis(label, unit), axis("apparent mass", "kg", zero=True), curves, height=260)
-    ranges = "; ".join(f"mass {k + 1} {ranged(mass.values[:, k])} kg" for k in range(len(COLOURS)))
+    ranges = "; ".join(f"mass {k + 1} {ranged(mass.values[:, k])} kg" for k in range(len(_COLOURS)))
     title = f"Fig. 7, {one.branch.title.lower()} branch: {sweep.title}"
     alt = f"Principal apparent masses against {label}, with the published ranges."
     return Chart(f"sweep-{sweep.key}-{key}", title, alt, f"{ranges}.", drawing)
@@ -254,12 +254,12 @@ def _compensation(found: Results) -> DocumentSection:
     cells += [[f"{a:g}", *(f"{m:.3f}" for m in row)] for a, *row in zip(made.degrees, *columns.values(), strict=True)]
     sweep = found.demo.sweep(plan.sweep)
     mass = found.handles[plan.branch].sweeps[sweep.key].mass.values[:, 0]
-    curves = [series("model", "line", "black", x=packed(sweep.plotted), y=packed(mass))]
+    curves = [chart_series("model", "line", "black", x=packed(sweep.plotted), y=packed(mass))]
     colours = {"weight carried": "blue", "with the law": "vermillion", "predicted": "purple"}
     colours["pose-dependent share"] = "green"
     for name, colour in colours.items():
         y = packed(columns[name])
-        curves.append(series(name, "interval", colour, x=packed(made.degrees), y=y, low=y, high=y))
+        curves.append(chart_series(name, "interval", colour, x=packed(made.degrees), y=y, low=y, high=y))
     label, _, unit = sweep.label.partition(", ")
     drawing = plot(axis(label, unit), axis("apparent mass", "kg", zero=True), curves, height=240)
     caption = f"Stable share {figure(made.bound)}, target {figure(made.target)} kg."

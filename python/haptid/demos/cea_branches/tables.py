@@ -14,11 +14,11 @@ from haptid.demos.plan import write_csv
 from haptid.uncertainty.quantities import Field, aligned
 from haptid.validation.validation import Validation
 
-AXES = "xyz"
-Cells = list[list[str]]
+_AXES = "xyz"
+_Cells = list[list[str]]
 
 
-def parameters(found: Identified) -> Cells:
+def parameters(found: Identified) -> _Cells:
     """The published table with the essential parameters found here."""
     cells = [["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]]
     for name in found.table.rows:
@@ -32,7 +32,7 @@ def parameters(found: Identified) -> Cells:
     return cells
 
 
-def friction(found: Results) -> Cells:
+def friction(found: Results) -> _Cells:
     """Coulomb friction from the friction test, by branch and motor."""
     cells = [["branch", "motor", "published, test", "found, test", "95 % interval", "true"]]
     for key, test in found.friction.items():
@@ -45,7 +45,7 @@ def friction(found: Results) -> Cells:
     return cells
 
 
-def sweeps(found: Results) -> Cells:
+def sweeps(found: Results) -> _Cells:
     """Ranges of the masses along the sweeps: published, and ours by branch with the widest interval."""
     titles = [one.branch.title for one in found.found.values()]
     cells = [["sweep", "mass", "published, kg", *(f"{title}, kg" for title in titles)]]
@@ -65,7 +65,7 @@ def ranged(values: Array) -> str:
     return f"{values.min():.3f} .. {values.max():.3f}"
 
 
-def posture(found: Results) -> Cells:
+def posture(found: Results) -> _Cells:
     """Characterisation at the posture, by branch."""
     columns = [dict(at_posture(found, handle)) for handle in found.handles.values()]
     cells = [["figure", "unit", *(one.branch.title for one in found.found.values())]]
@@ -79,11 +79,11 @@ def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str]
         yield (f"apparent mass {k + 1}", "kg"), shown(c.apparent_mass, k)
     for k in range(3):
         yield (f"viscous friction {k + 1}, all parameters", "N s/m"), shown(handle.full.viscous_friction, k)
-    for axis, d in zip(AXES, np.eye(3), strict=True):
-        yield (f"Coulomb friction along {axis}", "N"), shown(c.coulomb_friction(d), AXES.index(axis))
-    for axis in AXES:
-        yield (f"Coulomb friction along {axis}, as printed", "N"), shown(c.coulomb_by_axis, AXES.index(axis))
-    for axis, d in zip(AXES, np.eye(3), strict=True):
+    for axis, d in zip(_AXES, np.eye(3), strict=True):
+        yield (f"Coulomb friction along {axis}", "N"), shown(c.coulomb_friction(d), _AXES.index(axis))
+    for axis in _AXES:
+        yield (f"Coulomb friction along {axis}, as printed", "N"), shown(c.coulomb_by_axis, _AXES.index(axis))
+    for axis, d in zip(_AXES, np.eye(3), strict=True):
         for way, sign in (("+", 1), ("-", -1)):
             yield (f"back-drive force along {way}{axis}", "N"), shown(c.backdrive_force(sign * d))
     for speed in plan.speeds:

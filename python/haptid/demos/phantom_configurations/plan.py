@@ -14,7 +14,7 @@ from haptid.dynamics.workspace import Box, Workspace, workspace
 from haptid.motion.filters import Causal, HighPass
 from haptid.motion.treatment import Treatment
 
-Triple = tuple[float, float, float]
+_Triple = tuple[float, float, float]
 
 
 class Halves(Part):
@@ -70,13 +70,13 @@ class Pair(Part):
     flipped: tuple[str, ...] = ()
 
 
-class Place(Part):
+class _Place(Part):
     """A workspace: the joint limits of the device file, some of them replaced, and a box for the handle, m."""
 
     name: str
     title: str
     degrees: dict[str, tuple[float, float]] = Field(default_factory=dict)
-    box: tuple[Triple, Triple] | None = None
+    box: tuple[_Triple, _Triple] | None = None
 
     def of(self, model: DynamicModel) -> Workspace:
         """The workspace of a device."""
@@ -116,7 +116,7 @@ class PhantomDemo(Demo):
     published: Published
     mountings: dict[str, str] = Field(description="titles, by experiment")
     comparisons: tuple[Pair, ...]
-    workspaces: tuple[Place, ...]
+    workspaces: tuple[_Place, ...]
     hand: Hand
     tool: Tool
 

@@ -25,7 +25,7 @@ from haptid.inference.targets import Targets, target_map
 
 # Fits whose mass matrix and bodies are evaluated.
 EVALUATED = ("encoders", "held")
-EXACT = "-exact"
+_EXACT = "-exact"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Results:
 
 def takes(demo: PhantomDemo, logs: Path) -> list[Take]:
     """Every mounting with encoders and with exact sensors, and the logs with a tool and with a hand."""
-    mounted = [demo.take(key, logs, *way) for key in demo.mountings for way in (("", False), (EXACT, True))]
+    mounted = [demo.take(key, logs, *way) for key in demo.mountings for way in (("", False), (_EXACT, True))]
     return [*mounted, demo.take(demo.tool.experiment, logs), demo.take(demo.hand.experiment, logs)]
 
 
@@ -84,7 +84,7 @@ def find(demo: PhantomDemo, logs: Path, tell: Tell) -> Results:
     fits = {}
     for k, key in enumerate(demo.mountings):
         tell("identifying", k / len(demo.mountings))
-        fits[key] = fit_all(demo, key, recording(key, EXACT), recording(key))
+        fits[key] = fit_all(demo, key, recording(key, _EXACT), recording(key))
     tell("identifying", 1.0)
     published, evaluated = evaluate_all(demo, model, fits, tell)
     return Results(

@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
 from haptid.motion.treatment import Motion
 from haptid.observation.rows import chunks
-from haptid.report.chart import Chart, axis, packed, plot, series
+from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
 
@@ -107,7 +107,7 @@ def _friction_charts(found: Results) -> list[Chart]:
     speed = np.concatenate([s.filtered(s.cd) for s in chunks(model, bare.unseen)], axis=1)
     residual = per_command(model)[:, None] * (made.measured - made.predicted)
     for k, label in enumerate(labels):
-        points = [series("residual", "points", "blue", x=packed(speed[k]), y=packed(residual[k]))]
+        points = [chart_series("residual", "points", "blue", x=packed(speed[k]), y=packed(residual[k]))]
         drawing = plot(axis("velocity", "rad/s"), axis("residual", "N m of command", zero=True), points, height=220)
         about = f"Residual of the fit of 8 parameters against velocity, {label}."
         charts.append(Chart(f"fig4-{k}", f"Fig. 4: {label}", about, about, drawing))

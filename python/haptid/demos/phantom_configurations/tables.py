@@ -12,15 +12,15 @@ from haptid.demos.phantom_configurations.fits import Fit, Fits, accuracy
 from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.plan import write_csv, write_text
 from haptid.observation.observation import observe
-from haptid.report import Hand, make_report
+from haptid.report import HandForceData, make_report
 from haptid.study import LogEntry, Study
 from haptid.study.identify import Identification, Run
 from haptid.treatment_choice.propose import Proposal
 from haptid.uncertainty.quantities import aligned
 from haptid.validation.validation import direct
 
-Columns = Mapping[str, Mapping[str, float]]
-Cells = list[list[str]]
+_Columns = Mapping[str, Mapping[str, float]]
+_Cells = list[list[str]]
 
 
 def titles(found: Results, late: bool = False) -> dict[str, str]:
@@ -30,13 +30,13 @@ def titles(found: Results, late: bool = False) -> dict[str, str]:
     return {key: first[key].title.capitalize() for key in keys}
 
 
-def published(found: Results) -> Columns:
+def published(found: Results) -> _Columns:
     """Published parameters by column and target."""
     table = found.demo.parameters
     return {name: dict(zip(table.rows, table.column(name), strict=True)) for name in table.columns}
 
 
-def ours(found: Results, key: str, si: bool = False) -> Columns:
+def ours(found: Results, key: str, si: bool = False) -> _Columns:
     """Parameters of one sort of fit by mounting and target, after those that follow from measured bodies."""
     made = {name: fits[key].targets if si else fits[key].command for name, fits in found.fits.items()}
     prior = {p.name: p.prior[0] for p in next(iter(made.values())).parameters if p.prior is not None}
@@ -44,13 +44,13 @@ def ours(found: Results, key: str, si: bool = False) -> Columns:
     return {found.demo.parameters.columns[0]: prior, **columns}
 
 
-def truth(found: Results) -> Columns:
+def truth(found: Results) -> _Columns:
     """True parameters in units of command, by mounting and target."""
     made = {name: (fits["encoders"].command, fits.encoders.beta) for name, fits in found.fits.items()}
     return {name: dict(zip(c.names, (c.C @ beta).tolist(), strict=True)) for name, (c, beta) in made.items()}
 
 
-def table1(found: Results, columns: Columns, decimals: int = 4) -> Cells:
+def table1(found: Results, columns: _Columns, decimals: int = 4) -> _Cells:
     """Cells in the layout of Table I."""
     bodies = found.demo.parameters.columns[0]
     heads = {bodies: found.demo.bodies, **{key: found.demo.mountings[key] for key in found.fits}}
@@ -73,13 +73,13 @@ def table2(found: Results) -> dict[str, dict[str, dict[str, float]]]:
     return made
 
 
-def cells2(found: Results, columns: Columns) -> Cells:
+def cells2(found: Results, columns: _Columns) -> _Cells:
     """Cells in the layout of Table II."""
     rows = {motor: f"motor {motor}" for motor in found.demo.errors.rows}
     return layout(rows, {key: found.demo.mountings[key] for key in found.fits}, columns, 2)
 
 
-def layout(rows: Mapping[str, str], heads: Mapping[str, str], columns: Columns, decimals: int) -> Cells:
+def layout(rows: Mapping[str, str], heads: Mapping[str, str], columns: _Columns, decimals: int) -> _Cells:
     """Cells with headings; rows and columns by key with a title; missing numbers are blank."""
     cells = [["", *heads.values()]]
     for row, title in rows.items():
@@ -119,7 +119,7 @@ def write_files(found: Results, folder: Path) -> None:
     key, name = found.demo.hand.mounting, f"{found.demo.hand.experiment}.parquet"
     fits, title = found.fits[key], f"{found.demo.title}: {found.demo.mountings[key]}"
     made = identification(title, f"{key}.parquet", fits["encoders"], fits.proposal)
-    hand = Hand(name, found.hand.t, found.hand.modelled, measured=found.hand.measured)
+    hand = HandForceData(name, found.hand.t, found.hand.modelled, measured=found.hand.measured)
     make_report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write(folder)
 
 

@@ -14,7 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.device.device import Cut, Frame, Joint
 
 # Most Gauss-Newton steps, and the length of a step that is the last one, rad (or m).
-STEPS = 60
+NEWTON_STEPS = 60
 TOLERANCE = 1e-12
 
 
@@ -122,7 +122,9 @@ def _frame(frame: Frame) -> tuple[int, list[float], list[float]]:
     return frame.link, frame.rotation.ravel().tolist(), frame.translation.tolist()
 
 
-def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, tolerance: float = TOLERANCE) -> Array:
+def close_cuts(
+    chain: Chain, q: Array, unknown: Sequence[int], steps: int = NEWTON_STEPS, tolerance: float = TOLERANCE
+) -> Array:
     """Joint positions after damped Gauss-Newton steps of the unknown joints towards closed cuts, (n, joints)."""
     closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, tolerance)
     return closed

@@ -18,9 +18,9 @@ from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError
 
 # Random poses at which the rates of a cut joint are compared.
-POSES = 8
+_POSES = 8
 # Rates that differ by less than this are one.
-SAME = 1e-6
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +60,21 @@ def cut_joints(
     named = [cut for cut in closure.cuts if cut.name is not None]
     if not named:
         return ()
-    qa = closure.draw(np.random.default_rng(0), POSES)
+    qa = closure.draw(np.random.default_rng(0), _POSES)
     followed = closure.follow(qa)
     links = joint_poses(joints, followed.q.T)
-    G = np.broadcast_to(followed.G, (POSES, *followed.G.shape[-2:]))
+    G = np.broadcast_to(followed.G, (_POSES, *followed.G.shape[-2:]))
     made = []
     for cut in named:
         rates = _rates(joints, cut, links, G)
         spread = float(np.ptp(rates, axis=0).max())
-        if spread > SAME:
+        if spread > _SAME:
             raise DeviceFileError(
                 f"{place}: the cut joint {cut.name} has a name, but its rates by the active joints vary with the pose, "
-                f"by {spread:.3g} (limit {SAME:.0e}), so that terms cannot act on it.",
+                f"by {spread:.3g} (limit {_SAME:.0e}), so that terms cannot act on it.",
                 where=place.key,
                 found=spread,
-                limit=SAME,
+                limit=_SAME,
                 advice="Remove its name, or cut the loop at another joint and list this one in joints.",
             )
         made.append(_joint(joints, active, cut, rates[0], float(_position(cut, links)[0]), qa[:, 0]))

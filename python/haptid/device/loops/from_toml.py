@@ -20,11 +20,11 @@ from haptid.device.toml.schema import CutTable, LoopTable
 from haptid.errors import DeviceFileError
 
 # A loop is closed if its gap stays below this share of the mechanism's size.
-CLOSED = 1e-6
+_CLOSED = 1e-6
 # Constants this close to a multiple of pi / 12, and rates this close to one of 1 / 12, are rounded to it.
 NICE = 1e-9
 # Random poses at which closure is tested.
-POSES = 100
+_POSES = 100
 
 
 @dataclass(frozen=True)
@@ -138,10 +138,10 @@ def close(
         if left:
             known = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
             return newton_closure(chain, G, offset, left, known, (loops.guess, at), loops.place), notes
-        error = chain.gap(G, offset, POSES)
-        if error > CLOSED * chain.size:
+        error = chain.gap(G, offset, _POSES)
+        if error > _CLOSED * chain.size:
             how = "with the relations given," if not unknown else "at best,"
-            raise open_loops(loops.place, error, CLOSED * chain.size, how)
+            raise open_loops(loops.place, error, _CLOSED * chain.size, how)
     relations = tuple(relation_text(names, j, active, G[j], offset[j]) for j in loops.passive)
     return Closure(G, offset, error, relations, loops.cuts), notes
 
@@ -202,9 +202,9 @@ def _derived(
     chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
     """G and offset with the linear motions that close the cuts, and the joints left, whose rates vary."""
-    search = find_linear_motions(chain, G, offset, unknown, loops.guess, at, CLOSED)
+    search = find_linear_motions(chain, G, offset, unknown, loops.guess, at, _CLOSED)
     if not search.closed:
-        raise open_loops(loops.place, search.best, CLOSED * chain.size, f"from {search.starts} starts, at best,")
+        raise open_loops(loops.place, search.best, _CLOSED * chain.size, f"from {search.starts} starts, at best,")
     if search.free:
         count = len(unknown)
         raise DeviceFileError(

@@ -9,15 +9,15 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Cut
-from haptid.device.loops.chain import Chain, solve
+from haptid.device.loops.chain import Chain, close_cuts
 
 # Poses of the active joints, and starts of the passive ones at each, from which solutions are sought.
 REFERENCES = 8
-STARTS = 64
+_STARTS = 64
 # A singular value of the cuts' Jacobian by the passive joints below this, relative to the largest, is zero.
-RANK_TOLERANCE = 1e-7
+_RANK_TOLERANCE = 1e-7
 # Two solutions whose constants and rates differ by less than this are one.
-SAME = 1e-4
+_SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +152,11 @@ def find_linear_motions(
         at: a pose of the active joints to start from in addition to random ones, (active,).
         closed: largest gap, in mechanism sizes.
     """
-    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), at]), STARTS, axis=0)
+    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), at]), _STARTS, axis=0)
     q = qa @ G.T + offset
     q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
-    q[::STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
-    q = solve(chain, q, unknown)
+    q[::_STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
+    q = close_cuts(chain, q, unknown)
     gaps = np.abs(chain.residual(q)[0]).max(axis=1)
     found = gaps < closed * chain.size
     tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
@@ -173,7 +173,7 @@ def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, 
     others = G.copy()
     others[unknown] = 0.0
     singular = np.linalg.svd(A, compute_uv=False)
-    return np.asarray(-np.linalg.pinv(A, rcond=RANK_TOLERANCE) @ (J @ others)), np.asarray(singular)
+    return np.asarray(-np.linalg.pinv(A, rcond=_RANK_TOLERANCE) @ (J @ others)), np.asarray(singular)
 
 
 def _tangents(
@@ -183,7 +183,7 @@ def _tangents(
     if not len(q):
         return [], 0
     slopes, singular = rates(chain, q, G, unknown)
-    free = (singular < RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
+    free = (singular < _RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
     motions = []
     for k in np.flatnonzero(free == free.min()):
         whole, constant = G.copy(), offset.copy()
@@ -209,7 +209,7 @@ def _polished(chain: Chain, motion: LinearMotion, unknown: list[int]) -> LinearM
     start = qa @ motion.G.T + motion.offset
     if np.abs(chain.residual(start)[0]).max() > 1e-3 * chain.size:
         return motion
-    q = solve(chain, start, unknown, steps=8)
+    q = close_cuts(chain, start, unknown, steps=8)
     fit = np.linalg.lstsq(np.column_stack([qa, np.ones(len(qa))]), q[:, unknown], rcond=None)[0]
     G, offset = motion.G.copy(), motion.offset.copy()
     G[unknown], offset[unknown] = fit[:-1].T, fit[-1]
@@ -228,7 +228,7 @@ def _distinct(chain: Chain, motions: list[LinearMotion], unknown: list[int]) -> 
         first = left[0]
         apart = offsets[left] - offsets[first]
         apart[:, turning] = np.angle(np.exp(1j * apart[:, turning]))
-        differs = np.maximum(np.abs(apart).max(axis=1), np.abs(G[left] - G[first]).max(axis=(1, 2))) >= SAME
+        differs = np.maximum(np.abs(apart).max(axis=1), np.abs(G[left] - G[first]).max(axis=(1, 2))) >= _SAME
         kept.append(motions[first])
         left = left[differs]
     return kept

@@ -12,26 +12,26 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Cut
-from haptid.device.loops.chain import STEPS, Chain, compiled, solve
+from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
 from haptid.device.loops.linear import Followed
 from haptid.device.toml.errors_at import Place
 from haptid.errors import LoopClosureError, SingularityError
 
 # A loop is closed where its gap stays below this share of the mechanism's size.
-CLOSED = 1e-12
+_CLOSED = 1e-12
 # Least singular value of the cuts' Jacobian by the passive joints, its columns scaled to unit length, at which the
 # passive joints count as determined.
-SINGULAR = 1e-3
+_SINGULAR = 1e-3
 # The core's continuation goes no further from the start pose, rad or mechanism sizes.
 FARTHEST = 1e4
 # Least openness of random poses, so that rounding errors do not grow.
-ROOMY = 0.1
+_ROOMY = 0.1
 # Draws of random poses, each from half the range about the start of the one before.
-DRAWS = 8
+_DRAWS = 8
 # Starts of the passive joints at the start pose, in addition to the guess.
-STARTS = 256
+_STARTS = 256
 # Two assembly modes are one if no joint differs by more, rad (or mechanism sizes).
-SAME = 1e-3
+_SAME = 1e-3
 # Poses at which rates are tested for being zero, and the largest rate that counts as zero.
 POSES, EFFECT = 24, 1e-9
 
@@ -91,7 +91,7 @@ class NewtonClosure:
             LoopClosureError: the loops do not close at a pose, or it is too far from the start pose.
             SingularityError: they close, but there, or on the path there, passive joints are not determined.
         """
-        qa = rows(qa)
+        qa = _rows(qa)
         q, stop = compiled_closure(self).positions(qa)
         self._expect_reached(qa, stop)
         return np.asarray(q.T)
@@ -106,14 +106,14 @@ class NewtonClosure:
         Raises:
             LoopClosureError, SingularityError: as for `positions`.
         """
-        qa, qda = rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else rows(qda)
+        qa, qda = _rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else _rows(qda)
         q, G, Gd, stop = compiled_closure(self).follow(qa, qda)
         self._expect_reached(qa, stop)
         return Followed(q.T, G, Gd)
 
     def closes(self, qa: Array) -> np.ndarray:
         """Whether the loops close at each pose, reached from the start pose without a singularity, (samples,)."""
-        reached: np.ndarray = compiled_closure(self).reach(rows(qa))[1]
+        reached: np.ndarray = compiled_closure(self).reach(_rows(qa))[1]
         return reached
 
     def openness(self, q: Array) -> Array:
@@ -128,11 +128,11 @@ class NewtonClosure:
         """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
         low, high = self.chain.active_ranges(self.at)
         kept = np.zeros((0, len(self.at)))
-        for k in range(DRAWS):
+        for k in range(_DRAWS):
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
             q, closed = compiled_closure(self).reach(qa)
-            kept = np.concatenate([kept, qa[closed][self.openness(q[closed]) > ROOMY]])
+            kept = np.concatenate([kept, qa[closed][self.openness(q[closed]) > _ROOMY]])
             if len(kept) >= count:
                 break
         return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)
@@ -155,7 +155,7 @@ class NewtonClosure:
         there[list(self.unknown)] = q[list(self.unknown)]
         gap = least_gap(self.chain, there, self.unknown)
         if gap > 1e-6 * self.chain.size:
-            limit = CLOSED * self.chain.size
+            limit = _CLOSED * self.chain.size
             raise LoopClosureError(
                 f"at sample {sample} the loops do not close: with {pose} the cut frames are still {gap:.3g} m apart "
                 f"(limit {limit:.1e} m).",
@@ -171,9 +171,9 @@ class NewtonClosure:
 def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
     """Least gap over the Gauss-Newton steps, m: where the cuts cannot close, the steps do not converge."""
     poses, gaps = q[None], []
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         gaps.append(float(np.abs(chain.residual(poses)[0]).max()))
-        poses = solve(chain, poses, unknown, steps=1)
+        poses = close_cuts(chain, poses, unknown, steps=1)
     return min(gaps)
 
 
@@ -182,10 +182,10 @@ def compiled_closure(closure: NewtonClosure) -> Any:
     """The closure as an object of the core."""
     core, chain = importlib.import_module("haptid._core"), closure.chain
     motion = closure.constant, closure.offset, closure.start, closure.varying
-    return core.Branch(compiled(chain), chain.active, closure.unknown, *motion, CLOSED, SINGULAR)
+    return core.Branch(compiled(chain), chain.active, closure.unknown, *motion, _CLOSED, _SINGULAR)
 
 
-def rows(x: Array) -> Array:
+def _rows(x: Array) -> Array:
     """Active joints' (active, samples) in the core's layout, (samples, active)."""
     return np.ascontiguousarray(np.asarray(x, dtype=float).T)
 
@@ -220,7 +220,7 @@ def newton_closure(
     modes = _assembly_modes(chain, constant @ at + constants, unknown, guess, at, place)
     q = _nearest_mode(chain, modes, unknown, guess, at, place)
     open_by = float(openness(chain.residual(q[None])[1][:, :, unknown])[0])
-    if open_by < SINGULAR:
+    if open_by < _SINGULAR:
         raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
     varying = np.zeros(G.shape, dtype=bool)
     varying[unknown] = True
@@ -244,21 +244,21 @@ def _assembly_modes(
     chain: Chain, q: Array, unknown: list[int], guess: Mapping[int, float], at: Array, place: Place
 ) -> list[Array]:
     """All closed poses found, revolute joints within half a turn of the guess, or of zero."""
-    starts = np.repeat(q[None], STARTS + 1, axis=0)
-    starts[:, unknown] = chain.random_starts(unknown, STARTS + 1, seed=0)
+    starts = np.repeat(q[None], _STARTS + 1, axis=0)
+    starts[:, unknown] = chain.random_starts(unknown, _STARTS + 1, seed=0)
     starts[0, unknown] = [guess.get(j, 0.0) for j in unknown]
-    starts = solve(chain, starts, unknown)
+    starts = close_cuts(chain, starts, unknown)
     gaps = np.abs(chain.residual(starts)[0]).max(axis=1)
-    if not (gaps < CLOSED * chain.size).any():
-        how = f"at the start pose ({chain.active_text(at)}), from {STARTS + 1} starts,"
-        raise open_loops(place, float(gaps.min()), CLOSED * chain.size, how)
+    if not (gaps < _CLOSED * chain.size).any():
+        how = f"at the start pose ({chain.active_text(at)}), from {_STARTS + 1} starts,"
+        raise open_loops(place, float(gaps.min()), _CLOSED * chain.size, how)
     found: list[Array] = []
-    for pose in starts[gaps < CLOSED * chain.size]:
+    for pose in starts[gaps < _CLOSED * chain.size]:
         for j in unknown:
             if not chain.joints[j].prismatic:
                 centre = guess.get(j, 0.0)
                 pose[j] = centre + np.remainder(pose[j] - centre + np.pi, 2 * np.pi) - np.pi
-        if not any(_distance(chain, pose, other, unknown) < SAME for other in found):
+        if not any(_distance(chain, pose, other, unknown) < _SAME for other in found):
             found.append(pose)
     return found
 
@@ -279,7 +279,7 @@ def _nearest_mode(
     guessed = [j for j in guess if j in unknown]
     wanted[guessed] = [guess[j] for j in guessed]
     away = np.array([_distance(chain, pose, wanted, guessed) for pose in modes])
-    nearest = [mode for mode, distance in zip(modes, away, strict=True) if distance < away.min() + SAME]
+    nearest = [mode for mode, distance in zip(modes, away, strict=True) if distance < away.min() + _SAME]
     if len(nearest) > 1:
         texts = [", ".join(f"{chain.joints[j].name} = {mode[j]:.4g}" for j in unknown) for mode in nearest]
         raise LoopClosureError(
@@ -308,9 +308,9 @@ def open_loops(place: Place, gap: float, limit: float, how: str) -> LoopClosureE
 def _singular(where: str, pose: str, found: float, key: int | str) -> SingularityError:
     return SingularityError(
         f"{where} the loops come to a singular pose: with {pose} the least singular value of the passive Jacobian is "
-        f"{found:.2g} (limit {SINGULAR:.1g}), so the active joints do not determine the passive ones.",
+        f"{found:.2g} (limit {_SINGULAR:.1g}), so the active joints do not determine the passive ones.",
         where=key,
         found=found,
-        limit=SINGULAR,
+        limit=_SINGULAR,
         advice="Keep the motion on one side of such poses, by joint limits in the device file.",
     )

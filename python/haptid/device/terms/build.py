@@ -105,7 +105,7 @@ class Target:
 
 
 @dataclass(frozen=True, eq=False)
-class Targets:
+class TermTargets:
     """Every joint, named cut and motor that a term may act on."""
 
     joints: tuple[Target, ...]
@@ -122,7 +122,7 @@ class Targets:
         joint_rows: bool,
         closure: Closure | NewtonClosure,
         cuts: Sequence[CutJoint] = (),
-    ) -> Targets:
+    ) -> TermTargets:
         """From joints, drives, closure and cuts; the coordinates are the active joints', or else the drives'."""
         coupling = np.array([drive.row for drive in drives])
         frame = np.eye(len(drives)) if joint_rows else coupling
@@ -131,7 +131,7 @@ class Targets:
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
         names = [joints[j].name for j in active]
         first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
-        return Targets(
+        return TermTargets(
             tuple(
                 Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
                 for k, j in enumerate(joints)
@@ -185,7 +185,7 @@ class Targets:
             raise place.error(found, "Name one, and repeat the term for the others.")
 
 
-def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
+def read_terms(tables: Sequence[AnyTerm], targets: TermTargets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
     """All terms as columns, in declared order, by joint within each table."""
     made: list[TermColumn] = []
     for k, table in enumerate(tables):
@@ -195,7 +195,7 @@ def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, plac
     return tuple(made)
 
 
-def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
+def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> list[TermColumn]:
     if isinstance(table, ColumnTerm):
         return [custom_column(table, target, targets, reader, place)]
     motor = table.prefix is None and target.what == "motor"

@@ -12,7 +12,7 @@ from haptid.device.toml.schema import ColumnTerm, SearchedTable
 
 if TYPE_CHECKING:
     from haptid.device.geometry import Reader
-    from haptid.device.terms.build import Target, Targets
+    from haptid.device.terms.build import Target, TermTargets
     from haptid.device.toml.errors_at import Place
 
 # Unit of a velocity, for a turning and for a sliding coordinate.
@@ -21,7 +21,7 @@ SPEED = ("rad/s", "m/s")
 RANGE = 100.0
 
 
-def custom_column(table: ColumnTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> TermColumn:
+def custom_column(table: ColumnTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> TermColumn:
     """The term of a user's own expression.
 
     Raises:

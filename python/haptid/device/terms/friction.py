@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.expressions import Column, column
+from haptid.device.expressions import CustomColumn, column
 
 if TYPE_CHECKING:
-    from haptid.device.terms.build import Target, Targets
+    from haptid.device.terms.build import Target, TermTargets
     from haptid.device.toml.errors_at import Place
 
 # Kinds of dry friction: the column depends on the sign of a velocity.
@@ -75,7 +75,7 @@ def load_row(target: Target, place: Place) -> int:
     return int(moved[0])
 
 
-def one_direction(target: Target, sign: str, targets: Targets, place: Place) -> Column:
+def one_direction(target: Target, sign: str, targets: TermTargets, place: Place) -> CustomColumn:
     """The target's velocity where it is positive ("+") or negative ("-"), else zero."""
     joints = [joint.name for joint in targets.joints]
     made = column(f"0.5*({target.speed} {sign} abs({target.speed}))", joints, {}, place)

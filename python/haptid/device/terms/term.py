@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.device.expressions import Column
+from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, PLACES, LoadDependentFriction
 from haptid.device.terms.spring import Counterbalance
 from haptid.errors import DeviceError
@@ -73,7 +73,7 @@ class TermColumn:
     weights: Array
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shape: Counterbalance | Column | LoadDependentFriction | None = None
+    shape: Counterbalance | CustomColumn | LoadDependentFriction | None = None
     joint: int | None = None
     searched: tuple[Searched, ...] = ()
 
@@ -83,7 +83,7 @@ class TermColumn:
     @property
     def nature(self) -> str:
         """Physical kind: that of the term which a custom column is part of, else the kind."""
-        return (self.shape.nature if isinstance(self.shape, Column) else "") or self.kind
+        return (self.shape.nature if isinstance(self.shape, CustomColumn) else "") or self.kind
 
     @property
     def resists(self) -> bool:
@@ -99,13 +99,13 @@ class TermColumn:
     def side(self) -> int:
         """1 if it acts at positive velocities only, -1 at negative ones only, else 0."""
         of_core = {"coulomb+": 1, "coulomb-": -1}.get(self.kind, 0)
-        return self.shape.side if isinstance(self.shape, Column) else of_core
+        return self.shape.side if isinstance(self.shape, CustomColumn) else of_core
 
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""
         if isinstance(self.shape, LoadDependentFriction):
             return self.shape.width
-        if isinstance(self.shape, Column):
+        if isinstance(self.shape, CustomColumn):
             return self.shape.constants[name]
         return self.settings[PLACES[self.kind][name]]
 
@@ -113,7 +113,7 @@ class TermColumn:
         """The same term with another value of a constant."""
         if isinstance(self.shape, LoadDependentFriction):
             return replace(self, shape=replace(self.shape, width=value))
-        if isinstance(self.shape, Column):
+        if isinstance(self.shape, CustomColumn):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
         place = PLACES[self.kind][name]
         a, b, c = (value if k == place else old for k, old in enumerate(self.settings))
@@ -161,7 +161,9 @@ def external_columns(
             sample = int(np.argmin(np.isfinite(row)))
             value = float(row[sample])
             cause = (
-                f"its expression is {term.shape.text}" if isinstance(term.shape, Column) else "the motion is not finite"
+                f"its expression is {term.shape.text}"
+                if isinstance(term.shape, CustomColumn)
+                else "the motion is not finite"
             )
             raise DeviceError(
                 f"column {term.name} is {value} at sample {sample}: {cause}.",

@@ -28,7 +28,7 @@ from haptid.device.parameters import (
     standard_parameters,
 )
 from haptid.device.priors import read_priors, unused_priors
-from haptid.device.terms.build import Targets, read_terms
+from haptid.device.terms.build import TermTargets, read_terms
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.errors_at import Place, first_error
 from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, SymmetryTable
@@ -36,7 +36,7 @@ from haptid.device.toml.transmission import read_drives
 from haptid.errors import DeviceFileError, suggestion
 
 # A device file is some kilobytes; a file beyond this is something else.
-LARGEST_FILE = 1_000_000
+LARGEST_DEVICE_FILE = 1_000_000
 # Name of the fixed link.
 BASE = "base"
 
@@ -63,10 +63,10 @@ def shipped_devices() -> tuple[str, ...]:
 def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
     """The checked tables of a device file, or of a shipped device by name; and the name of the file in errors."""
     file, content = _content(path)
-    return checked(_parsed(file, content), file)
+    return checked_tables(_parsed(file, content), file)
 
 
-def checked(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
+def checked_tables(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
     """The checked tables of the data of a device file, and the name of the file in errors.
 
     Raises:
@@ -93,12 +93,12 @@ def _content(path: str | Path) -> tuple[str, bytes]:
         source = files("haptid.device") / "library" / f"{path}.toml"
     try:
         with source.open("rb") as stream:
-            content: bytes = stream.read(LARGEST_FILE + 1)
+            content: bytes = stream.read(LARGEST_DEVICE_FILE + 1)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise _file_error(path, f"cannot be opened ({reason})", "Give the path of a device's TOML file.") from None
-    if len(content) > LARGEST_FILE:
-        found = f"has more than {LARGEST_FILE} bytes"
+    if len(content) > LARGEST_DEVICE_FILE:
+        found = f"has more than {LARGEST_DEVICE_FILE} bytes"
         raise _file_error(path, found, "A device file is some kilobytes: is this a log?")
     return str(path), content
 
@@ -152,7 +152,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     drives = read_drives(tables.motors, joints, active, reader, place.at("motors"))
     rows = tables.transmission.torque_rows
     cuts = cut_joints(joints, active, closure, place.at("loops"))
-    targets = Targets.of(joints, active, drives, rows == "joint", closure, cuts)
+    targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts)
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)

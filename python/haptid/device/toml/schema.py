@@ -32,32 +32,32 @@ def _quantity(value: Any) -> float | str:
 
 
 # A number, or arithmetic over pi and named lengths as text.
-Quantity = Annotated[
+_Quantity = Annotated[
     Any,
     BeforeValidator(_quantity),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string", "examples": ["-pi/2", "d3 + 0.1"]}]}),
 ]
-Triple = Annotated[list[Quantity], Field(min_length=3, max_length=3)]
+_Triple = Annotated[list[_Quantity], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$", max_length=40)]
 Names = Annotated[list[Name], Field(min_length=1)]
 Text = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
-class Table(BaseModel):
+class _Table(BaseModel):
     """A table that allows no other keys."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True)
 
 
-class Limits(Table):
+class _Limits(_Table):
     """Limits of a joint."""
 
-    position: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
-    velocity: Quantity | None = None
-    torque: Quantity | None = None
+    position: Annotated[list[_Quantity], Field(min_length=2, max_length=2)] | None = None
+    velocity: _Quantity | None = None
+    torque: _Quantity | None = None
 
 
-class JointTable(Table):
+class JointTable(_Table):
     """Keys of joints of every convention."""
 
     name: Name
@@ -65,51 +65,51 @@ class JointTable(Table):
     type: Literal["revolute", "prismatic"] = "revolute"
     body: bool = True
     active: bool | None = None
-    limits: Limits = Limits()
+    limits: _Limits = _Limits()
 
 
 class ModifiedDHJoint(JointTable):
     """Khalil-Kleinfinger: Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r)."""
 
-    gamma: Quantity = 0.0
-    b: Quantity = 0.0
-    alpha: Quantity = 0.0
-    d: Quantity = 0.0
-    theta: Quantity = 0.0
-    r: Quantity = 0.0
+    gamma: _Quantity = 0.0
+    b: _Quantity = 0.0
+    alpha: _Quantity = 0.0
+    d: _Quantity = 0.0
+    theta: _Quantity = 0.0
+    r: _Quantity = 0.0
 
 
 class StandardDHJoint(JointTable):
     """Standard Denavit-Hartenberg: Rz(theta) Tz(d) Tx(a) Rx(alpha)."""
 
-    theta: Quantity = 0.0
-    d: Quantity = 0.0
-    a: Quantity = 0.0
-    alpha: Quantity = 0.0
+    theta: _Quantity = 0.0
+    d: _Quantity = 0.0
+    a: _Quantity = 0.0
+    alpha: _Quantity = 0.0
 
 
 class PlacementJoint(JointTable):
     """A placement as in URDF, and the axis."""
 
-    xyz: Triple = [0.0, 0.0, 0.0]
-    rpy: Triple = [0.0, 0.0, 0.0]
-    axis: Triple = [0.0, 0.0, 1.0]
+    xyz: _Triple = [0.0, 0.0, 0.0]
+    rpy: _Triple = [0.0, 0.0, 0.0]
+    axis: _Triple = [0.0, 0.0, 1.0]
 
 
-class FrameTable(Table):
+class FrameTable(_Table):
     """A frame fixed to a link: modified Denavit-Hartenberg keys, or xyz and rpy."""
 
-    gamma: Quantity | None = None
-    b: Quantity | None = None
-    alpha: Quantity | None = None
-    d: Quantity | None = None
-    theta: Quantity | None = None
-    r: Quantity | None = None
-    xyz: Triple | None = None
-    rpy: Triple | None = None
+    gamma: _Quantity | None = None
+    b: _Quantity | None = None
+    alpha: _Quantity | None = None
+    d: _Quantity | None = None
+    theta: _Quantity | None = None
+    r: _Quantity | None = None
+    xyz: _Triple | None = None
+    rpy: _Triple | None = None
 
 
-class CutTable(Table):
+class CutTable(_Table):
     """The joint at which a loop is cut; terms may act on it if it has a name."""
 
     name: Name | None = None
@@ -120,38 +120,38 @@ class CutTable(Table):
     twin: FrameTable = FrameTable()
 
 
-class LoopTable(Table):
+class LoopTable(_Table):
     """A loop: passive joints by relations, by a cut joint, or both."""
 
     relations: list[Text] = []
     passive: list[Name] = []
     cut: CutTable | None = None
-    guess: dict[Name, Quantity] = {}
-    at: dict[Name, Quantity] = {}
+    guess: dict[Name, _Quantity] = {}
+    at: dict[Name, _Quantity] = {}
 
 
-class TransmissionTable(Table):
+class TransmissionTable(_Table):
     """Whether torque rows are of motors or of joints."""
 
     torque_rows: Literal["motor", "joint"] = "motor"
 
 
-class MotorTable(Table):
+class MotorTable(_Table):
     """A motor and its transmission."""
 
     name: Name
-    drives: dict[Name, Quantity] | None = None
-    gear: Quantity = 1.0
-    gain: Quantity = 1.0
+    drives: dict[Name, _Quantity] | None = None
+    gear: _Quantity = 1.0
+    gain: _Quantity = 1.0
     unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
 
 
-class SearchedTable(Table):
+class SearchedTable(_Table):
     """A constant of a term that is estimated: start value and bounds."""
 
-    start: Quantity
-    low: Quantity | None = None
-    high: Quantity | None = None
+    start: _Quantity
+    low: _Quantity | None = None
+    high: _Quantity | None = None
 
 
 def _is_searched(value: Any) -> str:
@@ -159,12 +159,12 @@ def _is_searched(value: Any) -> str:
 
 
 # A constant that is given, or one that is estimated.
-Constant = Annotated[
-    Annotated[Quantity, Tag("given")] | Annotated[SearchedTable, Tag("searched")], Discriminator(_is_searched)
+_Constant = Annotated[
+    Annotated[_Quantity, Tag("given")] | Annotated[SearchedTable, Tag("searched")], Discriminator(_is_searched)
 ]
 
 
-class TermTable(Table):
+class TermTable(_Table):
     """Keys of every kind of term."""
 
     joints: Names | Literal["all", "active", "motorised"] | None = None
@@ -182,41 +182,41 @@ class CoulombTerm(TermTable):
     """Coulomb friction; width smooths the sign, rad/s or m/s."""
 
     kind: Literal["coulomb", "coulomb-by-direction"]
-    width: Constant = 0.0
+    width: _Constant = 0.0
 
 
 class LoadTerm(TermTable):
     """Load-dependent Coulomb friction: sgn(v) |torque of the bodies|."""
 
     kind: Literal["load"]
-    width: Quantity = 0.0
+    width: _Quantity = 0.0
 
 
 class StribeckTerm(TermTable):
     """Stribeck friction: sgn(v) exp(-(|v| / velocity)^exponent)."""
 
     kind: Literal["stribeck"]
-    velocity: Constant
-    exponent: Constant = 2.0
-    width: Constant = 0.0
+    velocity: _Constant
+    exponent: _Constant = 2.0
+    width: _Constant = 0.0
 
 
 class SpringTerm(TermTable):
     """Spring with a rest position."""
 
     kind: Literal["spring"]
-    rest: Quantity = 0.0
+    rest: _Quantity = 0.0
 
 
 class CounterbalanceTerm(TermTable):
     """Counterbalance: a strut between link and parent."""
 
     kind: Literal["counterbalance"]
-    crank: Quantity
-    base: Quantity
-    angle: Quantity = 0.0
+    crank: _Quantity
+    base: _Quantity
+    angle: _Quantity = 0.0
     law: Literal["spring", "gas"]
-    stroke: Quantity | None = None
+    stroke: _Quantity | None = None
     sign: Literal[-1, 1] = 1
 
 
@@ -227,7 +227,7 @@ class ColumnTerm(TermTable):
     name: Name
     unit: Text
     expression: Text
-    constants: dict[Name, Constant] = {}
+    constants: dict[Name, _Constant] = {}
 
 
 AnyTerm = Annotated[
@@ -236,14 +236,14 @@ AnyTerm = Annotated[
 ]
 
 
-class AboutTable(Table):
+class AboutTable(_Table):
     """A body symmetric about an axis of its link frame."""
 
     link: Name
     axis: Literal["x", "y", "z"]
 
 
-class SymmetryTable(Table):
+class SymmetryTable(_Table):
     """Parameters known to be zero or equal, and why."""
 
     reason: Text
@@ -253,11 +253,11 @@ class SymmetryTable(Table):
     identical: list[Name] = []
 
 
-class BaseTable(Table):
+class BaseTable(_Table):
     """Placement of the first frame in the frame that gravity is given in."""
 
-    xyz: Triple = [0.0, 0.0, 0.0]
-    rpy: Triple = [0.0, 0.0, 0.0]
+    xyz: _Triple = [0.0, 0.0, 0.0]
+    rpy: _Triple = [0.0, 0.0, 0.0]
 
 
 class HandleTable(BaseTable):
@@ -266,54 +266,54 @@ class HandleTable(BaseTable):
     link: Name
 
 
-class PriorTable(Table):
+class PriorTable(_Table):
     """Prior value with its standard deviation."""
 
-    value: Quantity
-    std: Quantity | None = None
+    value: _Quantity
+    std: _Quantity | None = None
 
 
-class PriorBodyTable(Table):
+class PriorBodyTable(_Table):
     """Prior body, as from CAD: inertia XX YY ZZ XY XZ YZ about its centre of mass."""
 
     link: Name
-    mass: Quantity
-    com: Triple
-    inertia: Annotated[list[Quantity], Field(min_length=6, max_length=6)] | None = None
-    std_percent: Quantity | None = None
+    mass: _Quantity
+    com: _Triple
+    inertia: Annotated[list[_Quantity], Field(min_length=6, max_length=6)] | None = None
+    std_percent: _Quantity | None = None
 
 
-class TargetTable(Table):
+class TargetTable(_Table):
     """A target: linear combination of standard parameters, with its unit."""
 
     expression: Text
     unit: Text | None = None
 
 
-class BaseParametersTable(Table):
+class BaseParametersTable(_Table):
     """Choice of base parameters."""
 
     keep: list[Name] = []
-    tolerance: Quantity = 1e-9
+    tolerance: _Quantity = 1e-9
 
 
-class DeviceTable(Table):
+class DeviceTable(_Table):
     """Keys of device files of every convention."""
 
     version: Literal[1] = Field(default=1, alias="schema")
     name: Text
     description: str = ""
     source: str = ""
-    gravity: Triple
+    gravity: _Triple
     base: BaseTable = BaseTable()
-    lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], Quantity] = {}
+    lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], _Quantity] = {}
     loops: list[LoopTable] = []
     transmission: TransmissionTable = TransmissionTable()
     motors: list[MotorTable] = []
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []
     handle: HandleTable | None = None
-    prior: dict[Name, Annotated[PriorTable | Quantity, Field(union_mode="left_to_right")]] = {}
+    prior: dict[Name, Annotated[PriorTable | _Quantity, Field(union_mode="left_to_right")]] = {}
     prior_bodies: list[PriorBodyTable] = []
     base_parameters: BaseParametersTable = BaseParametersTable()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}

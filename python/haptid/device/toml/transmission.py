@@ -15,7 +15,7 @@ from haptid.device.toml.schema import MotorTable
 from haptid.errors import DeviceFileError
 
 # Ratio of singular values below which a transmission matrix counts as singular.
-SINGULAR = 1e-9
+_SINGULAR = 1e-9
 
 
 def read_drives(
@@ -78,7 +78,7 @@ def _motor(table: MotorTable, active: list[str], joints: list[str], reader: Read
 def _check(N: Array, motors: int, place: Place) -> None:
     scaled = N / np.linalg.norm(N, axis=1, keepdims=True)
     singular = np.linalg.svd(scaled, compute_uv=False)
-    rank = int((singular > SINGULAR * singular[0]).sum())
+    rank = int((singular > _SINGULAR * singular[0]).sum())
     if N.shape[0] != N.shape[1] or rank < N.shape[1]:
         raise DeviceFileError(
             f"{place}: {motors} motor coordinates do not determine the {N.shape[1]} active joint positions: the "

@@ -51,7 +51,7 @@ class States:
     active: Residues
 
 
-class Motion(Protocol):
+class SymbolicMotion(Protocol):
     """Protocol of joint motion in a closed chain; each kind of loop is one implementation."""
 
     @property
@@ -63,7 +63,7 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True)
-class LinearMotion:
+class _LinearMotion:
     """Joint positions linear in the active ones': q = G qa + offset.
 
     Attributes:
@@ -116,7 +116,7 @@ class LinearMotion:
 
 
 # Index of each of these among a coordinate's position, velocity and acceleration.
-MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
+_MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class SymbolicColumn:
         G, motion = self._coordinate(field, states)
         total = np.zeros(points.count, dtype=np.int64)
         for part in self.parts:
-            size = np.ones_like(total) if part.what == "one" else motion[MOTION[part.what]]
+            size = np.ones_like(total) if part.what == "one" else motion[_MOTION[part.what]]
             if part.what == "position":
                 size = field.reduce(size - self.rest.modulo(points))
             if part.key is not None:
@@ -231,9 +231,9 @@ def _parts(term: TermColumn) -> tuple[ColumnPart, ...]:
 
 # Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: with more angles than these
 # they have too many terms to be interpolated, or to be read.
-MOST_ANGLES = 4
+_MOST_ANGLES = 4
 # Measured torques as combinations of the active joints', None for all of them.
-Rows = tuple[tuple[Fraction, ...], ...] | None
+SymbolicRows = tuple[tuple[Fraction, ...], ...] | None
 
 
 @dataclass(frozen=True)
@@ -253,18 +253,18 @@ class SymbolicChain:
 
     joints: tuple[SymbolicJoint, ...]
     cuts: tuple[SymbolicCut, ...]
-    motion: Motion
+    motion: SymbolicMotion
     gravity: tuple[Laurent, ...]
     columns: tuple[SymbolicColumn, ...]
     torques: int
-    rows: Rows
+    rows: SymbolicRows
     symbols: tuple[Symbol, ...]
 
 
 def symbolic_chain(device: Device) -> SymbolicChain:
     """The mechanism of a device whose loops are linear, with symbolic lengths, from its file."""
 
-    def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
+    def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> SymbolicMotion:
         return linear_motion(device, symbols)
 
     return assembled(device, device.tables, range(len(device.active)), _rows(device), linear)
@@ -274,8 +274,8 @@ def assembled(
     device: Device,
     tables: AnyDevice,
     active: Sequence[int],
-    rows: Rows,
-    motion_of: Callable[[tuple[SymbolicJoint, ...], tuple[SymbolicCut, ...], Symbols], Motion],
+    rows: SymbolicRows,
+    motion_of: Callable[[tuple[SymbolicJoint, ...], tuple[SymbolicCut, ...], Symbols], SymbolicMotion],
 ) -> SymbolicChain:
     """A mechanism from its parts.
 
@@ -304,12 +304,12 @@ def assembled(
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
     angles = {symbol.angle for symbol in known if symbol.angle}
-    if len(angles) > MOST_ANGLES:
+    if len(angles) > _MOST_ANGLES:
         raise RegroupingError(
-            f"the geometry has {len(angles)} angles that are no multiples of a quarter turn, limit {MOST_ANGLES}: "
+            f"the geometry has {len(angles)} angles that are no multiples of a quarter turn, limit {_MOST_ANGLES}: "
             "symbolic groupings would have too many terms.",
             found=len(angles),
-            limit=MOST_ANGLES,
+            limit=_MOST_ANGLES,
             advice=(
                 "Use the numeric groupings of `base_parameters`; write angles that are rounded quarter turns "
                 'as such: "pi/2", not 1.5708.'
@@ -346,7 +346,7 @@ def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
     return tuple(made)
 
 
-def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
+def linear_motion(device: Device, symbols: Symbols) -> _LinearMotion:
     """The motion of a device's joints: every number in it a ratio of integers, or a symbol."""
     closure, slides = device.closure, [joint.prismatic for joint in device.joints]
     assert isinstance(closure, Closure)
@@ -362,7 +362,7 @@ def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
         turns.append(symbols.turn(0.0 if slides[j] else offset, f"q{joint.name}"))
         offsets.append(symbols.position(offset, slides[j], f"q{joint.name}"))
     multiples = _multiples(closure.G, slides, [slides[k] for k in device.active])
-    return LinearMotion(tuple(slides), tuple(rates), multiples, tuple(turns), tuple(offsets))
+    return _LinearMotion(tuple(slides), tuple(rates), multiples, tuple(turns), tuple(offsets))
 
 
 def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbols) -> Laurent:
@@ -389,7 +389,7 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
     return tuple(tuple(int(x) for x in row) for row in made)
 
 
-def _rows(device: Device) -> Rows:
+def _rows(device: Device) -> SymbolicRows:
     """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
     if all(device.measured):
         return None

@@ -62,12 +62,12 @@ def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
 
 def text(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
     """A base parameter's combination of standard parameters, in plain text."""
-    return formula(row, kept, names, links, TEXT)
+    return grouping_formula(row, kept, names, links, TEXT)
 
 
 def latex(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
     """The same in LaTeX."""
-    return formula(row, kept, names, links, LATEX)
+    return grouping_formula(row, kept, names, links, LATEX)
 
 
 def coefficient(found: Coefficient) -> str:
@@ -79,7 +79,9 @@ def _quotient(found: Coefficient, style: Style) -> str:
     return style.fraction(*(_bracketed(style.polynomial(part)) for part in (found.numerator, found.denominator)))
 
 
-def formula(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style) -> str:
+def grouping_formula(
+    row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style
+) -> str:
     """A base parameter as text: the parameter kept, those with numeric factors by link, then those with lengths."""
     order = sorted(row, key=lambda k: (k != kept, links[k] < 0, links[k], k))
     by_monomial: dict[Powers, list[tuple[str, Fraction]]] = {}

@@ -91,7 +91,7 @@ def placement_value(placement: Placement, values: Mapping[str, float]) -> Array:
     return pose
 
 
-def least_turn(axis: tuple[float, float, float]) -> tuple[tuple[int, float], ...]:
+def _least_turn(axis: tuple[float, float, float]) -> tuple[tuple[int, float], ...]:
     """The smallest rotation that takes z onto a unit axis, as axes and angles, rad; about x where the axis is -z."""
     x, y, z = axis
     across = math.hypot(x, y)
@@ -139,7 +139,7 @@ def about_z(cos: Residues, sin: Residues) -> Residues:
     return R
 
 
-def poses(
+def symbolic_poses(
     joints: Sequence[SymbolicJoint], field: PrimeField, placed: Sequence[Residues], moved: JointCoordinates
 ) -> list[Residues]:
     """Poses of all links in the base frame, (n, 4, 4) each.
@@ -260,7 +260,7 @@ class GeometryReader:
         axis = np.array([number(value, self._values, CHECKED) for value in table.axis])
         x, y, z = (float(part) for part in axis / np.linalg.norm(axis))
         names = ("", f"tilt{table.name}", f"heading{table.name}")
-        return tuple(step for at, angle in least_turn((x, y, z)) for step in self.turn(at, angle, names[at]))
+        return tuple(step for at, angle in _least_turn((x, y, z)) for step in self.turn(at, angle, names[at]))
 
 
 def placements(

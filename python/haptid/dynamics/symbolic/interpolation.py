@@ -59,7 +59,7 @@ def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range |
     return None
 
 
-def fit(
+def fit_coefficient(
     points: Sequence[Points],
     y: Sequence[Residues],
     symbols: Sequence[Symbol],

@@ -17,7 +17,7 @@ from haptid.device import Device
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyDevice
 from haptid.dynamics.symbolic.arithmetic import PRIMES, Laurent, Points, PrimeField, Residues, UnluckyDrawError
-from haptid.dynamics.symbolic.chain import Motion, Rows, States, SymbolicChain, assembled
+from haptid.dynamics.symbolic.chain import States, SymbolicChain, SymbolicMotion, SymbolicRows, assembled
 from haptid.dynamics.symbolic.geometry import (
     JointCoordinates,
     SymbolicCut,
@@ -25,7 +25,7 @@ from haptid.dynamics.symbolic.geometry import (
     SymbolicJoint,
     frame_pose,
     joint_placements,
-    poses,
+    symbolic_poses,
 )
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbol, Symbols, draw
 from haptid.errors import RegroupingError
@@ -34,7 +34,7 @@ from haptid.errors import RegroupingError
 Plane = tuple[Residues, Residues]
 Links = Sequence[Residues]
 # Most draws until all states have a square root: half of them do in each draw.
-DRAWS = 200
+_DRAWS = 200
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class DyadMotion:
         placed = joint_placements(self.joints, points)
         cos, sin, slide = np.zeros((3, len(self.joints), points.count), dtype=np.int64)
         left = np.arange(points.count)
-        for _ in range(DRAWS):
+        for _ in range(_DRAWS):
             moved = self._drawn(points.field, rng, len(left))
             good = np.ones(len(left), dtype=bool)
             for dyad in self.dyads:
@@ -104,7 +104,7 @@ class DyadMotion:
             cos[:, left], sin[:, left], slide[:, left] = moved
             left = left[~good]
             if not len(left):
-                return (cos, sin, slide), poses(self.joints, points.field, placed, (cos, sin, slide))
+                return (cos, sin, slide), symbolic_poses(self.joints, points.field, placed, (cos, sin, slide))
         raise UnluckyDrawError
 
     def is_planar(self, symbols: Sequence[Symbol], seed: int) -> bool:
@@ -130,7 +130,7 @@ class DyadMotion:
         field, (cos, sin, _) = points.field, moved
         for j in (dyad.first, dyad.second):
             cos[j], sin[j] = 1, 0
-        links = poses(self.joints, field, placed, moved)
+        links = symbolic_poses(self.joints, field, placed, moved)
         near, far = (frame_pose(f, links, points)[:, :3, 3] for f in (dyad.near, dyad.far))
         pivot = links[dyad.second][:, :3, 3]
         inner, other = (pivot, far) if dyad.serial else (far, pivot)
@@ -138,7 +138,7 @@ class DyadMotion:
         reach = _in_plane(field, links[dyad.first], other)
         outer = _in_plane(field, links[dyad.second], near)
         good, cos[dyad.first], sin[dyad.first] = _intersection(field, arm, reach, outer)
-        links = poses(self.joints, field, placed, moved)
+        links = symbolic_poses(self.joints, field, placed, moved)
         goal = _in_plane(field, links[dyad.second], frame_pose(dyad.far, links, points)[:, :3, 3])
         cos[dyad.second], sin[dyad.second] = _rotation(field, outer, goal)
         return good
@@ -286,7 +286,7 @@ def _ancestors(joints: Sequence[SymbolicJoint], link: int) -> list[int]:
     return made
 
 
-def opened(tables: AnyDevice, file: str) -> Device:
+def opened_tree(tables: AnyDevice, file: str) -> Device:
     """The spanning tree of a device, its loops left open.
 
     Raises:
@@ -313,7 +313,7 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
     """The tree's mechanism with its loops closed by dyads.
 
     Args:
-        tree: see `opened`.
+        tree: see `opened_tree`.
         tables: of the device.
         file: its name for errors.
         seed: of random draws; the result does not depend on it.
@@ -324,7 +324,7 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
     passive = _passive(tables)
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
 
-    def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
+    def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> SymbolicMotion:
         found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
         if isinstance(found, str):
             raise _no_dyad(file, found)
@@ -340,7 +340,7 @@ def _passive(tables: AnyDevice) -> set[str]:
     return {name for loop in tables.loops for name in loop.passive}
 
 
-def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
+def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> SymbolicRows:
     """Measured torques: those of active joints with motors; None where all have one or the file names no motors."""
     if not motors:
         return None
@@ -352,7 +352,7 @@ def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
 
 
 # States at which closure is tested: the odds of closing by chance are a few in a billion.
-STATES = 3
+_STATES = 3
 
 
 def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> None:
@@ -369,9 +369,9 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
     if not chain.cuts:
         return
     field, rng = PrimeField(PRIMES[0]), np.random.default_rng(seed)
-    points = draw(chain.symbols, field, rng, STATES)
+    points = draw(chain.symbols, field, rng, _STATES)
     states, placed = chain.motion.states(rng, points), joint_placements(chain.joints, points)
-    links = poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
+    links = symbolic_poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
         frame, twin = (frame_pose(at, links, points) for at in (cut.frame, cut.twin))
         if _gap(field, frame, twin, cut.prismatic).any():

@@ -82,11 +82,11 @@ def _moved(
     if joint.prismatic:
         origin = field.reduce(origin + placed[:, :3, 2] * states.slide[j][:, None])
     rate, acceleration, G = states.velocity[j][:, None], states.acceleration[j][:, None], states.G[j]
-    swing = field.reduce(cross(parent.dw) + field.product(cross(parent.w), cross(parent.w)))
+    swing = field.reduce(_cross(parent.dw) + field.product(_cross(parent.w), _cross(parent.w)))
     a = apply(field, back, field.reduce(parent.a + apply(field, swing, origin)))
     w, dw = apply(field, back, parent.w), apply(field, back, parent.dw)
     Jw = field.product(back, parent.Jw)
-    Jv = field.product(back, field.reduce(parent.Jv - field.product(cross(origin), parent.Jw)))
+    Jv = field.product(back, field.reduce(parent.Jv - field.product(_cross(origin), parent.Jw)))
     z = np.array([0, 0, 1])
     across = field.reduce(np.stack([w[:, 1], -w[:, 0], np.zeros_like(w[:, 0])], axis=1) * rate)  # w x z rate
     if joint.prismatic:
@@ -100,15 +100,15 @@ def _moved(
 
 def link_columns(field: PrimeField, link: LinkMotion) -> Residues:
     """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of a link, (n, active, 10)."""
-    spin = cross(link.w)
+    spin = _cross(link.w)
     moment = field.reduce(times_inertia(link.dw) + field.product(spin, times_inertia(link.w)))
-    force = field.reduce(cross(link.dw) + field.product(spin, spin))
+    force = field.reduce(_cross(link.dw) + field.product(spin, spin))
     of_v, of_w = np.swapaxes(link.Jv, 1, 2), np.swapaxes(link.Jw, 1, 2)
-    first = field.reduce(field.product(of_v, force) - field.product(of_w, cross(link.a)))
+    first = field.reduce(field.product(of_v, force) - field.product(of_w, _cross(link.a)))
     return np.concatenate([field.product(of_w, moment), first, field.product(of_v, link.a[:, :, None])], axis=2)
 
 
-def cross(v: Residues) -> Residues:
+def _cross(v: Residues) -> Residues:
     """Matrices of the cross product with v, (n, 3, 3)."""
     made = np.zeros((len(v), 3, 3), dtype=np.int64)
     made[:, 2, 1], made[:, 0, 2], made[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]

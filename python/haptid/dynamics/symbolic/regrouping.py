@@ -21,7 +21,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device import NewtonClosure
-from haptid.device.expressions import Column
+from haptid.device.expressions import CustomColumn
 from haptid.device.toml.reader import read_tables
 from haptid.dynamics.base_parameters import preference, random_regressor
 from haptid.dynamics.model import DynamicModel
@@ -38,8 +38,8 @@ from haptid.dynamics.symbolic.arithmetic import (
     rational,
 )
 from haptid.dynamics.symbolic.chain import SymbolicChain, symbolic_chain
-from haptid.dynamics.symbolic.interpolation import fit, span_of
-from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened
+from haptid.dynamics.symbolic.interpolation import fit_coefficient, span_of
+from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened_tree
 from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, draw
 from haptid.errors import RegroupingError, listed
@@ -54,7 +54,7 @@ SETS = ((16, 1), (48, 6), (200, 6))
 # Sets of lengths at which the relations are checked.
 CHECKED_SETS = 3
 # Most draws: each fails with odds of one in a million.
-DRAWS = 4
+_DRAWS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
             lengths are a special case.
     """
     if isinstance(model.device.closure, NewtonClosure):
-        tree = opened(model.device.tables, model.device.name).with_gravity(model.device.gravity)
+        tree = opened_tree(model.device.tables, model.device.name).with_gravity(model.device.gravity)
         chain = dyad_chain(tree, model.device.tables, model.device.name, seed)
     else:
         chain = symbolic_chain(model.device)
@@ -157,12 +157,12 @@ def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> R
     Raises:
         RegroupingError: see `regroupings`; or a relation does not hold where it is checked, or every draw fails.
     """
-    for attempt in range(DRAWS):
+    for attempt in range(_DRAWS):
         try:
             return _regroupings(model, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-    raise _failed_check(f"{DRAWS} draws in a row met a zero that should not be there")
+    raise _failed_check(f"{_DRAWS} draws in a row met a zero that should not be there")
 
 
 def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
@@ -267,7 +267,7 @@ def _coefficient(
     if dimension is None:
         return None
     spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.dimension != DIMENSIONLESS}
-    return fit(points, [r[:sets] for r in y], moving, dimension, spans)
+    return fit_coefficient(points, [r[:sets] for r in y], moving, dimension, spans)
 
 
 def _difference(base: Dimension | None, other: Dimension | None) -> Dimension | None:
@@ -340,7 +340,7 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
 def accelerated(model: DynamicModel) -> list[str]:
     """Names of the user-defined columns that read accelerations."""
     rates = {f"a_{name}" for name in model.device.joint_names}
-    return [term.name for term in model.externals if isinstance(term.shape, Column) and term.shape.reads(rates)]
+    return [term.name for term in model.externals if isinstance(term.shape, CustomColumn) and term.shape.reads(rates)]
 
 
 def _kept(one: Regroupings | BaseParameters) -> list[str]:
@@ -372,7 +372,7 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
             polynomials of low degree.
     """
     tables, file = read_tables(path)
-    tree = opened(tables, file)
+    tree = opened_tree(tables, file)
     return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
 
 

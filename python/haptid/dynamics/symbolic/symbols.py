@@ -32,7 +32,7 @@ DIMENSIONS: Mapping[str, Dimension] = {
     "N/m": (0, -2),
 }
 # Numbers of a file that differ by less, relatively, are the same symbol.
-SAME = 1e-9
+_SAME = 1e-9
 # Largest denominator of a number that is read as a ratio of integers, if it is exact to SAME.
 LARGEST_DENOMINATOR = 10_000
 
@@ -117,7 +117,7 @@ class Symbols:
         """
         quarters = round(angle / (math.pi / 2))
         rest = angle - quarters * math.pi / 2
-        if abs(rest) < SAME:
+        if abs(rest) < _SAME:
             c, s = Laurent.number(1), Laurent()
         else:
             c, s = self._small_turn(abs(rest), name)
@@ -137,7 +137,7 @@ class Symbols:
 
 
 def _same(a: float, b: float) -> bool:
-    return abs(a - b) <= SAME * max(abs(a), abs(b))
+    return abs(a - b) <= _SAME * max(abs(a), abs(b))
 
 
 def ratio(value: float) -> Fraction:

@@ -12,8 +12,8 @@ from haptid import _core
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
-from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings
-from haptid.end_effector.characterisation.model import IdentifiedModel, dof, spread, trusted
+from haptid.end_effector.characterisation.jacobian import LINEAR, check_pose_settings
+from haptid.end_effector.characterisation.model import IdentifiedModel, covariance_factor, dof, trusted
 from haptid.end_effector.force import WORST_CONDITION
 from haptid.uncertainty.quantities import Field
 
@@ -77,8 +77,8 @@ def apparent_mass(
         ShapeError: the poses do not fit the device.
     """
     model, qa = identified.model, np.asarray(qa, dtype=float)
-    check_settings(model, qa, rows, worst_condition)
-    moving, columns = model.measured_rows, spread(identified)
+    check_pose_settings(model, qa, rows, worst_condition)
+    moving, columns = model.measured_rows, covariance_factor(identified)
     none = np.zeros((len(identified.beta), 0))
     raw = core_spread(identified, none if columns is None else columns)
     found = _core.apparent_mass(

@@ -21,7 +21,7 @@ from haptid.end_effector.characterisation.apparent_mass import ApparentMass, app
 from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
 from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
-from haptid.end_effector.force import WORST_CONDITION, setting_error
+from haptid.end_effector.force import WORST_CONDITION, force_setting_error
 from haptid.uncertainty.quantities import Field
 
 # Default number of cells of a workspace's grid.
@@ -177,7 +177,7 @@ class Characterisation:
         """
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
-        force, direction, motor = force_capability.weakest(J, most, held)
+        force, direction, motor = force_capability.weakest_motor(J, most, held)
         at = np.arange(len(force))
         sign, length = np.sign(held[motor, at]), np.linalg.norm(J[at, :, motor], axis=1)
 
@@ -192,7 +192,7 @@ class Characterisation:
         """Largest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
-        force, load, motor = force_capability.along(J, most, held, self._unit(direction))
+        force, load, motor = force_capability.force_along(J, most, held, self._unit(direction))
         at = np.arange(len(force))
         # Where no motor is loaded by d, or one has no torque left, the derivative by the weight is zero.
         bound = np.isfinite(force) & (force > 0)
@@ -212,7 +212,7 @@ class Characterisation:
         expect("direction", d.shape, (len(self.grasp.rows),))
         length = np.linalg.norm(d)
         if not (np.isfinite(length) and length > 0):
-            raise setting_error("direction", direction, "finite components, not all zero")
+            raise force_setting_error("direction", direction, "finite components, not all zero")
         return np.asarray(d / length)
 
     def _rates(self, direction: Array) -> Array:

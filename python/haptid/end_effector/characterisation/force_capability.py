@@ -62,7 +62,7 @@ def motor_torque(model: DynamicModel, torque: Array) -> Array:
     return np.asarray(np.linalg.solve(model.device.drive_rates.T, torque)[driven])
 
 
-def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array, np.ndarray]:
+def weakest_motor(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array, np.ndarray]:
     """Force in the direction in which it is least, that direction, and the limiting motor.
 
     A motor is loaded most by a force along its own column of the Jacobian, so the least force over all directions is
@@ -84,7 +84,7 @@ def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array
     return force[at, motor], column / np.linalg.norm(column, axis=1, keepdims=True), motor
 
 
-def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> tuple[Array, Array, np.ndarray]:
+def force_along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> tuple[Array, Array, np.ndarray]:
     """Largest force along one direction, the limiting motor's torque per force, and that motor, (poses,) each.
 
     The force is infinite where no motor is loaded by it. Motors carry the weight and push: |weight + J' f d| <= limit.

@@ -9,12 +9,12 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.force import setting_error
+from haptid.end_effector.force import force_setting_error
 from haptid.errors import RedundancyError
 
 LINEAR = (0, 1, 2)
 # Poses evaluated at a time.
-CHUNK = 50_000
+_CHUNK = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +97,9 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
         SettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
-    check_settings(model, qa, rows, worst)
+    check_pose_settings(model, qa, rows, worst)
     moving = model.measured_rows
-    parts = [handle_motion(model, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
+    parts = [handle_motion(model, qa[:, k : k + _CHUNK]) for k in range(0, max(qa.shape[1], 1), _CHUNK)]
     jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
     singular = np.linalg.svd(jacobian, compute_uv=False)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -108,7 +108,7 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     return Grasp(model, qa, rows, moving, position, jacobian, condition, worst)
 
 
-def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:
+def check_pose_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:
     """Check the settings of a characterisation.
 
     Raises:
@@ -118,14 +118,14 @@ def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst:
     """
     expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
-        raise setting_error("qa", float("nan"), "finite positions")
+        raise force_setting_error("qa", float("nan"), "finite positions")
     if handle_of(model).link < 0:
-        raise setting_error("handle.link", "base", "a link that moves")
+        raise force_setting_error("handle.link", "base", "a link that moves")
     for term in model.terms:
         if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
-            raise setting_error(f"term {term.name}", term.on, wanted)
+            raise force_setting_error(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
-        raise setting_error("rows", rows, "different numbers of 0 to 5")
+        raise force_setting_error("rows", rows, "different numbers of 0 to 5")
     if not (positive(worst) and worst > 1):
-        raise setting_error("worst_condition", worst, "a finite number above 1")
+        raise force_setting_error("worst_condition", worst, "a finite number above 1")

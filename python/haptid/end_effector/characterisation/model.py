@@ -74,7 +74,7 @@ class GivenParameters:
 IdentifiedModel = Estimate | GivenParameters
 
 
-def spread(identified: IdentifiedModel) -> Array | None:
+def covariance_factor(identified: IdentifiedModel) -> Array | None:
     """A square root of the base parameters' covariance: columns whose outer products sum to it, (p, s), or None.
 
     For an estimate with physical constraints it is that of its unconstrained fit, like its own standard errors.
@@ -118,7 +118,7 @@ def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str)
 
 def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array], Array], unit: str) -> Field:
     """A quantity with this value; `slope` is its derivative in a direction of the base parameters, (p,)."""
-    columns = spread(identified)
+    columns = covariance_factor(identified)
     if columns is None:
         return Field(value, None, float("inf"), unit)
     variance = np.zeros_like(value)

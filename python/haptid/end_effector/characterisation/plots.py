@@ -17,15 +17,15 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.uncertainty.quantities import Field
 
 # Colour-blind safe colours (Okabe and Ito 2008), and line styles.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-STYLES = ("-", "--", ":", "-.")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_STYLES = ("-", "--", ":", "-.")
 # Colour of unknown values on a map.
 UNKNOWN = "0.8"
 DECADE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class SweepCurve:
     """Quantities along a sweep.
 
     Attributes:
@@ -44,7 +44,7 @@ class Sweep:
             expect(name, figure.values.shape[:1], self.x.shape)
 
 
-def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
+def plot_sweeps(sweeps: Sequence[SweepCurve], quantity: str, path: Path) -> None:
     """One panel for each sweep: a line style for each name, a colour for each value, confidence intervals as bands.
 
     Args:
@@ -56,7 +56,7 @@ def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
     FigureCanvasAgg(picture)
     panels = np.atleast_1d(picture.subplots(1, len(sweeps), sharey=True))
     for panel, sweep in zip(panels, sweeps, strict=True):
-        for style, (name, figure) in zip(cycle(STYLES), sweep.figures.items(), strict=False):
+        for style, (name, figure) in zip(cycle(_STYLES), sweep.figures.items(), strict=False):
             _draw(panel, sweep.x, name, figure, style)
         panel.set_xlabel(sweep.label, parse_math=False)
         panel.grid(alpha=0.3)
@@ -71,7 +71,7 @@ def _draw(panel: Axes, x: Array, name: str, figure: Field, style: str) -> None:
     """Plot the values of one quantity: colours in order, one legend entry."""
     values = figure.values.reshape(len(x), -1)
     band = figure.conf_int()
-    for k, colour in zip(range(values.shape[1]), cycle(COLOURS), strict=False):
+    for k, colour in zip(range(values.shape[1]), cycle(_COLOURS), strict=False):
         panel.plot(x, values[:, k], color=colour, linestyle=style, label=name if k == 0 else None)
         if band is not None:
             low, high = np.moveaxis(band.reshape(len(x), -1, 2)[:, k], -1, 0)

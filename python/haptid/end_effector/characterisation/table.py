@@ -15,7 +15,7 @@ from haptid.errors import IncompleteDeviceError
 from haptid.uncertainty.quantities import Field
 
 # Names of the components of the handle's velocity.
-COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class TableColumn:
     """One quantity at all poses.
 
     Attributes:
@@ -53,7 +53,7 @@ class Column:
         return self.name if self.figure.unit == "1" else f"{self.name} [{self.figure.unit}]"
 
 
-def columns(found: Characterisation, asked: Asked | None = None) -> tuple[Column, ...]:
+def table_columns(found: Characterisation, asked: Asked | None = None) -> tuple[TableColumn, ...]:
     """Every quantity that the model and the device determine, (poses,) each.
 
     Raises:
@@ -63,31 +63,31 @@ def columns(found: Characterisation, asked: Asked | None = None) -> tuple[Column
     return tuple(_columns(found, asked or Asked()))
 
 
-def _columns(found: Characterisation, asked: Asked) -> Iterator[Column]:
+def _columns(found: Characterisation, asked: Asked) -> Iterator[TableColumn]:
     yield from _numbered("apparent mass", found.apparent_mass)
-    yield Column("isotropy", found.isotropy)
+    yield TableColumn("isotropy", found.isotropy)
     if found.grasp.redundancy:  # friction and weight at the handle are not determined
         return
     yield from _numbered("viscous friction", found.viscous_friction)
-    names = [COMPONENTS[k] for k in found.grasp.rows]
+    names = [_COMPONENTS[k] for k in found.grasp.rows]
     yield from _named("weight", found.weight, names)
     if asked.along is not None:
         yield from _along(found, asked.along, names)
     if asked.speed is not None:
-        yield Column(f"neglected force at {asked.speed:g} m/s", found.neglected_force(asked.speed))
+        yield TableColumn(f"neglected force at {asked.speed:g} m/s", found.neglected_force(asked.speed))
     if asked.stiffness is not None:
         yield from _numbered("stiffness", Field(found.stiffness(asked.stiffness)[0], None, np.inf, "N/m"))
     yield from _force_capability(found, asked)
 
 
-def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> Iterator[Column]:
-    yield Column("mass along", found.mass_along(along))
-    yield Column("viscous friction along", found.viscous_along(along))
+def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> Iterator[TableColumn]:
+    yield TableColumn("mass along", found.mass_along(along))
+    yield TableColumn("viscous friction along", found.viscous_along(along))
     yield from _named("Coulomb friction along", found.coulomb_friction(along), names)
-    yield Column("back-drive force along", found.backdrive_force(along))
+    yield TableColumn("back-drive force along", found.backdrive_force(along))
 
 
-def _force_capability(found: Characterisation, asked: Asked) -> Iterator[Column]:
+def _force_capability(found: Characterisation, asked: Asked) -> Iterator[TableColumn]:
     """Largest force of the motors, where their limits are known."""
     try:
         force = found.greatest_force(asked.torque)[0]
@@ -95,22 +95,22 @@ def _force_capability(found: Characterisation, asked: Asked) -> Iterator[Column]
         if asked.torque is not None:
             raise
         return
-    yield Column("greatest force in its worst direction", force)
+    yield TableColumn("greatest force in its worst direction", force)
     if asked.along is not None:
-        yield Column("greatest force along", found.force_along(asked.along, asked.torque))
+        yield TableColumn("greatest force along", found.force_along(asked.along, asked.torque))
 
 
-def _numbered(name: str, figure: Field) -> Iterator[Column]:
+def _numbered(name: str, figure: Field) -> Iterator[TableColumn]:
     return _named(name, figure, [str(k + 1) for k in range(figure.values.shape[1])])
 
 
-def _named(name: str, figure: Field, names: Sequence[str]) -> Iterator[Column]:
+def _named(name: str, figure: Field, names: Sequence[str]) -> Iterator[TableColumn]:
     for k, one in enumerate(names):
         se = None if figure.se is None else figure.se[:, k]
-        yield Column(f"{name} {one}", Field(figure.values[:, k], se, figure.dof, figure.unit))
+        yield TableColumn(f"{name} {one}", Field(figure.values[:, k], se, figure.dof, figure.unit))
 
 
-def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:
+def write_columns(found: Characterisation, made: Sequence[TableColumn], path: Path) -> None:
     """Write a CSV, a row for each pose: joint and handle positions, condition number, quantities with intervals."""
     model, grasp = found.model, found.grasp
     joints = [model.device.joints[j] for j in model.device.active]

@@ -18,7 +18,7 @@ from haptid.end_effector.characterisation.jacobian import Grasp
 DIRECTIONS, STEPS = 256, 20
 
 
-def drift(model: DynamicModel, qa: Array, qda: Array) -> Array:
+def velocity_product_acceleration(model: DynamicModel, qa: Array, qda: Array) -> Array:
     """Jdot qd: linear and angular acceleration of the handle at zero joint acceleration, (samples, 6).
 
     Forward recursion in the base frame (Siciliano et al. 2009, section 7.5.1, with all joint accelerations zero).
@@ -67,7 +67,7 @@ def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) 
     cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
     usable = grasp.usable
     cd = np.where(usable, cd, 0.0)
-    bias = drift(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
+    bias = velocity_product_acceleration(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
     cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), bias))
     chi = rigid(model, raw_parameters(model, beta))
     return felt(grasp, inverse, core_torque(model, chi, model.device.row_map @ grasp.qa, cd, cdd))

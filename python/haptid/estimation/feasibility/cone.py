@@ -24,7 +24,7 @@ NEVER_NEGATIVE = {
     "coulomb-": "backward Coulomb friction",
 }
 # Parameters of a link that are positive for every body.
-POSITIVE = ("XX", "YY", "ZZ", "M")
+_POSITIVE = ("XX", "YY", "ZZ", "M")
 # Upper triangle, column by column: the order of a semidefinite cone's entries.
 UPPER = tuple((i, k) for k in range(4) for i in range(k + 1))
 
@@ -45,17 +45,17 @@ def pseudo_inertia(chi: Array) -> Array:
     return np.block([[second, chi[6:9, None]], [chi[None, 6:9], chi[9]]])
 
 
-def entries(matrix: Array) -> Array:
+def _entries(matrix: Array) -> Array:
     """Upper triangle of a symmetric (4, 4) matrix as a vector with the same inner products, (10,)."""
     return np.array([matrix[i, k] * (1.0 if i == k else np.sqrt(2)) for i, k in UPPER])
 
 
 # The pseudo-inertia as a linear map of the ten parameters, (10, 10).
-PSEUDO = freeze(np.column_stack([entries(pseudo_inertia(unit)) for unit in np.eye(10)]))
+PSEUDO = freeze(np.column_stack([_entries(pseudo_inertia(unit)) for unit in np.eye(10)]))
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ConeBlock:
     """One condition: G x in a cone, x the scaled standard parameters.
 
     Attributes:
@@ -71,7 +71,7 @@ class Block:
     @property
     def inside(self) -> Array:
         """The central direction of the cone: the identity matrix, or one, (rows,)."""
-        return entries(np.eye(4)) if self.is_link else np.ones(1)
+        return _entries(np.eye(4)) if self.is_link else np.ones(1)
 
     @property
     def unfold(self) -> Array:
@@ -101,7 +101,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ConePart:
     """A group of standard parameters that shares no base parameter and no condition with the others.
 
     Attributes:
@@ -112,7 +112,7 @@ class Part:
 
     columns: np.ndarray
     null: Array
-    blocks: tuple[Block, ...]
+    blocks: tuple[ConeBlock, ...]
 
     def margin(self, x: Array) -> float:
         """The least eigenvalue of its conditions; infinite without any."""
@@ -135,10 +135,10 @@ class Cone:
     A: Array
     ball: Array
     centre: Array
-    parts: tuple[Part, ...]
+    parts: tuple[ConePart, ...]
 
     @property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[ConeBlock, ...]:
         """The conditions of all parts."""
         return tuple(block for part in self.parts for block in part.blocks)
 
@@ -182,7 +182,7 @@ def cone(model: DynamicModel, beta: Array) -> Cone:
     return Cone(size.chi, A, ball / size.chi, centre / size.chi, parts(A, blocks))
 
 
-def link_blocks(model: DynamicModel, size: Scale) -> list[Block]:
+def link_blocks(model: DynamicModel, size: Scale) -> list[ConeBlock]:
     """The pseudo-inertia of every link with inertia, in its own mass and length."""
     blocks = []
     for j, joint in enumerate(model.device.joints):
@@ -190,11 +190,11 @@ def link_blocks(model: DynamicModel, size: Scale) -> list[Block]:
         root = np.array([size.length[j]] * 3 + [1.0]) * np.sqrt(size.mass[j])
         G = PSEUDO @ raw / np.array([root[i] * root[k] for i, k in UPPER])[:, None]
         if joint.body and G.any():
-            blocks.append(Block(f"link {joint.name}", True, G))
+            blocks.append(ConeBlock(f"link {joint.name}", True, G))
     return blocks
 
 
-def term_blocks(model: DynamicModel, size: Scale) -> list[Block]:
+def term_blocks(model: DynamicModel, size: Scale) -> list[ConeBlock]:
     """Non-negative terms: each by itself, and Stribeck friction plus the Coulomb friction that it is added to.
 
     sgn(v) (FC + FS exp(..)) is dissipative at every speed if FC >= 0 and FC + FS >= 0.
@@ -204,13 +204,13 @@ def term_blocks(model: DynamicModel, size: Scale) -> list[Block]:
     blocks = []
     for term, row in zip(model.terms, rows, strict=True):
         if term.nature in NEVER_NEGATIVE and row.any():
-            blocks.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
+            blocks.append(ConeBlock(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
         if term.kind.startswith("coulomb"):
             dry.setdefault(term.on, []).append(row)
     for term, row in zip(model.terms, rows, strict=True):
         if term.kind == "stribeck" and row.any():
             for other in dry.get(term.on, [np.zeros_like(row)]):
-                blocks.append(Block(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
+                blocks.append(ConeBlock(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
     return blocks
 
 
@@ -219,7 +219,7 @@ def unit_row(row: Array) -> Array:
     return np.asarray(row[None] / np.abs(row).max())
 
 
-def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
+def parts(A: Array, blocks: tuple[ConeBlock, ...]) -> tuple[ConePart, ...]:
     """Split parameters and conditions into independent groups."""
     n = A.shape[1]
     used = np.vstack([A != 0, *((block.G != 0).any(axis=0)[None] for block in blocks)])
@@ -234,13 +234,13 @@ def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
         null = np.zeros((n, inner.shape[1]))
         null[columns] = inner
         own = tuple(block for block in blocks if block.G[:, columns].any())
-        groups.append(Part(columns, null, own))
+        groups.append(ConePart(columns, null, own))
     return tuple(groups)
 
 
 def never_negative(model: DynamicModel) -> np.ndarray:
     """Whether each base parameter is a sum of quantities that are never negative, (p,), bool."""
-    raw = [kind in POSITIVE for _ in model.device.joints for kind in INERTIAL]
+    raw = [kind in _POSITIVE for _ in model.device.joints for kind in INERTIAL]
     raw += [term.nature in NEVER_NEGATIVE for term in model.terms]
     S = model.device.parameters.S
     positive = S[np.array(raw)].sum(axis=0) == S.sum(axis=0)

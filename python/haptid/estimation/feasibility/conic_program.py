@@ -20,7 +20,7 @@ SOLVED = ("Solved", "AlmostSolved")
 
 
 @dataclass(frozen=True, eq=False)
-class Condition:
+class ConeCondition:
     """A constraint: F v + f in a cone.
 
     Attributes:
@@ -33,7 +33,7 @@ class Condition:
     matrix: bool = False
 
 
-def cones_of(conditions: Sequence[Condition]) -> list[Any]:
+def cones_of(conditions: Sequence[ConeCondition]) -> list[Any]:
     """The cone of each condition, as the solver names it."""
     return [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in conditions]
 
@@ -47,7 +47,7 @@ def unsolved(status: str, iterations: int) -> ConvergenceError:
     )
 
 
-def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array, tuple[Array, ...]]:
+def minimise(P: Array, q: Array, conditions: Sequence[ConeCondition]) -> tuple[Array, tuple[Array, ...]]:
     """The v that minimises v'P v / 2 + q'v under conditions, and the multiplier of each condition.
 
     Source: Goulart and Chen (2024), Clarabel: an interior-point solver for conic programs with quadratic objectives.

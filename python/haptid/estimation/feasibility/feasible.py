@@ -12,29 +12,29 @@ from scipy import linalg
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
-from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
-from haptid.estimation.feasibility.conic_program import Condition, minimise
-from haptid.estimation.least_squares import weakest
+from haptid.estimation.feasibility.cone import Cone, ConeBlock, ConePart, cone, parts, pseudo_inertia
+from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
+from haptid.estimation.least_squares import weakest_direction
 from haptid.observation.r_factor import triangle
 
 # A margin this little below zero is rounding.
-ROUNDING = 1e-7
+_ROUNDING = 1e-7
 # A block is part of a contradiction when its multiplier has at least this share of the sum.
 SHARE = 1e-2
 # A condition is inactive when its multiplier is below this share of the largest.
-NEGLIGIBLE = 1e-4
+_NEGLIGIBLE = 1e-4
 # Least ratio of singular values of a metric with unit columns.
 WEIGHED = 1e-10
 # Largest margin, in each link's own mass and length: that of a ball.
-ROOMY = 1.0
+_ROOMY = 1.0
 # Margins up to this are on the boundary, where there is no choice of standard parameters.
 BORDER = 1e-6
 # Weight of the penalty on directions without torque, relative to a margin of one and to a torque residual of one.
 MARGIN_PENALTY = 1e-8
 FIT_PENALTY = 1e-10
-PASSES = 2
+_PASSES = 2
 # Newton steps to the analytic centre, and the decrement at which it is reached.
-MOST_STEPS = 200
+_MOST_STEPS = 200
 CENTRED = 1e-9
 
 
@@ -99,20 +99,20 @@ def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
         PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
         ConvergenceError: the solver stopped without a solution.
     """
-    beta = checked(model, beta)
+    beta = check_beta(model, beta)
     conditions = roomy(model, beta)
     return inside(model, conditions, beta, conditions.start(beta))
 
 
 def inside(
-    model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()
+    model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[ConePart] = ()
 ) -> FeasibleParameters:
     """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
     found = interior(conditions, x, fixed)
     failing = tuple(
         _contradiction(part, shares)
         for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
-        if margin < -ROUNDING
+        if margin < -_ROUNDING
     )
     return FeasibleParameters(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
 
@@ -133,17 +133,17 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
         PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
         ConvergenceError: the solver stopped without a solution.
     """
-    beta = checked(model, beta)
+    beta = check_beta(model, beta)
     check_metric(model, R)
     found = possible(model, beta)
     return found if found.ok else nearest_feasible(model, beta, triangle(R))[0]
 
 
-def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[Block, ...]]:
+def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[ConeBlock, ...]]:
     """The feasible base parameters nearest to infeasible ones, and the active conditions."""
     conditions = roomy(model, beta)
-    x, multipliers = nearest(conditions, R, beta)
-    least = NEGLIGIBLE * multipliers.max(initial=0.0)
+    x, multipliers = _nearest(conditions, R, beta)
+    least = _NEGLIGIBLE * multipliers.max(initial=0.0)
     active = tuple(block for block, z in zip(conditions.blocks, multipliers, strict=True) if z > least)
     for block in active:
         if not block.is_link and np.count_nonzero(block.G) == 1:
@@ -152,7 +152,7 @@ def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[Feasib
     return inside(model, conditions, conditions.A @ x, x, fixed), active
 
 
-def checked(model: DynamicModel, beta: ArrayLike) -> Array:
+def check_beta(model: DynamicModel, beta: ArrayLike) -> Array:
     """Base parameters of the device as floats, (p,).
 
     Raises:
@@ -173,7 +173,7 @@ def check_metric(model: DynamicModel, R: Array) -> None:
     """Raise IdentifiabilityError, naming the parameter of least weight, where R is numerically singular."""
     p = len(model.base)
     expect("R", np.shape(R), (p, p))
-    k, ratio = weakest(R)
+    k, ratio = weakest_direction(R)
     if ratio < WEIGHED:
         name = model.base.names[k]
         raise IdentifiabilityError(
@@ -211,7 +211,7 @@ def roomy(model: DynamicModel, beta: Array) -> Cone:
     return replace(found, ball=centre.x)
 
 
-def _contradiction(part: Part, shares: Array) -> str:
+def _contradiction(part: ConePart, shares: Array) -> str:
     """A sentence on the conditions of a part that contradict each other."""
     labels = [block.label for block, share in zip(part.blocks, shares, strict=True) if share > SHARE]
     if len(labels) == 1:
@@ -234,7 +234,7 @@ class Interior:
     multipliers: tuple[Array, ...]
 
 
-def interior(cone: Cone, x: Array, fixed: Sequence[Part] = ()) -> Interior:
+def interior(cone: Cone, x: Array, fixed: Sequence[ConePart] = ()) -> Interior:
     """The most interior scaled standard parameters with the base parameters of x, part by part.
 
     The margin of a part is the largest t with every pseudo-inertia >= t and every term >= t, all scaled. Inside the
@@ -256,22 +256,22 @@ def interior(cone: Cone, x: Array, fixed: Sequence[Part] = ()) -> Interior:
     return Interior(x, np.array(margins), tuple(multipliers))
 
 
-def no_step(part: Part, x: Array) -> tuple[Array, float, Array]:
+def no_step(part: ConePart, x: Array) -> tuple[Array, float, Array]:
     """A zero step, the margin of a part at x, and 1 for each block that has no more than it."""
     margin = part.margin(x)
     return np.zeros_like(x), margin, np.array([float(block.margin(x) == margin) for block in part.blocks])
 
 
-def largest_margin(cone: Cone, part: Part, x: Array) -> tuple[Array, float, Array]:
+def largest_margin(cone: Cone, part: ConePart, x: Array) -> tuple[Array, float, Array]:
     """The step of a part that maximises its margin, that margin, and the multiplier of each block."""
     k = part.null.shape[1]
     if not (part.blocks and k):
         return no_step(part, x)
     conditions = [
-        Condition(np.column_stack([block.G @ part.null, -block.inside]), block.G @ x, block.is_link)
+        ConeCondition(np.column_stack([block.G @ part.null, -block.inside]), block.G @ x, block.is_link)
         for block in part.blocks
     ]
-    conditions.append(Condition(-np.eye(1, k + 1, k), np.array([ROOMY])))
+    conditions.append(ConeCondition(-np.eye(1, k + 1, k), np.array([_ROOMY])))
     P = np.diag(np.append(np.full(k, MARGIN_PENALTY), 0.0))
     q = np.append(MARGIN_PENALTY * part.null.T @ (x - cone.centre), -1.0)
     v, z = minimise(P, q, conditions)
@@ -279,10 +279,10 @@ def largest_margin(cone: Cone, part: Part, x: Array) -> tuple[Array, float, Arra
     shares = np.array([block.inside @ zb for block, zb in zip(part.blocks, z, strict=False)])
     margin = part.margin(x + step)
     # On the boundary itself the solver may end a rounding error below where it began.
-    return (step, min(margin, ROOMY), shares) if margin > part.margin(x) else no_step(part, x)
+    return (step, min(margin, _ROOMY), shares) if margin > part.margin(x) else no_step(part, x)
 
 
-def analytic_centre(cone: Cone, part: Part, x: Array) -> Array:
+def analytic_centre(cone: Cone, part: ConePart, x: Array) -> Array:
     """From an x inside, the step of a part to the least divergence from the centre, sum of <C^-1, P> - log det P.
 
     P is every pseudo-inertia and term, C the centre's (the ball's, where the centre is infeasible). Newton's method
@@ -293,7 +293,7 @@ def analytic_centre(cone: Cone, part: Part, x: Array) -> Array:
     """
     references = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block in part.blocks]
     y = np.zeros(part.null.shape[1])
-    for _ in range(MOST_STEPS):
+    for _ in range(_MOST_STEPS):
         gradient, hessian = np.zeros(len(y)), np.zeros((len(y), len(y)))
         for block, reference in zip(part.blocks, references, strict=True):
             inverse = np.linalg.inv(block.matrix(x + part.null @ y))
@@ -309,7 +309,7 @@ def analytic_centre(cone: Cone, part: Part, x: Array) -> Array:
     return np.asarray(part.null @ y)
 
 
-def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
+def _nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
     """The x in the cone whose base parameters b are nearest to beta, |R (b - beta)| least, and the multipliers.
 
     Directions of x without effect on base parameters have a penalty `FIT_PENALTY` on their distance from the centre,
@@ -328,10 +328,10 @@ def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
     x, p = cone.start(beta), len(beta)
     size = float(np.linalg.norm(R @ beta)) or 1.0
     towards = cone.null.T @ (cone.centre - x)
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         # v = (r, y): x + to_x r + null y has base parameters beta + R^-1 r size. R'R would halve the digits.
         move = np.column_stack([cone.inverse @ linalg.solve_triangular(R, np.eye(p)) * size, cone.null])
-        conditions = [Condition(b.G @ move, b.G @ x, b.is_link) for b in cone.blocks]
+        conditions = [ConeCondition(b.G @ move, b.G @ x, b.is_link) for b in cone.blocks]
         weights = np.append(np.ones(p), np.full(len(towards), FIT_PENALTY))
         v, z = minimise(np.diag(weights), np.append(np.zeros(p), -FIT_PENALTY * towards), conditions)
         size, towards = size * (float(np.linalg.norm(v[:p])) or 1.0), v[p:]

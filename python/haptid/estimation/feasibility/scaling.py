@@ -36,7 +36,7 @@ class Scale:
 
         The sizes only set the units of margins and of the computation, not the feasible set.
         """
-        length = lengths(model)
+        length = _lengths(model)
         S, room = model.device.parameters.S, largest(model.base.regrouping, beta)
         free = np.argmax(S, axis=1)
         raw = np.where(S.any(axis=1), room[free], np.nan)
@@ -76,7 +76,7 @@ def term_sizes(model: DynamicModel, raw: Array) -> Array:
     return np.array([most[kind] or 1.0 for kind in kinds])
 
 
-def lengths(model: DynamicModel) -> Array:
+def _lengths(model: DynamicModel) -> Array:
     """Length of every link: to its children's joints, the cut joints, the handle, (joints,), m."""
     reach = np.zeros(len(model.device.joints))
     ends = [(joint.parent, joint.translation) for joint in model.device.joints]

@@ -16,7 +16,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE, Fit, Moments
+from haptid.estimation.method import ALONE, BlockMoments, Fit
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
@@ -24,7 +24,7 @@ LEAST_FREEDOM = 2.0
 # Blocks of at most this leverage (Frobenius norm) are corrected by a binomial series instead of eigenvalues.
 LOW_LEVERAGE = 0.5
 # Relative size of the terms of that series that are dropped.
-NEGLIGIBLE = 1e-13
+_NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Adjustment:
         total, term, n = s.copy(), s, 1
         light = np.ones(len(s), dtype=bool)
         light[self.heavy] = False
-        while np.abs(term[light]).max(initial=0.0) > NEGLIGIBLE * np.abs(total[light]).max(initial=0.0):
+        while np.abs(term[light]).max(initial=0.0) > _NEGLIGIBLE * np.abs(total[light]).max(initial=0.0):
             term = np.einsum("bij,bj->bi", self.G, term) * ((2 * n - 1) / (2 * n))
             total, n = total + term, n + 1
         total[self.heavy] = np.einsum("bij,bj->bi", self.roots, s[self.heavy])
@@ -102,7 +102,7 @@ class Adjustment:
         return carried
 
 
-def _cr2_freedom(moments: Moments, adjustment: Adjustment, combinations: Array) -> Array:
+def _cr2_freedom(moments: BlockMoments, adjustment: Adjustment, combinations: Array) -> Array:
     """Degrees of freedom (tr P)^2 / tr P^2 of combinations (q, k), (q,).
 
     P_gh is the covariance of the scores of blocks g and h for independent rows: c'G c on the diagonal and -b_g'b_h off
@@ -138,7 +138,7 @@ class BlockJackknife:
         return Spread(covariance, dof, blocks, moments.alone(own))
 
 
-def _cr3_freedom(moments: Moments, combinations: Array) -> Array:
+def _cr3_freedom(moments: BlockMoments, combinations: Array) -> Array:
     """Satterthwaite's, from the shares l of the blocks in a combination: (sum l)^2 / sum l^2 - 1, (q,)."""
     shares = moments.shares(combinations)
     squares = (shares**2).sum(axis=0)  # zero where a parameter is fixed, which has no uncertainty

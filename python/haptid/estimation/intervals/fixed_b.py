@@ -13,7 +13,7 @@ from haptid.estimation.intervals.covariance import Spread
 from haptid.estimation.method import Fit, setting_error
 
 # Least number of cosines.
-FEWEST = 3
+_FEWEST = 3
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class FixedB:
         times, where = np.unique(moments.block, return_inverse=True)
         series = np.zeros((len(times), len(own)))
         np.add.at(series, where, moments.leave_out_shifts @ own.T)  # corrected for leverage, as in the jackknife
-        count = min(max(FEWEST, round(self.share * len(times))), max(1, len(times) - 1))
+        count = min(max(_FEWEST, round(self.share * len(times))), max(1, len(times) - 1))
         cosines = fft.dct(series, 2, norm="ortho", axis=0)[1 : count + 1]
         covariance = len(times) / count * cosines.T @ cosines
         if fit.solution.pull is not None:

@@ -12,7 +12,15 @@ from scipy import sparse
 
 from haptid._internal.arrays import Array
 from haptid.errors import SettingError
-from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings, unsolved
+from haptid.estimation.feasibility.conic_program import (
+    ENOUGH,
+    SOLVED,
+    TIGHT,
+    ConeCondition,
+    cones_of,
+    settings,
+    unsolved,
+)
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
@@ -20,7 +28,7 @@ from haptid.estimation.method import Fit, setting_error
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.
-PENALTY = 1e-6
+_PENALTY = 1e-6
 # Where the solver stops short of its tolerances, it is run again with these multiples of them.
 RELAXED = (1.0, 1e2, 1e4)
 
@@ -114,7 +122,7 @@ class FeasibleSet:
     free: Array
     beta: Array
     change: Array
-    conditions: tuple[Condition, ...]
+    conditions: tuple[ConeCondition, ...]
     holds: Callable[[Array], bool]
 
 
@@ -146,7 +154,7 @@ def between_bounds(fit: Fit, held: BoundedSolution) -> FeasibleSet:
     """The set between bounds."""
     size = np.linalg.norm(fit.solution.root, axis=1)
     own = bound_conditions(held.free, size, held.low, held.high)
-    conditions = tuple(Condition(c.F @ (fit.solution.root / size[:, None]), c.f) for c in own)
+    conditions = tuple(ConeCondition(c.F @ (fit.solution.root / size[:, None]), c.f) for c in own)
 
     def holds(step: Array) -> bool:
         return bool(((held.low <= held.free + step) & (held.free + step <= held.high)).all())
@@ -159,7 +167,7 @@ def consistent(fit: Fit, held: Constrained) -> FeasibleSet:
     cone = roomy(held.possible.model, held.beta)
     x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)
     move = np.column_stack([cone.inverse @ fit.solution.root, cone.null])
-    conditions = tuple(Condition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)
+    conditions = tuple(ConeCondition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)
 
     def holds(step: Array) -> bool:
         return cone.margin(x + cone.inverse @ step) >= 0
@@ -182,7 +190,7 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
     b = np.concatenate([*(f for _, f in own), [1.0], np.zeros(k)])
     across = wanted @ feasible.change
     q = np.append(-across / np.linalg.norm(across), np.zeros(size - k))
-    P = sparse.diags(np.append(np.zeros(k), np.full(size - k, PENALTY)), format="csc")
+    P = sparse.diags(np.append(np.zeros(k), np.full(size - k, _PENALTY)), format="csc")
     cones = [*cones_of(feasible.conditions), clarabel.SecondOrderConeT(k + 1)]
     problem = (P, q, sparse.csc_matrix(A), b, cones)
     for relaxed, equilibrate in product(RELAXED, (True, False)):

@@ -14,7 +14,7 @@ from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.estimation.feasibility.cone import never_negative
-from haptid.estimation.feasibility.conic_program import Condition, minimise
+from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, nearest_feasible, possible
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.estimation.method import Method, Wrapper, expect_weighting, setting_error
@@ -201,12 +201,12 @@ def nearest_within(free: Solution, low: Array, high: Array) -> Array:
     return np.asarray(np.where(np.abs(beta - high) < TOUCHING * size, high, beta))
 
 
-def bound_conditions(beta: Array, size: Array, low: Array, high: Array) -> list[Condition]:
+def bound_conditions(beta: Array, size: Array, low: Array, high: Array) -> list[ConeCondition]:
     """low <= beta + size x <= high, row by row in units of size."""
     unit = np.eye(len(beta))
     lower, upper = np.isfinite(low), np.isfinite(high)
     ends = [((beta - low) / size)[lower], ((high - beta) / size)[upper]]
-    return [Condition(F, f) for F, f in zip((unit[lower], -unit[upper]), ends, strict=True) if len(f)]
+    return [ConeCondition(F, f) for F, f in zip((unit[lower], -unit[upper]), ends, strict=True) if len(f)]
 
 
 def _outside(names: Sequence[str], beta: Array, free: Array, half: Array) -> tuple[str, ...]:

@@ -12,13 +12,13 @@ from scipy import stats
 from haptid._internal.arrays import Array
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import Fit, Moments, UnitVarianceRows, expect_whole
+from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Chunk, Rows
 
 # Significance level of the test whether whitened rows predict unseen blocks worse than weighted ones.
-SIGNIFICANCE = 0.01
+_SIGNIFICANCE = 0.01
 # Largest correlation of two motors' residuals, so that their covariance stays well-conditioned.
 MAX_CORRELATION = 0.999
 
@@ -153,7 +153,7 @@ def predicts_worse(observation: Observation, seen: Observation, flat: Observatio
     more = prediction_errors(observation, weights, seen) - prediction_errors(observation, weights, flat)
     if len(more) < 2 or not more.any():
         return False
-    return bool(stats.ttest_1samp(more, 0.0, alternative="greater").pvalue < SIGNIFICANCE)
+    return bool(stats.ttest_1samp(more, 0.0, alternative="greater").pvalue < _SIGNIFICANCE)
 
 
 def prediction_errors(observation: Observation, weights: Array, seen: Observation) -> Array:
@@ -170,7 +170,7 @@ def prediction_errors(observation: Observation, weights: Array, seen: Observatio
     G, s = np.zeros((len(sums), *found.G.shape[1:])), np.zeros((len(sums), found.s.shape[1]))
     np.add.at(G, found.block, found.G)
     np.add.at(s, found.block, found.s)
-    beta = solution.beta - Moments(G, s, np.arange(len(sums))).leave_out_shifts @ solution.root.T
+    beta = solution.beta - BlockMoments(G, s, np.arange(len(sums))).leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
         T = motor.triangles * weight
         errors = T[:, :, -1] - np.einsum("bij,bj->bi", T[:, :, :-1], beta[:, motor.columns])

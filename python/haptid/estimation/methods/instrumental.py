@@ -9,7 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import check_excited
-from haptid.estimation.methods.simulation_based import ClosedLoop, along, treated_as
+from haptid.estimation.methods.simulation_based import ClosedLoop, simulate_along, treated_as
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 from haptid.observation.rows import Chunk, Rows
@@ -35,7 +35,7 @@ class IV(ClosedLoop):
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of the second stage."""
         courses = self.courses(observation, smoothed, beta)
-        simulated = along(observation, [treated_as(observation.model, course) for course in courses])
+        simulated = simulate_along(observation, [treated_as(observation.model, course) for course in courses])
         weights = self.weighting.weights(observation)
         return second_stage(observation, simulated, weights)
 

@@ -34,7 +34,7 @@ from haptid.observation.observation import Observation
 from haptid.simulation import measured_state, smooth
 from haptid.simulation.closed_loop import FASTEST
 
-Figures = tuple[float, ...]
+_Figures = tuple[float, ...]
 
 # Substeps of a sampling period in which dry friction may reverse: in one step it would reverse half a step late.
 SUBSTEPS = 8
@@ -101,8 +101,8 @@ class Filtering(UnitVarianceRows, ABC):
             standstill biases dry and viscous friction.
     """
 
-    position_noise: Figures = ()
-    torque_noise: Figures = ()
+    position_noise: _Figures = ()
+    torque_noise: _Figures = ()
     start: Method = field(default_factory=WLS)
     widen: float = 10.0
     friction: float = 1e-3

@@ -17,7 +17,7 @@ from haptid.observation.r_factor import triangle
 from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
 
 # Least standard deviation of position noise, relative to that of the positions.
-LEAST_NOISE = 1e-7
+_LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
     """Standard deviation of what the treatment removed from the positions, (n,), rad or m."""
     low, high = motion.usable
     taken = (raw - treated)[:, low:high].std(axis=1)
-    return np.asarray(np.maximum(taken, LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
+    return np.asarray(np.maximum(taken, _LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
 
 
 def stretch_blocks(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:

@@ -12,7 +12,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
-from haptid.estimation.feasibility.cone import Block, Cone
+from haptid.estimation.feasibility.cone import Cone, ConeBlock
 from haptid.estimation.feasibility.conic_program import unsolved
 from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
@@ -264,13 +264,13 @@ class EntropicPenalty:
 class _BlockDivergence:
     """Strength times the divergence of one block, up to a constant; `inverse` is that of its reference P0."""
 
-    block: Block
+    block: ConeBlock
     inverse: Array
     strength: float
     directions: Array
 
     @staticmethod
-    def of(block: Block, cone: Cone, strength: float) -> _BlockDivergence:
+    def of(block: ConeBlock, cone: Cone, strength: float) -> _BlockDivergence:
         inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
         directions = block.matrices(np.eye(len(cone.scale)))
         return _BlockDivergence(block, np.asarray(inverse, dtype=np.float64), strength, directions)

@@ -15,7 +15,7 @@ from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Chunk, Rows
 
 # Median absolute deviation of a unit normal distribution.
-NORMAL_MAD = 0.6744897501960817
+_NORMAL_MAD = 0.6744897501960817
 # Convergence: no parameter moves by more than this share of its standard error.
 CONVERGED = 1e-3
 
@@ -191,7 +191,7 @@ def robust_scales(rows: Rows, loss: Loss, beta: Array) -> RobustScales:
     """Scale by the median absolute deviation, gain and unit by Huber (1981), eq. 7.6.5; rounding's in an exact fit."""
     scale, gain, unit = [], [], []
     for e, motor in zip(rows.residuals(beta), rows.observation.motors, strict=True):
-        s = max(float(np.median(np.abs(e))) / NORMAL_MAD, np.finfo(float).eps * _rms_torque(motor))
+        s = max(float(np.median(np.abs(e))) / _NORMAL_MAD, np.finfo(float).eps * _rms_torque(motor))
         u = e / s
         mean_slope = float(np.mean(loss.slope(u)))
         power = float(np.sum((loss.weight(u) * u) ** 2)) / max(1, len(u) - len(motor.columns))

@@ -12,7 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.regressor import columns
+from haptid.dynamics.regressor import regressor_columns
 from haptid.errors import SettingError, SimulationError
 from haptid.estimation.estimate import estimate
 from haptid.estimation.method import (
@@ -180,7 +180,7 @@ class DIDIM(ClosedLoop):
         """Rows of torque on the regressor of the simulated motion."""
         base, parts = base_columns(observation.model), []
         for course in self.courses(observation, smoothed, beta):
-            slope = columns(smoothed, course.c, course.cd, course.cdd, base)
+            slope = regressor_columns(smoothed, course.c, course.cd, course.cdd, base)
             parts.append(Linearised(course.motion, torque_error(observation.model, course), slope))
         return linearised_observation(observation, beta, parts, [motor.unit for motor in observation.motors])
 
@@ -264,7 +264,7 @@ def treated_as(model: DynamicModel, course: Course) -> Motion:
     return replace(motion, q=q, rates=None if motion.rates is None else (qd, qdd))
 
 
-def along(observation: Observation, motions: list[Motion]) -> Observation:
+def simulate_along(observation: Observation, motions: list[Motion]) -> Observation:
     """The observation with its rows made from other motions, one for each of its own, with the same samples."""
     return Rows(of_motions(observation, motions)).folded(lambda chunk: chunk)
 

@@ -1,6 +1,6 @@
 """Models nonlinear in some constants: variable projection, and friction that depends on the load."""
 
 from haptid.estimation.nonlinear.candidate_columns import EveryOther
-from haptid.estimation.nonlinear.variable_projection import Constant, VariableProjection, variable_projection
+from haptid.estimation.nonlinear.variable_projection import SearchedConstant, VariableProjection, variable_projection
 
-__all__ = ["Constant", "EveryOther", "VariableProjection", "variable_projection"]
+__all__ = ["EveryOther", "SearchedConstant", "VariableProjection", "variable_projection"]

@@ -123,12 +123,12 @@ def candidate_rows(model: DynamicModel, sources: Sequence[RowSource], candidates
     return CandidateRows(
         model=model,
         candidates=tuple(candidates),
-        observation=observed(wide, sources),
+        observation=observed_candidates(wide, sources),
         term=tuple(names.index(model.terms[k].name) for k, _ in model.device.searched),
     )
 
 
-def observed(model: DynamicModel, sources: Sequence[RowSource]) -> Observation:
+def observed_candidates(model: DynamicModel, sources: Sequence[RowSource]) -> Observation:
     """The rows of several motions, or of every other block of them.
 
     Raises:

@@ -18,15 +18,15 @@ from haptid.estimation.method import Method, not_converged, only_weighs
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.methods.wls import WLS
-from haptid.estimation.nonlinear.candidate_columns import RowSource, observed
+from haptid.estimation.nonlinear.candidate_columns import RowSource, observed_candidates
 from haptid.estimation.nonlinear.variable_projection import VariableProjection, variable_projection
 
 # Largest number of passes, and convergence: largest move of a parameter, in standard errors.
 MOST_PASSES, CONVERGED = 20, 0.01
 # Least standard error in that criterion, relative to the largest parameter, for rows without noise.
-ROUNDING = 1e-9
+_ROUNDING = 1e-9
 
-Progress = Callable[[str, float], None]
+_Progress = Callable[[str, float], None]
 
 
 def unsettled(model: DynamicModel) -> bool:
@@ -39,7 +39,7 @@ def settled(
     motions: Sequence[RowSource],
     method: Method | None = None,
     intervals: Intervals | None = None,
-    tell: Progress | None = None,
+    tell: _Progress | None = None,
 ) -> tuple[DynamicModel, VariableProjection | None]:
     """The model with its searched constants and loads estimated, linear in all other parameters.
 
@@ -68,7 +68,7 @@ def settled(
     return model, replace(projection, model=model)
 
 
-def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | None, tell: Progress) -> DynamicModel:
+def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | None, tell: _Progress) -> DynamicModel:
     """With its loads estimated, where it has friction by load."""
     if not model.has_loads:
         return model
@@ -101,11 +101,11 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
     weighting = _weighting(method)
     names = {term.name for term in model.terms if isinstance(term.shape, LoadDependentFriction)}
     own = tuple(name for name in model.base.names if name in names)
-    beta = estimate(observed(model, motions), FixedAtZero(own, weighting)).beta
+    beta = estimate(observed_candidates(model, motions), FixedAtZero(own, weighting)).beta
     for _ in range(MOST_PASSES):
         here = model.loaded(beta)
-        found = estimate(observed(here, motions), weighting)
-        moved = np.abs(found.beta - beta) / np.maximum(found.se, ROUNDING * np.abs(found.beta).max())
+        found = estimate(observed_candidates(here, motions), weighting)
+        moved = np.abs(found.beta - beta) / np.maximum(found.se, _ROUNDING * np.abs(found.beta).max())
         if moved.max() <= CONVERGED:
             return here
         beta = found.beta

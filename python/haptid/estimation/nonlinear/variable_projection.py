@@ -34,13 +34,13 @@ GRID_POINTS = 11
 STEP = 1e-4
 # Largest step, and largest step at convergence, in the same units.
 LONGEST_STEP, CONVERGED = 0.7, 1e-6
-MOST_STEPS = 60
+_MOST_STEPS = 60
 # Levenberg-Marquardt damping at the start, and where the search stops.
 DAMPING, MOST_DAMPING = 1e-4, 1e6
 # Points of a likelihood profile, and its extent to either side in standard errors.
 PROFILE_POINTS, PROFILE_EXTENT = 41, 6.0
 # A constant is at a limit of its range when it is this near, relative to the limit.
-AT_LIMIT = 1e-3
+_AT_LIMIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def _crossing(away: Array, increase: Array, limit: float) -> float:
 
 
 @dataclass(frozen=True)
-class Constant:
+class SearchedConstant:
     """An estimated nonlinear constant.
 
     Attributes:
@@ -143,7 +143,7 @@ class Constant:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class _Joint:
     """Intervals of a fit with searched constants, which include the uncertainty of these constants.
 
     Attributes:
@@ -178,11 +178,11 @@ class VariableProjection:
     """
 
     model: DynamicModel
-    constants: tuple[Constant, ...]
-    intervals: Joint
+    constants: tuple[SearchedConstant, ...]
+    intervals: _Joint
     notes: tuple[str, ...]
 
-    def __getitem__(self, name: str) -> Constant:
+    def __getitem__(self, name: str) -> SearchedConstant:
         return next(constant for constant in self.constants if constant.name == name)
 
 
@@ -223,7 +223,7 @@ def variable_projection(
     inner = intervals or ClusterRobust()
     constants = tuple(_constant(found, motions, fit, inner, k) for k in range(len(start)))
     report(1.0)
-    joint = Joint(inner, fit, _own_parameters(found.rows))
+    joint = _Joint(inner, fit, _own_parameters(found.rows))
     return VariableProjection(found.rows.model, constants, joint, tuple(_notes(constants)))
 
 
@@ -260,7 +260,7 @@ def value_of(constant: Searched, x: float) -> float:
     return float(np.clip(value, constant.low, constant.high))
 
 
-def coordinates(model: DynamicModel, values: Sequence[float]) -> Array:
+def _coordinates(model: DynamicModel, values: Sequence[float]) -> Array:
     """Of all searched constants, (constants,)."""
     return np.array([coordinate(constant, x) for (_, constant), x in zip(model.device.searched, values, strict=True)])
 
@@ -288,7 +288,7 @@ def evaluated(model: DynamicModel, motions: Sequence[RowSource], weights: Array,
     """The rows at given values, and their least-squares fit."""
     here = model.at_constants(values)
     constants = [constant for _, constant in here.device.searched]
-    at = coordinates(here, values)
+    at = _coordinates(here, values)
     # A neighbour inside the range.
     away = [
         x + STEP if value_of(constant, x + STEP) < constant.high else x - STEP
@@ -343,10 +343,10 @@ def search(model: DynamicModel, motions: Sequence[RowSource], weights: Array, va
     """
     here = evaluated(model, motions, weights, values)
     damping = DAMPING
-    for _ in range(MOST_STEPS):
+    for _ in range(_MOST_STEPS):
         columns, torque = here.rows.projected(weights, derivatives(here.rows, here.step, here.beta))
         while damping < MOST_DAMPING:
-            x = (coordinates(here.rows.model, here.values) + _damped_step(columns, torque, damping)).tolist()
+            x = (_coordinates(here.rows.model, here.values) + _damped_step(columns, torque, damping)).tolist()
             searched = here.rows.model.device.searched
             values = tuple(value_of(constant, at) for (_, constant), at in zip(searched, x, strict=True))
             tried = evaluated(model, motions, weights, values)
@@ -355,7 +355,7 @@ def search(model: DynamicModel, motions: Sequence[RowSource], weights: Array, va
             damping *= 10
         else:
             break
-        moved = np.abs(coordinates(model, values) - coordinates(model, here.values)).max()
+        moved = np.abs(_coordinates(model, values) - _coordinates(model, here.values)).max()
         here, damping = tried, damping / 10
         if moved < CONVERGED:
             break
@@ -378,14 +378,14 @@ def _own_parameters(rows: CandidateRows) -> Array:
     return combinations
 
 
-def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals: Intervals, k: int) -> Constant:
+def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals: Intervals, k: int) -> SearchedConstant:
     """A constant with its standard error and likelihood profile."""
     rows = found.rows
     term, searched = rows.model.device.searched[k]
     name, value = f"{rows.model.terms[term].name}.{searched.name}", found.values[k]
     beta = found.beta[rows.term[k]]
     if not beta:
-        return Constant(name, searched.unit, value, float("nan"), searched.low, searched.high)
+        return SearchedConstant(name, searched.unit, value, float("nan"), searched.low, searched.high)
     # The candidate's parameter is that of the term times the change of the constant, relative to the difference step.
     row = np.zeros((1, len(rows.observation.base)))
     row[0, rows.own + k] = found.step[k] / beta
@@ -396,7 +396,7 @@ def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals:
     x, grid, increase = _profile(found, motions, fit.weights, k, robust)
     profile = _Profile(name, searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))
     slope = value if searched.positive else searched.high - searched.low
-    return Constant(name, searched.unit, value, robust * slope, searched.low, searched.high, profile)
+    return SearchedConstant(name, searched.unit, value, robust * slope, searched.low, searched.high, profile)
 
 
 def _profile(
@@ -415,11 +415,11 @@ def _profile(
     return x, grid, np.array(squares) - rows.fit(weights, extra=others).square
 
 
-def _notes(constants: Sequence[Constant]) -> Iterator[str]:
+def _notes(constants: Sequence[SearchedConstant]) -> Iterator[str]:
     """Notes for the user on the constants."""
     for c in constants:
         (low, high), unit = c.conf_int(), f" {c.unit}" if c.unit else ""
-        ends = [end for end in (c.low, c.high) if np.isclose(c.value, end, rtol=AT_LIMIT)]
+        ends = [end for end in (c.low, c.high) if np.isclose(c.value, end, rtol=_AT_LIMIT)]
         if np.isnan(c.se):
             yield f"{c.name} is not identifiable: its term has no effect on torque in this log."
         elif ends:

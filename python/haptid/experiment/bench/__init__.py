@@ -3,14 +3,14 @@
 It may import everything below it: device, dynamics, motion, end effector; nothing of estimation results.
 """
 
-from haptid.experiment.bench.bodies import Body, bodies
+from haptid.experiment.bench.bodies import SimulatedBody, bodies
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
 from haptid.experiment.bench.experiment import Experiment, experiment_schema, read_experiment
 from haptid.experiment.bench.hand import Felt, Stroke, feel
 from haptid.experiment.bench.in_the_loop import Rehearsal, rehearse
 from haptid.experiment.bench.limits import check_trajectory, loop_openness
-from haptid.experiment.bench.mjcf import Payload, Physics, mjcf
+from haptid.experiment.bench.mjcf import Physics, SimulatedPayload, mjcf
 from haptid.experiment.bench.picture import draw_strip, render_strip
 from haptid.experiment.bench.run import Job, make_log, make_logs, perform
 from haptid.experiment.bench.setup import (
@@ -38,7 +38,6 @@ from haptid.experiment.bench.trajectories import (
 __all__ = [
     "Amplifiers",
     "Assistance",
-    "Body",
     "Compiled",
     "Controller",
     "Encoders",
@@ -49,12 +48,13 @@ __all__ = [
     "Grid",
     "Job",
     "Multisine",
-    "Payload",
     "Physics",
     "Push",
     "Recording",
     "Rehearsal",
     "Setup",
+    "SimulatedBody",
+    "SimulatedPayload",
     "Stroke",
     "Sweep",
     "TorqueLaw",

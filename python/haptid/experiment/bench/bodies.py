@@ -24,7 +24,7 @@ SAME_COLUMN = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class SimulatedBody:
     """A rigid body in its link's frame.
 
     Attributes:
@@ -78,7 +78,7 @@ class Effect:
         self.rest = sum(k * r for k, r in self._springs) / self.stiffness
 
 
-def bodies(model: DynamicModel, chi: Array) -> tuple[Body, ...]:
+def bodies(model: DynamicModel, chi: Array) -> tuple[SimulatedBody, ...]:
     """Rigid bodies of all links.
 
     A moment of inertia about the joint axis that violates the triangle inequality includes a rotor's; the excess is
@@ -95,7 +95,7 @@ def bodies(model: DynamicModel, chi: Array) -> tuple[Body, ...]:
     return tuple(_body(model, j, raw[10 * j : 10 * j + 10]) for j in range(len(model.device.joints)))
 
 
-def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
+def effects(model: DynamicModel, chi: Array, made: tuple[SimulatedBody, ...]) -> tuple[Effect, ...]:
     """Effects of the terms: one for each joint, then one for each motor or cut joint that combines several joints.
 
     Raises:
@@ -169,23 +169,23 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
         )
 
 
-def _body(model: DynamicModel, j: int, chi: Array) -> Body:
+def _body(model: DynamicModel, j: int, chi: Array) -> SimulatedBody:
     """Body of one link from its ten standard parameters, (10,)."""
     joint, mass = model.device.joints[j], float(chi[9])
     J = np.zeros((3, 3))
     for value, (i, k) in zip(chi[:6], TENSOR, strict=True):
         J[i, k] = J[k, i] = value
     if not chi.any():
-        return Body(0.0, np.zeros(3), J)
+        return SimulatedBody(0.0, np.zeros(3), J)
     if mass <= 0:
         alone = mass == 0 and J[2, 2] > 0 and not np.delete(chi, 5).any()
         if alone and _is_rotor(model, j):
-            return Body(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
+            return SimulatedBody(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
         raise _unphysical_body(joint.name, f"its mass is {mass:g} kg but other parameters are not zero", mass)
     com = chi[6:9] / mass
     central = J - mass * (com @ com * np.eye(3) - np.outer(com, com))
     central, moved = _physical(model, j, central)
-    return Body(mass, com, central, moved)
+    return SimulatedBody(mass, com, central, moved)
 
 
 def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float]:
@@ -219,7 +219,7 @@ def _is_rotor(model: DynamicModel, j: int) -> bool:
     return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
 
 
-def _regularise(model: DynamicModel, made: tuple[Body, ...], single: list[Effect]) -> None:
+def _regularise(model: DynamicModel, made: tuple[SimulatedBody, ...], single: list[Effect]) -> None:
     """Give massless links inside a loop a negligible rotor inertia.
 
     The simulator integrates the tree, whose mass matrix would be singular there.
@@ -234,7 +234,7 @@ def _regularise(model: DynamicModel, made: tuple[Body, ...], single: list[Effect
             single[j].armature = LIGHT * float((masses if model.device.joints[j].prismatic else turned).max())
 
 
-def _moves_mass(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
+def _moves_mass(model: DynamicModel, made: tuple[SimulatedBody, ...], found: tuple[Effect, ...]) -> list[bool]:
     """Whether each joint moves a mass or a rotor, of its own link or of one that it carries."""
     moves = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
     for j in reversed(range(len(made))):

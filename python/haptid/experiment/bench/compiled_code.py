@@ -20,9 +20,9 @@ from haptid.errors import ExportError, MissingDependencyError, SettingError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 # Fields of the observer's and the differentiator's structs: scalars, then vectors; and the argument of their init.
-SCALARS = {"observer": ("dt", "keep"), "differentiator": ("a", "b")}
+_SCALARS = {"observer": ("dt", "keep"), "differentiator": ("a", "b")}
 VECTORS = {"observer": ("p", "pushed", "torque"), "differentiator": ("q", "qd")}
-SETTINGS = {"observer": "gain", "differentiator": "cutoff_hz"}
+_SETTINGS = {"observer": "gain", "differentiator": "cutoff_hz"}
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,14 @@ class Compiled:
 
     def _state(self, kind: str, setting: float, dt: float) -> Any:
         """An initialised observer or differentiator."""
-        scalars = [(name, self.real) for name in SCALARS[kind]]
+        scalars = [(name, self.real) for name in _SCALARS[kind]]
         vectors = [(name, self.real * self.coordinates) for name in VECTORS[kind]]
         state = type(kind, (ctypes.Structure,), {"_fields_": [*scalars, ("started", ctypes.c_int), *vectors]})()
         failed = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
         if failed:
             raise SettingError(
-                f"{kind}: {SETTINGS[kind]} is {setting!r}; write a positive number, feasible at a step of {dt:g} s.",
-                where=SETTINGS[kind],
+                f"{kind}: {_SETTINGS[kind]} is {setting!r}; write a positive number, feasible at a step of {dt:g} s.",
+                where=_SETTINGS[kind],
                 found=setting,
                 limit=0.0,
             )

@@ -10,9 +10,9 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.compiled_code import Compiled
-from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
+from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate
 
-Step = Callable[[float, Array], Array]
+_Step = Callable[[float, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Assistance:
     friction: float = 0.9
     velocity_cutoff_hz: float = 50.0
 
-    def begin(self, dt: float) -> Step:
+    def begin(self, dt: float) -> _Step:
         """See TorqueLaw."""
         velocity = self.code.differentiator(self.velocity_cutoff_hz, dt)
         frame, to_motors = self.model.device.row_map, motors_of(self.model)
@@ -76,11 +76,11 @@ class Tracking:
     gain: float = 40.0
     report: Callable[[Array], None] | None = None
 
-    def begin(self, dt: float) -> Step:
+    def begin(self, dt: float) -> _Step:
         """See TorqueLaw."""
         code, frame, to_motors = self.code, self.model.device.row_map, motors_of(self.model)
         names = [drive.name for drive in self.model.device.motors]
-        kp, kd = spread("kp", self.kp, names), spread("kd", self.kd, names)
+        kp, kd = per_coordinate("kp", self.kp, names), per_coordinate("kd", self.kd, names)
         to_coordinates = np.linalg.pinv(to_motors)
         driven = np.linalg.pinv(to_motors.T)  # rates of the motor coordinates from those of the torque rows
         # The planned motion passes the same filter as the encoders, so that its lag cancels in the error.

@@ -16,31 +16,31 @@ from pydantic import BaseModel, ConfigDict, Field
 from haptid._internal.arrays import Array, freeze
 from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
-from haptid.device.priors import Body, inertial_parameters, tensor
+from haptid.device.priors import PriorBody, inertial_parameters, tensor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentFileError, UnknownNameError, suggestion
-from haptid.experiment.bench.mjcf import Payload, Physics
+from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
 from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
 from haptid.experiment.bench.trajectories import (
     SPREAD,
     Fourier,
     Grid,
-    Kind,
     Multisine,
     Sweep,
+    TrajectoryKind,
     Triangles,
     TrianglesAndSines,
 )
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Each = Finite | list[Finite]
-EachPositive = Positive | list[Positive]
+Each = _Finite | list[_Finite]
+EachPositive = _Positive | list[_Positive]
 EachNotNegative = NotNegative | list[NotNegative]
-Triple = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
-Series = Annotated[list[Annotated[list[Finite], Field(min_length=1, max_length=100)]], Field(min_length=1)]
+_Triple = Annotated[list[_Finite], Field(min_length=3, max_length=3)]
+_Pair = Annotated[list[_Positive], Field(min_length=2, max_length=2)]
+_Series = Annotated[list[Annotated[list[_Finite], Field(min_length=1, max_length=100)]], Field(min_length=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 
 CENTRE = "of the active joints, rad or m; one value for all or one for each"
@@ -55,7 +55,7 @@ class SinesTable(_Table):
     """A multisine for each joint, phases drawn from the seed."""
 
     amplitude: EachPositive = Field(description="maximum distance from the centre, rad or m")
-    frequencies_hz: Pair = Field([0.25, 2.4], description="lowest and highest frequency, Hz")
+    frequencies_hz: _Pair = Field([0.25, 2.4], description="lowest and highest frequency, Hz")
     count: int = Field(4, ge=1, le=100, description="number of sines per joint")
     speed: EachPositive | None = Field(None, description="maximum speed; lowers the amplitude where needed")
 
@@ -66,7 +66,7 @@ class MultisineTable(SinesTable):
     kind: Literal["multisine"]
     seconds: Seconds = Field(description="duration, s")
     centre: Each = Field(description=CENTRE)
-    ramp: Positive = Field(1.5, description=RAMP)
+    ramp: _Positive = Field(1.5, description=RAMP)
 
 
 class TrianglesTable(_Table):
@@ -77,7 +77,7 @@ class TrianglesTable(_Table):
     centre: Each = Field(description=CENTRE)
     amplitude: EachPositive = Field(description="rad or m")
     frequency_hz: EachPositive = Field(description="of the triangle, Hz: the speed is 4 amplitude frequency")
-    ramp: Positive = Field(1.5, description=RAMP)
+    ramp: _Positive = Field(1.5, description=RAMP)
     sines: SinesTable | None = Field(None, description="a multisine added to it")
 
 
@@ -87,10 +87,10 @@ class FourierTable(_Table):
     kind: Literal["fourier"]
     seconds: Seconds = Field(description="duration, s")
     centre: Each = Field(description=CENTRE)
-    fundamental_hz: Positive = Field(description="one over the period, Hz")
-    sine: Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
-    cosine: Series = Field(description="the same for the cosines")
-    ramp: Positive = Field(1.5, description=RAMP)
+    fundamental_hz: _Positive = Field(description="one over the period, Hz")
+    sine: _Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
+    cosine: _Series = Field(description="the same for the cosines")
+    ramp: _Positive = Field(1.5, description=RAMP)
 
 
 class SweepTable(_Table):
@@ -99,8 +99,8 @@ class SweepTable(_Table):
     kind: Literal["sweep"]
     centre: Each = Field(description=CENTRE)
     amplitude: EachPositive = Field(description="rad or m")
-    speeds: list[Positive] = Field(min_length=1, max_length=100, description="velocities, rad/s or m/s")
-    ramp: Positive = Field(0.5, description="duration of every change of velocity, s")
+    speeds: list[_Positive] = Field(min_length=1, max_length=100, description="velocities, rad/s or m/s")
+    ramp: _Positive = Field(0.5, description="duration of every change of velocity, s")
 
 
 class GridTable(_Table):
@@ -110,20 +110,20 @@ class GridTable(_Table):
     centre: Each = Field(description=CENTRE)
     amplitude: EachPositive = Field(description="rad or m")
     points: int = Field(3, ge=1, le=20, description="positions of each joint")
-    dwell: Positive = Field(1.0, description="duration of every pose, s")
-    move: Positive = Field(1.0, description="duration of every change of pose, s")
+    dwell: _Positive = Field(1.0, description="duration of every pose, s")
+    move: _Positive = Field(1.0, description="duration of every change of pose, s")
 
 
-class ControllerTable(_Table):
+class _ControllerTable(_Table):
     """PD or PID controller on the motor coordinates, at the joint side."""
 
     kp: EachNotNegative = Field(description="N m/rad or N/m; one value for all motors or one for each")
     kd: EachNotNegative = Field(description="N m s/rad or N s/m")
     ki: EachNotNegative = Field(0.0, description="N m/(rad s) or N/(m s)")
     gravity: bool = Field(False, description="gravity feedforward along the planned motion")
-    rate_hz: Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
-    velocity_cutoff_hz: Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
-    tracking_limit: Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")
+    rate_hz: _Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
+    velocity_cutoff_hz: _Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
+    tracking_limit: _Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")
 
 
 class EncodersTable(_Table):
@@ -142,28 +142,28 @@ class AmplifiersTable(_Table):
     delay: NotNegative = Field(0.0, description="from reading the encoders to the torque, s")
 
 
-class PayloadTable(_Table):
+class _PayloadTable(_Table):
     """Point mass at the handle."""
 
-    mass: Positive = Field(description="kg")
-    com: Triple = Field([0.0, 0.0, 0.0], description="position in the handle frame, m")
+    mass: _Positive = Field(description="kg")
+    com: _Triple = Field([0.0, 0.0, 0.0], description="position in the handle frame, m")
 
 
 class WeightTable(_Table):
     """Point mass added to a link in this configuration: a counterweight, a gimbal, a sensor."""
 
     link: str = Field(description="the joint whose link carries it")
-    mass: Positive = Field(description="kg")
-    com: Triple = Field(description="position in the link frame of the device file's convention, m")
+    mass: _Positive = Field(description="kg")
+    com: _Triple = Field(description="position in the link frame of the device file's convention, m")
 
 
 class PushTable(_Table):
     """Hand force at the handle."""
 
-    force: Triple = Field(description="in the base frame, N")
+    force: _Triple = Field(description="in the base frame, N")
     frequency_hz: NotNegative = Field(0.0, description="of a sine, Hz; 0 for a constant force")
     start: NotNegative = Field(0.0, description="start time, s")
-    stop: Positive | None = Field(None, description="end time, s; default: the end of the motion")
+    stop: _Positive | None = Field(None, description="end time, s; default: the end of the motion")
 
 
 class SensorTable(_Table):
@@ -177,9 +177,9 @@ class BodyTable(_Table):
     """True rigid body of a link, in the link frame of the device file's convention."""
 
     link: str
-    mass: Positive = Field(description="kg")
-    com: Triple = Field(description="centre of mass, m")
-    inertia: Annotated[list[Finite], Field(min_length=6, max_length=6)] = Field(
+    mass: _Positive = Field(description="kg")
+    com: _Triple = Field(description="centre of mass, m")
+    inertia: Annotated[list[_Finite], Field(min_length=6, max_length=6)] = Field(
         description="about the centre of mass, XX YY ZZ XY XZ YZ, kg m^2"
     )
 
@@ -187,8 +187,8 @@ class BodyTable(_Table):
 class PhysicsTable(_Table):
     """Settings of the simulator."""
 
-    step: Positive = Field(1e-4, description="integration step, s")
-    tolerance: Positive = Field(1e-10, description="of the constraint solver")
+    step: _Positive = Field(1e-4, description="integration step, s")
+    tolerance: _Positive = Field(1e-10, description="of the constraint solver")
     iterations: int = Field(50, ge=1, le=10000, description="maximum iterations of the constraint solver")
 
 
@@ -201,15 +201,15 @@ class ExperimentTable(_Table):
     trajectory: Annotated[
         MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable, Field(discriminator="kind")
     ] = Field(description="the planned motion")
-    controller: ControllerTable
+    controller: _ControllerTable
     encoders: EncodersTable | None = None
     amplifiers: AmplifiersTable | None = None
-    payload: PayloadTable | None = None
-    gravity: Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
+    payload: _PayloadTable | None = None
+    gravity: _Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
     hand: list[PushTable] = Field([], description="hand forces; they add up")
     sensor: SensorTable | None = None
     physics: PhysicsTable | None = None
-    parameters: dict[str, Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
+    parameters: dict[str, _Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
     bodies: list[BodyTable] = Field([], description="true bodies of links; default: the device's prior")
     weights: list[WeightTable] = Field([], description="point masses added to links")
 
@@ -219,7 +219,7 @@ def experiment_schema() -> dict[str, Any]:
     return ExperimentTable.model_json_schema(by_alias=True)
 
 
-KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
+_KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
 
 # Advice of errors about experiment files.
 SCHEMA_ADVICE = "`haptid schema experiment` prints every key."
@@ -238,7 +238,7 @@ class Experiment:
 
     name: str
     seed: int
-    kind: Kind
+    kind: TrajectoryKind
     table: ExperimentTable
 
     def setup(self, model: DynamicModel) -> Setup:
@@ -255,7 +255,7 @@ class Experiment:
                 settings[name] = kind(**_tuples(given.model_dump()))
         if table.payload is not None:
             x, y, z = table.payload.com
-            settings["payload"] = Payload(table.payload.mass, (x, y, z))
+            settings["payload"] = SimulatedPayload(table.payload.mass, (x, y, z))
         if table.sensor is not None:
             settings["sensor"] = ForceSensor(**table.sensor.model_dump())
         pushes = [push.model_dump(exclude_none=True) for push in table.hand]
@@ -305,7 +305,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
     """
     chi, index = np.nan_to_num(model.device.chi_prior), model.device.parameters.index
     for table_of_body in table.bodies:
-        body = Body(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
+        body = PriorBody(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
         for name, value in _body_values(model, "bodies", table_of_body.link, body).items():
             chi[index[name]] = value
     for name, value in table.parameters.items():
@@ -313,13 +313,13 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
             raise _parameter_name(name, index)
         chi[index[name]] = value
     for weight in table.weights:
-        point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
+        point = PriorBody(weight.mass, np.array(weight.com), np.zeros((3, 3)))
         for name, value in _body_values(model, "weights", weight.link, point).items():
             chi[index[name]] += value
     return freeze(chi)
 
 
-def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict[str, float]:
+def _body_values(model: DynamicModel, table: str, link: str, body: PriorBody) -> dict[str, float]:
     """Inertial parameters of a link by name, without those that a symmetry sets to zero.
 
     Raises:
@@ -342,12 +342,12 @@ def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict
     return {name: float(value) for name, value in values.items() if name in index}
 
 
-def _kind(table: ExperimentTable) -> Kind:
+def _kind(table: ExperimentTable) -> TrajectoryKind:
     """The kind of motion of the file, with its settings."""
     given = table.trajectory
     settings = _tuples(given.model_dump(exclude={"kind", "sines"}))
     if not isinstance(given, TrianglesTable):
-        made: Kind = KINDS[given.kind](**settings)
+        made: TrajectoryKind = _KINDS[given.kind](**settings)
         return made
     slow = Triangles(**settings)
     if given.sines is None:

@@ -16,13 +16,13 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
 from haptid.experiment.bench.setup import Setup, TorqueLaw
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
 
 # Samples slower than this share of the maximum speed are left out: friction is not fully developed there.
-FAST = 0.5
+_FAST = 0.5
 # Frequency above which a force is felt as vibration, Hz.
 VIBRATION_HZ = 50.0
 
@@ -89,9 +89,9 @@ def feel(
     moved, middle = handle_motion(model, qa), handle_motion(model, np.asarray(pose, dtype=float)[:, None])
     J = moved.jacobian[:, :3]
     v = np.einsum("nij,jn->ni", J, qda) @ direction
-    a = (np.einsum("nij,jn->ni", J, qdda) + drift(model, qa, qda)[:, :3]) @ direction
+    a = (np.einsum("nij,jn->ni", J, qdda) + velocity_product_acceleration(model, qa, qda)[:, :3]) @ direction
     displacement = (moved.position - middle.position) @ direction
-    fast = np.abs(v) > FAST * np.abs(v).max()
+    fast = np.abs(v) > _FAST * np.abs(v).max()
     columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), displacement])[fast]
     force = _along(setup, J, (made.torque - own)[begin:], direction)
     fitted = np.linalg.lstsq(columns, force[fast], rcond=None)[0]

@@ -21,7 +21,7 @@ from haptid.experiment.bench.trajectories import Trajectory
 GAIN, SETTLING_TIME = 40.0, 0.3
 # Duration of a tap on the handle, and of the free response after it, s.
 TAP, FREE_RESPONSE = 0.03, 2.0
-AXES = np.eye(3)
+_AXES = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def rehearse(
         ExperimentError, SimulationError: one class for each cause.
     """
     assistance = Assistance(setup.model, code, friction=friction)
-    lines = [(pose, axis) for pose in poses for axis in AXES]
+    lines = [(pose, axis) for pose in poses for axis in _AXES]
     force_bare, force_model = _force_errors(setup, code, trajectory, push)
     return Rehearsal(
         bare=tuple(feel(setup, pose, axis, stroke=stroke) for pose, axis in lines),

@@ -15,7 +15,7 @@ from haptid.experiment.bench.trajectories import Trajectory
 # Minimum distance of a loop from its singular (flat) configuration: about four degrees of a parallelogram's angle.
 FLAT = 0.05
 # Step at which loops and torques are checked, s.
-LOOK = 5e-3
+_LOOK = 5e-3
 
 
 def check_trajectory(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None = None) -> None:
@@ -66,7 +66,7 @@ def _within(
 
 
 def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
-    every = max(1, round(LOOK / trajectory.dt))
+    every = max(1, round(_LOOK / trajectory.dt))
     open_by = loop_openness(model, q[:, ::every].T)
     worst = int(np.argmin(open_by))
     if open_by[worst] < FLAT:
@@ -131,7 +131,7 @@ def determined_by_pins(closure: NewtonClosure) -> bool:
 
 def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:
     """Check the torques of the motion against the limits of joints and amplifiers."""
-    every = max(1, round(LOOK / trajectory.dt))
+    every = max(1, round(_LOOK / trajectory.dt))
     q, qd, qdd = (np.ascontiguousarray(x[::every].T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
     tau = inverse_dynamics(model, model.base.of(chi), q, qd, qdd)
     joints = model.device.row_map.T @ tau

@@ -16,11 +16,11 @@ from haptid._internal.arrays import Array, expect
 from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError, IncompleteDeviceError
-from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
+from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
 from haptid.experiment.bench.limits import determined_by_pins
 
 # Mass and inertia of a massless link: MuJoCo rejects moving bodies below 1e-15 (kg, kg m^2).
-LEAST = 2e-15
+_LEAST = 2e-15
 # Stiffest constraint that MuJoCo accepts.
 STIFF = "0.9999 0.9999 0.001 0.5 2"
 # Distance of the two pins of a hinge, relative to the mechanism's size.
@@ -45,7 +45,7 @@ class Physics:
 
 
 @dataclass(frozen=True)
-class Payload:
+class SimulatedPayload:
     """Point mass fixed to the handle.
 
     Attributes:
@@ -57,7 +57,9 @@ class Payload:
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def mjcf(model: DynamicModel, chi: Array, physics: Physics | None = None, payload: Payload | None = None) -> str:
+def mjcf(
+    model: DynamicModel, chi: Array, physics: Physics | None = None, payload: SimulatedPayload | None = None
+) -> str:
     """The device as MJCF.
 
     Joints, bodies and sites have the device's names; the input of the actuator `motor <name>` is the torque on that
@@ -152,10 +154,10 @@ def _settings(root: Element, model: DynamicModel, physics: Physics) -> None:
 def _tree(
     world: Element,
     model: DynamicModel,
-    made: Sequence[Body],
+    made: Sequence[SimulatedBody],
     acts: Sequence[Effect],
     physics: Physics,
-    payload: Payload | None,
+    payload: SimulatedPayload | None,
 ) -> None:
     """Bodies, joints, sites and capsules."""
     elements: list[Element] = []
@@ -201,9 +203,9 @@ def _placed(rotation: Array, translation: Array) -> dict[str, str]:
     return {"pos": numbers(translation), "xyaxes": numbers([*rotation[:, 0], *rotation[:, 1]])}
 
 
-def _inertial(body: Body) -> dict[str, str]:
+def _inertial(body: SimulatedBody) -> dict[str, str]:
     if body.weightless:
-        return {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": numbers([LEAST] * 3)}
+        return {"mass": repr(_LEAST), "pos": "0 0 0", "diaginertia": numbers([_LEAST] * 3)}
     J = body.inertia
     full = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
     return {"mass": repr(body.mass), "pos": numbers(body.com), "fullinertia": numbers(full)}

@@ -25,7 +25,7 @@ from haptid.experiment.bench.simulation import Progress, load_mujoco, simulate
 from haptid.experiment.bench.trajectories import plan
 
 # Columns of a log: name -> (values, unit).
-Columns = dict[str, tuple[Array, str]]
+_Columns = dict[str, tuple[Array, str]]
 
 
 def truth_paths(log: Path) -> tuple[Path, Path]:
@@ -67,7 +67,7 @@ def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recordin
         "widest_gap": made.gap,
     }
     parameters.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
-    columns: Columns = {"t": (made.t, "s")}
+    columns: _Columns = {"t": (made.t, "s")}
     for letter, block, per in (("q", made.q, ""), ("qd", made.qd, "/s"), ("qdd", made.qdd, "/s^2")):
         for j, joint in enumerate(model.device.joints):
             columns[f"{letter}_{joint.name}"] = (block[:, j], joint_unit(model, j) + per)

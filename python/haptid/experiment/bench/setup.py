@@ -11,8 +11,8 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError, IncompleteDeviceError
-from haptid.experiment.bench.mjcf import Payload, Physics
-from haptid.experiment.bench.trajectories import Figures, spread
+from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
+from haptid.experiment.bench.trajectories import Figures, per_coordinate
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,9 @@ class Encoders:
         if self.counts_per_turn is None:
             return None
         names = [drive.name for drive in model.device.drives]
-        counts = spread("counts_per_turn", self.counts_per_turn, names) * np.abs(spread("gear", self.gear, names))
+        counts = per_coordinate("counts_per_turn", self.counts_per_turn, names) * np.abs(
+            per_coordinate("gear", self.gear, names)
+        )
         first = [model.device.active[int(np.argmax(drive.row != 0))] for drive in model.device.drives]
         return np.asarray([1.0 if model.device.joints[j].prismatic else 2 * np.pi for j in first] / counts)
 
@@ -135,7 +137,7 @@ class Setup:
     encoders: Encoders = field(default_factory=Encoders)
     amplifiers: Amplifiers = field(default_factory=Amplifiers)
     physics: Physics = field(default_factory=Physics)
-    payload: Payload | None = None
+    payload: SimulatedPayload | None = None
     hand: tuple[Push, ...] = ()
     sensor: ForceSensor | None = None
     law: TorqueLaw | None = None

@@ -18,10 +18,10 @@ from haptid.errors import MissingDependencyError, SimulationError
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
 from haptid.experiment.bench.setup import Push, Recording, Setup
-from haptid.experiment.bench.trajectories import Trajectory, spread
+from haptid.experiment.bench.trajectories import Trajectory, per_coordinate
 
 # Speed above which the simulation counts as unstable, rad/s or m/s.
-FASTEST = 1e3
+_FASTEST = 1e3
 # Loop-closure error above which a loop counts as broken, m.
 WIDEST_GAP = 1e-6
 # Number of progress calls per run.
@@ -77,7 +77,7 @@ def _saturation(setup: Setup) -> Array | None:
         return None
     limits = np.full(len(model.device.drives), np.inf)
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
-    limits[driven] = spread("saturation", given, [drive.name for drive in model.device.motors])
+    limits[driven] = per_coordinate("saturation", given, [drive.name for drive in model.device.motors])
     return limits
 
 
@@ -143,7 +143,9 @@ class _Control:
         model, settings = setup.model, setup.controller
         motors = [drive.name for drive in model.device.motors]
         self.driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
-        self.kp, self.kd, self.ki = (spread(name, getattr(settings, name), motors) for name in ("kp", "kd", "ki"))
+        self.kp, self.kd, self.ki = (
+            per_coordinate(name, getattr(settings, name), motors) for name in ("kp", "kd", "ki")
+        )
         self.coupling = np.asarray(model.device.coupling)
         self.target, self.speed = trajectory.q @ self.coupling.T, trajectory.qd @ self.coupling.T
         self.feedforward = np.zeros((len(trajectory), len(motors)))
@@ -237,8 +239,8 @@ def _run(
     """The loop over all control periods."""
     tape, n, data = _Recorder(setup, trajectory), len(trajectory), plant.data
     motors = [drive.name for drive in setup.model.device.motors]
-    gain = spread("gain", setup.amplifiers.gain, motors)
-    noise = spread("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
+    gain = per_coordinate("gain", setup.amplifiers.gain, motors)
+    noise = per_coordinate("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
     per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
     whole, rest = divmod(late, per)
     for k in range(n):
@@ -274,15 +276,15 @@ def _check_state(setup: Setup, plant: _Plant, trajectory: Trajectory, k: int, ga
     """Raise the error of an unstable joint, a broken loop, a lost target or a joint limit that is hit."""
     data, model, time = plant.data, setup.model, k * setup.dt
     qd, q = data.qvel, data.qpos
-    if not abs(qd).max() < FASTEST:
+    if not abs(qd).max() < _FASTEST:
         worst = int(np.argmax(np.abs(qd)))
         name = model.device.joint_names[plant.order[worst]]
         raise SimulationError(
             f"the simulation became unstable at {time:.3f} s: joint {name} moves at {float(qd[worst]):.3g} rad/s or "
-            f"m/s; the limit is {FASTEST:g}.",
+            f"m/s; the limit is {_FASTEST:g}.",
             where=(name, time),
             found=float(qd[worst]),
-            limit=FASTEST,
+            limit=_FASTEST,
             advice="Lower the controller gains (kd first), or the simulator step.",
         )
     if gap > WIDEST_GAP:

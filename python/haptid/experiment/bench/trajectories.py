@@ -53,14 +53,14 @@ class Trajectory:
         return freeze(np.asarray(self.dt * np.arange(len(self)), dtype=float))
 
 
-class Kind(Protocol):
+class TrajectoryKind(Protocol):
     """Protocol of a kind of motion."""
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
         """Position, velocity and acceleration of the joints of these names, each (n, joints)."""
 
 
-def plan(kind: Kind, model: DynamicModel, dt: float, rng: np.random.Generator) -> Trajectory:
+def plan(kind: TrajectoryKind, model: DynamicModel, dt: float, rng: np.random.Generator) -> Trajectory:
     """Plan the motion of the active joints.
 
     Args:
@@ -107,10 +107,12 @@ class Multisine:
         x = np.sum(weight * np.sin(angle), axis=1).T
         xd = np.sum(weight * omega * np.cos(angle), axis=1).T
         xdd = np.sum(-weight * omega**2 * np.sin(angle), axis=1).T
-        scale = spread("amplitude", self.amplitude, names) / np.abs(x).max(axis=0)
+        scale = per_coordinate("amplitude", self.amplitude, names) / np.abs(x).max(axis=0)
         if self.speed is not None:
-            scale = np.minimum(scale, spread("speed", self.speed, names) / np.abs(xd).max(axis=0))
-        return _windowed(t, self.ramp, spread("centre", self.centre, names), (scale * x, scale * xd, scale * xdd))
+            scale = np.minimum(scale, per_coordinate("speed", self.speed, names) / np.abs(xd).max(axis=0))
+        return _windowed(
+            t, self.ramp, per_coordinate("centre", self.centre, names), (scale * x, scale * xd, scale * xdd)
+        )
 
 
 @dataclass(frozen=True)
@@ -134,10 +136,10 @@ class Triangles:
         """Phases from `rng`."""
         t = _times(self.seconds, dt)
         phase = rng.uniform(0, 2 * np.pi, len(names))
-        waves = triangle(t, spread("frequency_hz", self.frequency_hz, names), phase)
-        amplitude = spread("amplitude", self.amplitude, names)
+        waves = _triangle(t, per_coordinate("frequency_hz", self.frequency_hz, names), phase)
+        amplitude = per_coordinate("amplitude", self.amplitude, names)
         x, xd, xdd = (amplitude * wave for wave in waves)
-        return _windowed(t, self.ramp, spread("centre", self.centre, names), (x, xd, xdd))
+        return _windowed(t, self.ramp, per_coordinate("centre", self.centre, names), (x, xd, xdd))
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ class Fourier:
         x = s @ sine.T + c @ cosine.T
         xd = c @ (omega * sine).T - s @ (omega * cosine).T
         xdd = -s @ (omega**2 * sine).T - c @ (omega**2 * cosine).T
-        return _windowed(t, self.ramp, spread("centre", self.centre, names), (x, xd, xdd))
+        return _windowed(t, self.ramp, per_coordinate("centre", self.centre, names), (x, xd, xdd))
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,7 @@ class Sweep:
         # (joint, start, distance, speed) of every stroke; speed 0 for a quintic move between strokes.
         strokes: list[tuple[int, float, float, float]] = []
         at = 0.0
-        for j, reach in enumerate(spread("amplitude", self.amplitude, names)):
+        for j, reach in enumerate(per_coordinate("amplitude", self.amplitude, names)):
             strokes.append((j, at, -reach, 0.0))
             at += 2 * self.ramp
             for speed in self.speeds:
@@ -233,7 +235,7 @@ class Sweep:
             at += 2 * self.ramp
         t = _times(at, dt)
         made = np.zeros((3, len(t), len(names)))
-        made[0] = spread("centre", self.centre, names)
+        made[0] = per_coordinate("centre", self.centre, names)
         for j, start, distance, speed in strokes:
             moved = run(t - start, distance, speed, self.ramp) if speed else move(t - start, distance, 2 * self.ramp)
             made[:, :, j] += moved
@@ -259,7 +261,10 @@ class Grid:
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
         """Deterministic; consecutive poses are neighbours on the grid."""
         del rng
-        centre, amplitude = spread("centre", self.centre, names), spread("amplitude", self.amplitude, names)
+        centre, amplitude = (
+            per_coordinate("centre", self.centre, names),
+            per_coordinate("amplitude", self.amplitude, names),
+        )
         steps = np.linspace(-1, 1, self.points) if self.points > 1 else np.zeros(1)
         poses = [np.zeros(len(names)), *_snake(steps, len(names)), np.zeros(len(names))]
         t = _times((len(poses) - 1) * (self.move + self.dwell), dt)
@@ -271,7 +276,7 @@ class Grid:
         return made[0], made[1], made[2]
 
 
-def spread(name: str, figures: Sequence[float], names: list[str]) -> Array:
+def per_coordinate(name: str, figures: Sequence[float], names: list[str]) -> Array:
     """Broadcast one value to all names, or check that there is one for each, (names,)."""
     values = np.asarray(figures, dtype=float)
     if values.size not in (1, len(names)):
@@ -289,7 +294,7 @@ def series(name: str, figures: Sequence[Figures], names: list[str]) -> Array:
     return np.array(figures, dtype=float).reshape(len(names), -1)
 
 
-def triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:
+def _triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:
     """Unit triangle wave with rounded corners, asin(k sin) / asin(k), and its two derivatives, each (n, joints)."""
     omega = 2 * np.pi * frequency_hz
     angle = t[:, None] * omega + phase

@@ -8,17 +8,16 @@ from haptid.experiment.excitation.criteria import (
     RawCondition,
     ScaledCondition,
     Scaling,
-    observed,
+    observed_motion,
     quality,
 )
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Slopes
-from haptid.experiment.excitation.limits import Bounds, Coupling, Limits
+from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
 from haptid.experiment.excitation.search import Excitation, Search, design
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
-    "Bounds",
     "Coupling",
     "Criterion",
     "Excitation",
@@ -27,6 +26,7 @@ __all__ = [
     "Information",
     "LargestDeviation",
     "Limits",
+    "MotionBounds",
     "Quality",
     "RawCondition",
     "ScaledCondition",
@@ -35,7 +35,7 @@ __all__ = [
     "Slopes",
     "TrianglesWithSines",
     "design",
-    "observed",
+    "observed_motion",
     "quality",
     "write_experiment",
 ]

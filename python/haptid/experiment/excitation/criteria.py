@@ -93,7 +93,7 @@ class Quality:
         return weighted * np.where(self.values != 0, np.abs(self.values), 1.0 / lengths)
 
 
-def observed(model: DynamicModel, trajectory: Trajectory) -> Observation:
+def observed_motion(model: DynamicModel, trajectory: Trajectory) -> Observation:
     """The rows of W of a planned motion, as one R factor for each motor."""
     still = np.zeros((len(trajectory), sum(model.device.measured)))
     rates = (trajectory.qd, trajectory.qdd)
@@ -124,7 +124,7 @@ def standard_errors(W: Array) -> Array:
 
 
 # Lower bound of the eigenvalues of C relative to the largest: rounding level.
-SINGULAR = 1e-13
+_SINGULAR = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,4 +238,4 @@ def _in_units_of(values: Array, noise: Array) -> Scaling:
 
 def _eigen(C: Array) -> tuple[Array, Array]:
     eigenvalues, vectors = np.linalg.eigh(C)
-    return np.maximum(eigenvalues, SINGULAR * eigenvalues[-1]), vectors
+    return np.maximum(eigenvalues, _SINGULAR * eigenvalues[-1]), vectors

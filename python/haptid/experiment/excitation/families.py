@@ -8,19 +8,19 @@ from typing import Protocol
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.experiment.bench.trajectories import Fourier, Kind, Multisine, Triangles, TrianglesAndSines
-from haptid.experiment.excitation.limits import Bounds
+from haptid.experiment.bench.trajectories import Fourier, Multisine, TrajectoryKind, Triangles, TrianglesAndSines
+from haptid.experiment.excitation.limits import MotionBounds
 
 # Centres lie in this share of the range, about its middle; further out the strokes would be small.
 MIDDLE = 0.5
 # Minimum stroke, relative to the room that the centre leaves.
-LEAST = 0.3
+_LEAST = 0.3
 # Slope of a triangle with rounded corners, relative to four times amplitude times frequency.
 STEEPER = 1.13
 # Share of the maximum speed that initial motions use.
 FILLED = 0.9
 # Points per shortest period at which a waveform is evaluated.
-POINTS = 16
+_POINTS = 16
 
 
 class Family(Protocol):
@@ -33,10 +33,10 @@ class Family(Protocol):
     def size(self, joints: int) -> int:
         """Number of parameters of a motion."""
 
-    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+    def start(self, bounds: MotionBounds, rng: np.random.Generator) -> Array:
         """A random point, (size,)."""
 
-    def kind(self, x: Array, bounds: Bounds) -> Kind:
+    def kind(self, x: Array, bounds: MotionBounds) -> TrajectoryKind:
         """The motion at a point of the unit cube, (size,), with strokes and speeds roughly within the bounds."""
 
 
@@ -67,14 +67,14 @@ class FourierSeries:
         """A centre, and two amplitudes per harmonic, for each joint."""
         return joints * (1 + 2 * self.count)
 
-    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+    def start(self, bounds: MotionBounds, rng: np.random.Generator) -> Array:
         """A centre near the middle, and amplitudes that use the available stroke or the maximum speed."""
         joints = len(bounds.names)
         place, reach = rng.random((2, joints))
-        centre, stroke = placed(place, reach, bounds)
+        centre, stroke = _placed(place, reach, bounds)
         low, high = bounds.position.T
         shape, most = rng.normal(size=(joints, 2, self.count)), self._most(bounds)
-        angle = np.linspace(0, 2 * np.pi, POINTS * self.count, endpoint=False)[:, None] * np.arange(1, self.count + 1)
+        angle = np.linspace(0, 2 * np.pi, _POINTS * self.count, endpoint=False)[:, None] * np.arange(1, self.count + 1)
         omega, s, c = self._omega, np.sin(angle), np.cos(angle)
         shape *= most
         position = np.abs(shape[:, 0] @ s.T + shape[:, 1] @ c.T).max(axis=1)
@@ -82,7 +82,7 @@ class FourierSeries:
         shape *= np.minimum(stroke / position, FILLED * bounds.speed / speed)[:, None, None]
         return np.concatenate([(centre - low) / (high - low), (0.5 + 0.5 * shape / most).ravel()])
 
-    def kind(self, x: Array, bounds: Bounds) -> Fourier:
+    def kind(self, x: Array, bounds: MotionBounds) -> Fourier:
         """The centre anywhere in the range; amplitudes up to what range and speed allow a single harmonic."""
         joints = len(bounds.names)
         low, high = bounds.position.T
@@ -96,7 +96,7 @@ class FourierSeries:
         """Angular frequency of every harmonic, rad/s."""
         return np.asarray(2 * np.pi * self.fundamental_hz * np.arange(1, self.count + 1))
 
-    def _most(self, bounds: Bounds) -> Array:
+    def _most(self, bounds: MotionBounds) -> Array:
         """Maximum amplitude of every harmonic on its own, (joints, 1, count)."""
         half = np.ptp(bounds.position, axis=1)[:, None, None] / 2
         return np.asarray(np.minimum(half, bounds.speed[:, None, None] / self._omega))
@@ -125,7 +125,7 @@ class TrianglesWithSines:
         """See Family."""
         return False
 
-    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+    def start(self, bounds: MotionBounds, rng: np.random.Generator) -> Array:
         """Uniform in the unit cube."""
         return rng.random(self.size(len(bounds.names)))
 
@@ -133,11 +133,11 @@ class TrianglesWithSines:
         """Centre, stroke, the sines' share of it and the triangle's frequency for each joint; two frequencies."""
         return 4 * joints + 2
 
-    def kind(self, x: Array, bounds: Bounds) -> TrianglesAndSines:
+    def kind(self, x: Array, bounds: MotionBounds) -> TrianglesAndSines:
         """The sines get the speed that the triangles leave, and at least a tenth of the stroke."""
         joints = len(bounds.names)
         place, reach, share, pace = x[: 4 * joints].reshape(4, joints)
-        centre, stroke = placed(place, reach, bounds)
+        centre, stroke = _placed(place, reach, bounds)
         large = (0.9 - 0.8 * share) * stroke
         slowest, fastest = self.slow_hz
         frequency = slowest * (fastest / slowest) ** pace
@@ -154,9 +154,9 @@ class TrianglesWithSines:
         )
 
 
-def placed(centre: Array, stroke: Array, bounds: Bounds) -> tuple[Array, Array]:
+def _placed(centre: Array, stroke: Array, bounds: MotionBounds) -> tuple[Array, Array]:
     """Centres and strokes, each (active,), rad or m, from numbers between 0 and 1."""
     low, high = bounds.position.T
     middle = 0.5 * (low + high) + MIDDLE * (high - low) * (centre - 0.5)
     room = np.minimum(high - middle, middle - low)
-    return middle, room * (LEAST + (1 - LEAST) * stroke)
+    return middle, room * (_LEAST + (1 - _LEAST) * stroke)

@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.dynamics.regressor import STEPS, CoreChannels, moved
+from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
 from haptid.experiment.excitation.criteria import Criterion, Scaling
-from haptid.experiment.excitation.limits import Bounds
+from haptid.experiment.excitation.limits import MotionBounds
 
 # Power of the smooth criterion when starting points are compared.
 STARTING = 4.0
@@ -33,13 +33,13 @@ class Slopes:
         scaling: of their rows.
     """
 
-    bounds: Bounds
+    bounds: MotionBounds
     criterion: Criterion
     columns: tuple[int, ...]
     scaling: Scaling
 
     @staticmethod
-    def of(bounds: Bounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Slopes:
+    def of(bounds: MotionBounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Slopes:
         """For base parameters `bounds.beta` and noise, (motors,)."""
         values = np.abs(bounds.beta[list(columns)])
         return Slopes(bounds, criterion, columns, criterion.scaling(values, noise))
@@ -117,7 +117,9 @@ class Slopes:
         violated = flat > 0
         there, here = states[:, :, violated], flat[violated]
         for j in range(len(by_position) if violated.any() else 0):
-            by_position[j, violated] = 2 / n * here * (self._flat(moved(there, 0, j, STEPS[0])) - here) / STEPS[0]
+            by_position[j, violated] = (
+                2 / n * here * (self._flat(moved(there, 0, j, DIFFERENCE_STEPS[0])) - here) / DIFFERENCE_STEPS[0]
+            )
         return float((flat**2).sum()) / n, by_position
 
     def _flat(self, states: Array) -> Array:

@@ -16,11 +16,11 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.errors import IncompleteDeviceError
 from haptid.experiment.bench.limits import FLAT, loop_openness
-from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
+from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate
 
 T = TypeVar("T")
 # Planned distance from flat loops, relative to the minimum of the bench.
-MARGIN = 1.2
+_MARGIN = 1.2
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class Limits:
     acceleration: Figures | None = None
     torque: Figures | None = None
     couplings: tuple[Coupling, ...] = ()
-    openness: float = MARGIN * FLAT
+    openness: float = _MARGIN * FLAT
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class MotionBounds:
     """Limits of one device as arrays.
 
     Attributes:
@@ -92,7 +92,7 @@ class Bounds:
         return [self.model.device.joints[j].name for j in self.model.device.active]
 
     @staticmethod
-    def of(model: DynamicModel, limits: Limits, beta: Array) -> Bounds:
+    def of(model: DynamicModel, limits: Limits, beta: Array) -> MotionBounds:
         """Limits as given, else those of the device.
 
         Raises:
@@ -106,12 +106,12 @@ class Bounds:
             position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)
         if speed is None:
             speed = tuple(_given("maximum speed", j.name, j.velocity_limit) for j in joints)
-        return Bounds(
+        return MotionBounds(
             model,
             np.array(position, dtype=float),
-            spread("speed", speed, names),
-            spread("acceleration", limits.acceleration or (np.inf,), names),
-            spread("torque", limits.torque or (np.inf,), list(model.device.row_names)),
+            per_coordinate("speed", speed, names),
+            per_coordinate("acceleration", limits.acceleration or (np.inf,), names),
+            per_coordinate("torque", limits.torque or (np.inf,), list(model.device.row_names)),
             limits,
             beta,
         )

@@ -13,22 +13,22 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, TrajectoryError
 from haptid.estimation.methods.constrained import indices
-from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
-from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed, quality
+from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
+from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed_motion, quality
 from haptid.experiment.excitation.families import Family
 from haptid.experiment.excitation.gradients import Slopes
-from haptid.experiment.excitation.limits import Bounds, Limits
+from haptid.experiment.excitation.limits import Limits, MotionBounds
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
-WORST = 50.0
+_WORST = 50.0
 # Cost of violating a limit by its full size, when starting points are compared.
-PENALTY = 100.0
+_PENALTY = 100.0
 # Share of the evaluations that random starting points use.
 RANDOM = 0.05
 # Evaluations of a descent, and its rounds: power of the smooth criterion, weight of the penalties, share of the
 # evaluations. Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
 DESCENT = 1500
-ROUNDS = ((2, 3e2, 0.23), (3, 1e3, 0.23), (2, 1e3, 0.18), (4, 3e3, 0.12), (8, 1e4, 0.12), (8, 1e5, 0.12))
+_ROUNDS = ((2, 3e2, 0.23), (3, 1e3, 0.23), (2, 1e3, 0.18), (4, 3e3, 0.12), (8, 1e4, 0.12), (8, 1e5, 0.12))
 # L-BFGS-B memory, steps.
 MEMORY = 30
 # Step of the finite differences of a motion by its parameters.
@@ -76,11 +76,11 @@ class Excitation:
     """
 
     model: DynamicModel
-    kind: Kind
+    kind: TrajectoryKind
     seed: int
     before: Quality
     after: Quality
-    bounds: Bounds
+    bounds: MotionBounds
     tried: int
     noise: Array
 
@@ -147,11 +147,11 @@ def design(
     picked = indices(model.base.names, columns if columns is not None else model.base.names)
     motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
     state = _Search(
-        Bounds.of(model, limits or Limits(), beta),
+        MotionBounds.of(model, limits or Limits(), beta),
         family,
         criterion or ScaledCondition(),
         picked,
-        spread("noise", noise, motors),
+        per_coordinate("noise", noise, motors),
         search,
         progress,
     )
@@ -196,7 +196,7 @@ class _Search:
         jacobian: of the states by the parameters of an affine family, once it is known.
     """
 
-    bounds: Bounds
+    bounds: MotionBounds
     family: Family
     criterion: Criterion
     columns: tuple[int, ...]
@@ -234,7 +234,7 @@ class _Search:
         """Quasi-Newton descent in rounds, each with its share of the remaining evaluations."""
         tries = min(DESCENT, self.search.tries - self.tried)
         bounds, x = [(0.0, 1.0)] * len(start.x), start.x
-        for power, weight, share in ROUNDS:
+        for power, weight, share in _ROUNDS:
             settings = {"maxfun": max(1, round(share * tries)), "maxiter": tries, "maxcor": MEMORY}
             arguments = (start.seed, power, weight)
             x = optimize.minimize(
@@ -270,7 +270,7 @@ class _Search:
     def _penalised(self, start: _Start) -> float:
         """Cost of a motion plus penalties of all violated limits."""
         states, excess = self.evaluate(start.x, start.seed)
-        return self.slopes.cost(states) + PENALTY * excess
+        return self.slopes.cost(states) + _PENALTY * excess
 
     def evaluate(self, x: Array, seed: int) -> tuple[Array, float]:
         """States of the motion at a point of the unit cube, (3, active, n), and its summed violation of limits."""
@@ -289,8 +289,8 @@ class _Search:
 
     def _keep(self, made: Trajectory, start: _Start) -> None:
         """Keep a feasible motion if it is the first or the best."""
-        found = quality(observed(self.bounds.model, made), self.columns, self.bounds.beta, self.noise)
-        cost = min(self.criterion.cost(found), WORST)
+        found = quality(observed_motion(self.bounds.model, made), self.columns, self.bounds.beta, self.noise)
+        cost = min(self.criterion.cost(found), _WORST)
         self.first = self.first or found
         if cost < self.least:
             self.least, self.best = cost, (start, found)

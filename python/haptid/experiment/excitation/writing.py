@@ -14,7 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import mass_matrix
 from haptid.errors import OutputFolderError
 from haptid.experiment.bench.experiment import Experiment, ExperimentTable
-from haptid.experiment.bench.trajectories import Fourier, Kind, TrianglesAndSines
+from haptid.experiment.bench.trajectories import Fourier, TrajectoryKind, TrianglesAndSines
 from haptid.experiment.excitation.search import Excitation
 
 
@@ -43,7 +43,7 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
     return target
 
 
-def trajectory_table(kind: Kind) -> dict[str, Any]:
+def trajectory_table(kind: TrajectoryKind) -> dict[str, Any]:
     """The table [trajectory] of this motion."""
     if isinstance(kind, TrianglesAndSines):
         sines = _settings(kind.sines)
@@ -91,7 +91,7 @@ def value_text(value: Any) -> str:
 # Bandwidth, rad/s, and damping ratio of the default controller, at the largest inertia of a motor along the motion.
 OMEGA, DAMPING = 2 * np.pi * 6.0, 0.8
 # Step at which inertias are evaluated, s.
-LOOK = 0.05
+_LOOK = 0.05
 
 
 def plain_experiment(found: Excitation) -> Experiment:
@@ -115,7 +115,7 @@ def plain_experiment(found: Excitation) -> Experiment:
 def largest_inertia(found: Excitation) -> Array:
     """Largest inertia of every motor coordinate along the motion, from the parameters of the search, (motors,)."""
     model = found.model
-    M = mass_matrix(model, found.bounds.beta, found.trajectory(LOOK).q.T)
+    M = mass_matrix(model, found.bounds.beta, found.trajectory(_LOOK).q.T)
     to_rows = model.device.row_map @ np.linalg.inv(model.device.coupling)
     on_drives = np.einsum("ik,nij,jk->nk", to_rows, M, to_rows)
     motors = [k for k, drive in enumerate(model.device.drives) if drive.motorised]

@@ -21,9 +21,9 @@ from haptid.uncertainty.quantities import Quantities
 GAIN = 2.0
 # Lower bounds of a point's standard error: relative to the median one, and relative to the largest torque.
 TRUSTED = 0.3
-EXACT = 1e-6
+_EXACT = 1e-6
 # Grid points of the Stribeck velocity, from half the slowest to half the fastest speed.
-POINTS = 60
+_POINTS = 60
 # Unit of the parameters per unit of velocity: of FV in N m s/rad, with the unit of torque before it.
 PER_VELOCITY = {"N m": " s/rad", "N": " s/m"}
 
@@ -104,7 +104,7 @@ class Stribeck:
 
 
 MODELS: tuple[FrictionModel, ...] = (Coulomb(), CoulombViscous(), ByDirection(), Stribeck())
-ENOUGH = "Coulomb and viscous"
+_ENOUGH = "Coulomb and viscous"
 
 
 @dataclass(frozen=True)
@@ -155,13 +155,13 @@ class JointChoice:
     @property
     def enough(self) -> bool:
         """Whether viscous and Coulomb friction are sufficient."""
-        return self.chosen.friction_model in (MODELS[0].name, ENOUGH)
+        return self.chosen.friction_model in (MODELS[0].name, _ENOUGH)
 
     @property
     def sentence(self) -> str:
         """The choice, with differences of AICc and the values."""
-        standard = next(fit for fit in self.fits if fit.friction_model == ENOUGH)
-        larger = [fit for fit in self.fits if fit.friction_model not in (MODELS[0].name, ENOUGH)]
+        standard = next(fit for fit in self.fits if fit.friction_model == _ENOUGH)
+        larger = [fit for fit in self.fits if fit.friction_model not in (MODELS[0].name, _ENOUGH)]
         differences = ", ".join(f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}" for fit in larger)
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
@@ -205,7 +205,7 @@ def _choice(joint: JointFriction) -> JointChoice:
 def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
     """Weighted least squares of one friction model."""
     v, f = joint.velocity, joint.torque
-    se = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), EXACT * float(np.abs(f).max())))
+    se = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), _EXACT * float(np.abs(f).max())))
     scale = _stribeck_velocity(friction_model, v, f, se) if friction_model.scaled else 1.0
     A = friction_model.columns(v, scale) / se[:, None]
     beta = np.asarray(np.linalg.lstsq(A, f / se, rcond=None)[0], dtype=np.float64)
@@ -220,7 +220,7 @@ def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
         friction_model=friction_model.name,
         parameters=Quantities(friction_model.parameters, tuple(units), beta, covariance, np.full(k, float(dof))),
         VS=scale if friction_model.scaled else None,
-        aicc=n * float(np.log(max(squares / n, EXACT**2))) + 2 * K + correction,
+        aicc=n * float(np.log(max(squares / n, _EXACT**2))) + 2 * K + correction,
         error=100 * float(np.linalg.norm(f - friction_model.columns(v, scale) @ beta) / np.linalg.norm(f)),
     )
 
@@ -234,7 +234,7 @@ def _stribeck_velocity(friction_model: FrictionModel, v: Array, f: Array, se: Ar
         return float(residual @ residual)
 
     speeds = np.abs(v)
-    grid = np.linspace(np.log(0.5 * speeds.min()), np.log(0.5 * speeds.max()), POINTS)
+    grid = np.linspace(np.log(0.5 * speeds.min()), np.log(0.5 * speeds.max()), _POINTS)
     best = int(np.argmin([squares(x) for x in grid]))
-    ends = (grid[max(best - 1, 0)], grid[min(best + 1, POINTS - 1)])
+    ends = (grid[max(best - 1, 0)], grid[min(best + 1, _POINTS - 1)])
     return float(np.exp(optimize.minimize_scalar(squares, bounds=ends, method="bounded").x))

@@ -35,7 +35,7 @@ SAME_POSE = 0.02
 
 
 @dataclass(frozen=True)
-class Constant:
+class ConstantVelocity:
     """Criteria of motion at a constant velocity.
 
     Attributes:
@@ -174,7 +174,7 @@ class FrictionCurve:
 
 
 def friction_curve(
-    model: DynamicModel, motion: Motion, gravity: Gravity | None = None, constant: Constant | None = None
+    model: DynamicModel, motion: Motion, gravity: Gravity | None = None, constant: ConstantVelocity | None = None
 ) -> FrictionCurve:
     """Friction torque against velocity of every joint that moves at constant velocities.
 
@@ -190,7 +190,7 @@ def friction_curve(
         MissingAccelerationError: the motion's treatment has none.
         NoRowsError: no joint moves in both directions at a constant velocity.
     """
-    gravity, constant = gravity or DirectionPairs(), constant or Constant()
+    gravity, constant = gravity or DirectionPairs(), constant or ConstantVelocity()
     c, cd, cdd = coordinates(model.device, motion, *motion.usable)
     tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
@@ -248,7 +248,7 @@ class _Cell:
     acceleration: float
 
 
-def _passes(constant: Constant, alone: bool, width: int, k: int, cd: Array) -> Iterator[_Pass]:
+def _passes(constant: ConstantVelocity, alone: bool, width: int, k: int, cd: Array) -> Iterator[_Pass]:
     """Passes of coordinate k at a constant velocity."""
     v = ndimage.uniform_filter1d(cd, width, axis=1)
     change = ndimage.maximum_filter1d(v[k], width) - ndimage.minimum_filter1d(v[k], width)

@@ -10,13 +10,13 @@ from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 # A product in a sum: its sign, and the factor nodes.
 Term = tuple[int, tuple[int, ...]]
 # Rounds of factoring; more give no improvement.
-ROUNDS = 3
+_ROUNDS = 3
 
 
 def shortest(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
     """The outputs unchanged or factored in up to ROUNDS rounds, whichever is cheapest."""
     forms = [list(outputs)]
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         forms.append(factored(graph, forms[-1]))
     return min(forms, key=lambda form: cost(graph, form))
 

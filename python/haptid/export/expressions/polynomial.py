@@ -19,9 +19,9 @@ from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 Monomial = tuple[int, ...]
 Polynomial = dict[Monomial, Expr]
 # Number of monomials of all outputs above which the recursion is cheaper.
-LARGEST = 150
+_LARGEST = 150
 # Number of angles above which there are too many normal forms: two ways to write the squares of each.
-MOST_ANGLES = 4
+_MOST_ANGLES = 4
 # Orders that are tried, and factors by which an atom's weight in the order is varied.
 TRIALS = 16
 WEIGHTS = (0.5, 0.8, 1.0, 1.25, 1.6, 2.2, 3.0)
@@ -40,7 +40,7 @@ def cheapest(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> lis
         trials: number of orders tried, by a search with a fixed seed.
     """
     pairs = _pairs(graph, outputs)
-    if len(pairs) > MOST_ANGLES:
+    if len(pairs) > _MOST_ANGLES:
         return None
     try:
         forms = [
@@ -69,7 +69,7 @@ def _normal_form(graph: Graph, outputs: Sequence[Expr], squares: Mapping[int, in
     for out in outputs:
         polynomial = _expanded(graph, out.node, squares, known)
         made.append(polynomial if out.sign > 0 else {m: -k for m, k in polynomial.items()})
-    if sum(map(len, made)) > LARGEST:
+    if sum(map(len, made)) > _LARGEST:
         raise _TooLargeError
     return made
 
@@ -93,7 +93,7 @@ def _expanded(graph: Graph, node: int, squares: Mapping[int, int], known: dict[i
                 _collect(made, monomial, factor)
     else:
         made = {(node,): graph.number(1.0)}
-    if len(made) > LARGEST:
+    if len(made) > _LARGEST:
         raise _TooLargeError
     known[node] = made
     return made

@@ -8,7 +8,7 @@ from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import cross, dot, vector
 
 # Pivots below this share of their original diagonal entry count as singular.
-SINGULAR = 1e-7
+_SINGULAR = 1e-7
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Factors:
             pivot = M[i][i]
             for k in range(i):
                 pivot = pivot - lower[i][k] * scaled[i][k]
-            checks.append(pivot - SINGULAR * M[i][i])
+            checks.append(pivot - _SINGULAR * M[i][i])
             inverse.append(1.0 / pivot)
         return Factors(lower, checks, inverse)
 
@@ -101,7 +101,7 @@ def force(J: list[list[Expr]], torque: list[Expr]) -> tuple[list[Expr], list[Exp
         volume = dot(a, areas[0])
         inverse = 1.0 / volume
         scaled = [value * inverse for value in torque]
-        check = volume * volume - SINGULAR * (dot(a, a) * dot(b, b) * dot(c, c))
+        check = volume * volume - _SINGULAR * (dot(a, a) * dot(b, b) * dot(c, c))
         return [dot([area[k] for area in areas], scaled) for k in range(3)], [check]
     if n > 3:
         factors = Factors.of([[dot(J[a], J[b]) for b in range(3)] for a in range(3)])

@@ -28,7 +28,7 @@ def zero(graph: Graph) -> Vector:
     return (none, none, none)
 
 
-def constant(graph: Graph, values: Iterable[float]) -> Vector:
+def constant_vector(graph: Graph, values: Iterable[float]) -> Vector:
     """A vector of numbers."""
     x, y, z = (graph.number(value) for value in values)
     return (x, y, z)

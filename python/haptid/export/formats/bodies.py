@@ -16,7 +16,7 @@ from haptid.export.provenance import Provenance, about
 INSIDE = 1e-9
 
 
-def standard_parameters(model: DynamicModel, beta: Array) -> Array:
+def standard_parameters_of(model: DynamicModel, beta: Array) -> Array:
     """Physically consistent free standard parameters with these base parameters, (n,), SI.
 
     Of all that have them, those nearest to the prior, or to a ball for every link without one. The base parameters are

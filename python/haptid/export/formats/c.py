@@ -10,7 +10,7 @@ from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c_source import Files
 from haptid.export.model.functions import Code, code_of
 from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, provenance
+from haptid.export.provenance import ExportSource, provenance
 from haptid.export.selftest import selftest
 from haptid.validation.validation import Validation
 
@@ -27,7 +27,7 @@ class CExport(Export):
 
 
 def export_c(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     code: CCode | None = None,
     *,

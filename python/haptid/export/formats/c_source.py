@@ -18,7 +18,7 @@ from haptid.export.model.functions import Code
 from haptid.export.provenance import Provenance, about, coordinate_lines, one_line
 
 # Maximum line length of a comment or a declaration, characters.
-WIDTH = 116
+_WIDTH = 116
 # Declarations and heads of definitions in C.
 DECLARATION = re.compile(r"^((?:\w+ )+\w+\()([^;(){}]*)\)(?=;|\n\{)", re.MULTILINE)
 # Settings of the examples: sampling period, s; observer gain, rad/s; differentiator cutoff, Hz; motion per tick, rad.
@@ -142,13 +142,13 @@ class Files:
 def comment(text: str) -> str:
     """Text on one line that cannot end a C comment, cut to WIDTH."""
     plain = one_line(text)
-    return plain if len(plain) <= WIDTH else plain[: WIDTH - 3] + "..."
+    return plain if len(plain) <= _WIDTH else plain[: _WIDTH - 3] + "..."
 
 
 def wrapped(arguments: Sequence[str], start: str) -> str:
     """start, arguments and a closing bracket, wrapped to WIDTH."""
     lines = _flowed(arguments, start)
-    return "\n".join(lines if max(map(len, lines)) <= WIDTH else [start, *_flowed(arguments, "    ")])
+    return "\n".join(lines if max(map(len, lines)) <= _WIDTH else [start, *_flowed(arguments, "    ")])
 
 
 def _flowed(arguments: Sequence[str], start: str) -> list[str]:
@@ -157,7 +157,7 @@ def _flowed(arguments: Sequence[str], start: str) -> list[str]:
     for k, argument in enumerate(arguments):
         piece = argument + (")" if k == len(arguments) - 1 else ",")
         gap = "" if line.endswith(("(", " ")) else " "
-        if len(line) + len(gap) + len(piece) > WIDTH and line.strip():
+        if len(line) + len(gap) + len(piece) > _WIDTH and line.strip():
             lines.append(line)
             line, gap = " " * len(start), ""
         line += gap + piece

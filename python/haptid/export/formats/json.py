@@ -13,19 +13,19 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import possible
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, Provenance, provenance
+from haptid.export.provenance import ExportSource, Provenance, provenance
 from haptid.results.result import device_file, finite
 from haptid.validation.validation import Validation
 
 # Version of the format.
-SCHEMA = 1
+_SCHEMA = 1
 NOTE = (
     "Of all bodies with these base parameters, those nearest to the prior; null if they are not physically consistent."
 )
 
 
 def export_json(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -43,16 +43,16 @@ def export_json(
         OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
-    text = json.dumps(finite(model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(finite(_model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)
     return write(folder, {f"{default_name(source.model.device.name)}.json": text + "\n"}, source.verdict)
 
 
-def model_values(source: Provenance) -> dict[str, Any]:
+def _model_values(source: Provenance) -> dict[str, Any]:
     """The model as plain values, SI."""
     model, found = source.model, possible(source.model, source.beta)
     standard = dict(zip(model.device.parameters.names, found.chi.tolist(), strict=True)) if found.ok else None
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "haptid": __version__,
         "device": model.device.name,
         "verdict": source.verdict,

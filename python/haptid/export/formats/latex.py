@@ -10,7 +10,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
+from haptid.export.provenance import ExportSource, Provenance, about, provenance
 from haptid.validation.validation import Validation
 
 # Significant digits.
@@ -30,7 +30,7 @@ DOCUMENT = r"""\documentclass{article}
 
 
 def export_latex(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -66,8 +66,8 @@ def _parameters(source: Provenance) -> str:
     """Table with a row for each base parameter."""
     lines = []
     for k, (name, unit) in enumerate(zip(source.model.base.names, source.model.base.units, strict=True)):
-        interval = ("", "") if source.intervals is None else tuple(map(number, source.intervals[k]))
-        lines.append(" & ".join((f"${subscript(name)}$", number(source.beta[k]), *interval, unit_text(unit))))
+        interval = ("", "") if source.intervals is None else tuple(map(latex_number, source.intervals[k]))
+        lines.append(" & ".join((f"${subscript(name)}$", latex_number(source.beta[k]), *interval, unit_text(unit))))
     head = r"parameter & value & \multicolumn{2}{c}{95\,\% interval} & unit"
     return _table("lrrrl", head, lines)
 
@@ -90,7 +90,7 @@ def _numeric(grouping: str) -> str:
 
 def _factor(word: str) -> str:
     if re.fullmatch(r"[0-9.]+(e[-+]?[0-9]+)?", word):
-        return number(float(word)).strip("$") + r"\,"
+        return latex_number(float(word)).strip("$") + r"\,"
     return f"-{subscript(word[1:])}" if word.startswith("-") else subscript(word)
 
 
@@ -100,7 +100,7 @@ def _table(columns: str, head: str, lines: list[str]) -> str:
     return f"{top}\n{body}\n" + r"\bottomrule" + "\n" + r"\end{longtable}" + "\n"
 
 
-def number(value: float) -> str:
+def latex_number(value: float) -> str:
     """A number in math mode: 1.2345, or 1.2345 times a power of ten."""
     if math.isinf(value):
         return r"$-\infty$" if value < 0 else r"$\infty$"

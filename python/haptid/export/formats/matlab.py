@@ -9,12 +9,12 @@ from haptid.export.expressions.dialects import Matlab
 from haptid.export.expressions.emit import Function, straight
 from haptid.export.model.functions import Code, code_of
 from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, Provenance, about, coordinate_lines, provenance
+from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
 from haptid.validation.validation import Validation
 
 
 def export_matlab(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     code: CCode | None = None,
     *,

@@ -7,14 +7,14 @@ from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.mjcf import mjcf, numbers
-from haptid.export.formats.bodies import heading, standard_parameters
+from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, provenance
+from haptid.export.provenance import ExportSource, provenance
 from haptid.validation.validation import Validation
 
 
 def export_mjcf(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -38,7 +38,7 @@ def export_mjcf(
     """
     source = provenance(identified, validation, largest_error, anyway)
     model = source.model
-    chi = standard_parameters(model, source.beta)
+    chi = standard_parameters_of(model, source.beta)
     root = fromstring(mjcf(model, chi))
     _limit(root, model)
     indent(root)

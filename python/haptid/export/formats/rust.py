@@ -9,7 +9,7 @@ from haptid.export.expressions.dialects import Rust
 from haptid.export.expressions.emit import Emitted, Function, emitted
 from haptid.export.model.functions import Code, code_of
 from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, Provenance, about, coordinate_lines, provenance
+from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
 from haptid.validation.validation import Validation
 
 CARGO = """[package]
@@ -51,7 +51,7 @@ impl Model {{
 
 
 def export_rust(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     code: CCode | None = None,
     *,

@@ -17,22 +17,22 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import Cut, Joint
 from haptid.dynamics.model import DynamicModel
-from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
+from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
-from haptid.export.formats.bodies import heading, standard_parameters
+from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, provenance
+from haptid.export.provenance import ExportSource, provenance
 from haptid.validation.validation import Validation
 
 DRAKE = "http://drake.mit.edu"
 # Value of unknown limits, SI: URDF requires all limits of a joint that has any.
 UNLIMITED = 1e3
 # Cosine of the pitch below which it counts as a right angle.
-LEVEL = 1e-9
+_LEVEL = 1e-9
 
 
 def export_urdf(
-    identified: IdentifiedModel,
+    identified: ExportSource,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -53,7 +53,7 @@ def export_urdf(
     """
     source = provenance(identified, validation, largest_error, anyway)
     model = source.model
-    chi = standard_parameters(model, source.beta)
+    chi = standard_parameters_of(model, source.beta)
     made = bodies(model, chi)
     acts = effects(model, chi, made)
     root = _robot(model, made, acts)
@@ -63,7 +63,7 @@ def export_urdf(
     return write(folder, {f"{default_name(model.device.name)}.urdf": text}, source.verdict)
 
 
-def _robot(model: DynamicModel, made: tuple[Body, ...], acts: tuple[Effect, ...]) -> Element:
+def _robot(model: DynamicModel, made: tuple[SimulatedBody, ...], acts: tuple[Effect, ...]) -> Element:
     root = Element("robot", {"name": default_name(model.device.name), "xmlns:drake": DRAKE})
     _base(root, model)
     for j, (joint, body) in enumerate(zip(model.device.joints, made, strict=True)):
@@ -88,7 +88,7 @@ def _base(root: Element, model: DynamicModel) -> None:
     _fixed(root, "base mount", "world", "base", upright(model.device.gravity), np.zeros(3))
 
 
-def _link(root: Element, joint: Joint, body: Body) -> None:
+def _link(root: Element, joint: Joint, body: SimulatedBody) -> None:
     link = SubElement(root, "link", name=f"link {joint.name}")
     if body.weightless:
         return
@@ -185,7 +185,7 @@ def angles(rotation: Array) -> tuple[float, float, float]:
     R = rotation
     level = float(np.hypot(R[0, 0], R[1, 0]))
     pitch = float(np.arctan2(-R[2, 0], level))
-    if level < LEVEL:
+    if level < _LEVEL:
         return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
     return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
 

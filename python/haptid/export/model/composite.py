@@ -15,10 +15,10 @@ from haptid.export.model.newton import Bodies
 from haptid.export.model.tree import Link, Tree
 
 # Second moments, symmetric: rows.
-Moments = tuple[Vector, Vector, Vector]
+_Moments = tuple[Vector, Vector, Vector]
 
 
-def mass_matrix(tree: Tree, bodies: Bodies, q: list[Expr], turns: list[Turn]) -> list[list[Expr]]:
+def mass_matrix_expressions(tree: Tree, bodies: Bodies, q: list[Expr], turns: list[Turn]) -> list[list[Expr]]:
     """The mass matrix including rotors, rows of (active, active).
 
     Args:
@@ -56,13 +56,13 @@ def _inwards(links: tuple[Link, ...], turns: list[Turn], i: int, v: Vector) -> V
     return rotated(_rotation(links[i], i), forth(turns[i], v))
 
 
-def _own(bodies: Bodies, i: int, none: Expr) -> tuple[Moments, Vector, Expr]:
+def _own(bodies: Bodies, i: int, none: Expr) -> tuple[_Moments, Vector, Expr]:
     """Second moments as a matrix, first moments and mass of one link."""
     (xx, xy, xz, yy, yz, zz), first, mass = bodies.of_link(i, none)
     return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), first, mass
 
 
-def _wrench(link: Link, second: Moments, first: Vector, mass: Expr) -> tuple[Vector, Vector]:
+def _wrench(link: Link, second: _Moments, first: Vector, mass: Expr) -> tuple[Vector, Vector]:
     """Moment and force for a unit acceleration of a joint, about or along its z axis."""
     none = mass * 0.0
     if link.prismatic:
@@ -71,8 +71,8 @@ def _wrench(link: Link, second: Moments, first: Vector, mass: Expr) -> tuple[Vec
 
 
 def _carried(
-    links: tuple[Link, ...], turns: list[Turn], i: int, body: tuple[Moments, Vector, Expr], arm: Vector
-) -> tuple[Moments, Vector, Expr]:
+    links: tuple[Link, ...], turns: list[Turn], i: int, body: tuple[_Moments, Vector, Expr], arm: Vector
+) -> tuple[_Moments, Vector, Expr]:
     """A body in the frame of its link's parent, about that frame's origin."""
     second, first, mass = body
     R = _rotation(links[i], i)
@@ -89,7 +89,7 @@ def _carried(
     return (vector(rows[0]), vector(rows[1]), vector(rows[2])), (x, y, z), mass
 
 
-def _turned(turn: Turn, second: Moments) -> Moments:
+def _turned(turn: Turn, second: _Moments) -> _Moments:
     """Rz E Rz', with three products for the upper left corner."""
     s, c = turn
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = second
@@ -100,12 +100,12 @@ def _turned(turn: Turn, second: Moments) -> Moments:
     return ((xx - su, across, x), (across, yy + su, y), (x, y, zz))
 
 
-def _transposed(rows: list[Vector]) -> Moments:
+def _transposed(rows: list[Vector]) -> _Moments:
     x, y, z = zip(*rows, strict=True)
     return (vector(x), vector(y), vector(z))
 
 
-def _joined(a: tuple[Moments, Vector, Expr], b: tuple[Moments, Vector, Expr]) -> tuple[Moments, Vector, Expr]:
+def _joined(a: tuple[_Moments, Vector, Expr], b: tuple[_Moments, Vector, Expr]) -> tuple[_Moments, Vector, Expr]:
     x, y, z = (plus(p, q) for p, q in zip(a[0], b[0], strict=True))
     return (x, y, z), plus(a[1], b[1]), a[2] + b[2]
 

@@ -15,11 +15,11 @@ from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
 from haptid.export.expressions.polynomial import TRIALS, cheapest
 from haptid.export.expressions.solving import Factors, force, mobility
-from haptid.export.model.composite import mass_matrix
-from haptid.export.model.hamilton import momentum
+from haptid.export.model.composite import mass_matrix_expressions
+from haptid.export.model.hamilton import momentum_expressions
 from haptid.export.model.handle import HandleExpressions, handle_expressions
 from haptid.export.model.moments import moments_of
-from haptid.export.model.newton import Bodies, inverse_dynamics
+from haptid.export.model.newton import Bodies, inverse_dynamics_expressions
 from haptid.export.model.terms import term_torque
 from haptid.export.model.tree import Tree, tree_of
 
@@ -121,7 +121,7 @@ class _Functions:
         return tuple((name, self.tree.active) for name in names)
 
     def newton(self, qd: list[Expr], qdd: list[Expr]) -> list[Expr]:
-        return inverse_dynamics(self.tree, self.bodies, self.q, qd, qdd, self.tree.gravity)
+        return inverse_dynamics_expressions(self.tree, self.bodies, self.q, qd, qdd, self.tree.gravity)
 
     def torques(self) -> list[Function]:
         """Torques: inverse dynamics, gravity, terms and friction."""
@@ -164,7 +164,7 @@ class _Functions:
         mass = self.mass(self.tree.relative(self.q))
         full = tuple(mass[a][b] for a in range(self.tree.active) for b in range(self.tree.active))
         turns = self.tree.turns(self.q)
-        low = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
         both = cheapest_form(self.graph, [*self.newton(self.qd, self.none), *low])
         bias, entries = both[: self.tree.active], both[self.tree.active :]
         made = Function(
@@ -194,15 +194,15 @@ class _Functions:
 
     def mass(self, relative: list[tuple[Expr, Expr]]) -> list[list[Expr]]:
         """The matrix from joint angles or from absolute angles, whichever is cheaper."""
-        own = _low(mass_matrix(self.tree, self.bodies, self.q, relative))
+        own = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, relative))
         turns = self.tree.turns(self.q)
-        absolute = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        absolute = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
         forms = [cheapest_form(self.graph, form) for form in (own, absolute)]
         return _full(min(forms, key=lambda form: cost(self.graph, form)), self.tree.active)
 
     def momentum(self) -> Function:
         """Generalised momentum and its remainder, for the momentum observer."""
-        p, slope = momentum(self.tree, self.bodies, self.q, self.qd, self.tree.turns(self.q))
+        p, slope = momentum_expressions(self.tree, self.bodies, self.q, self.qd, self.tree.turns(self.q))
         gravity = self.newton(self.none, self.none)
         rest = [g - s for g, s in zip(gravity, slope, strict=True)]
         both = cheapest_form(self.graph, [*p, *rest])
@@ -247,7 +247,7 @@ class _Functions:
 
     def _mobility(self, J: list[list[Expr]]) -> Function:
         turns = self.tree.turns(self.q)
-        low = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
         factors = Factors.of(_full(cheapest_form(self.graph, low), self.tree.active))
         A = mobility(factors, J)
         return Function(

@@ -24,7 +24,7 @@ class Twist:
     v: Vector
 
 
-def momentum(
+def momentum_expressions(
     tree: Tree, bodies: Bodies, q: list[Expr], qd: list[Expr], turns: list[Turn]
 ) -> tuple[list[Expr], list[Expr]]:
     """Generalised momentum and the derivatives of the kinetic energy by the coordinates, each (active).

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from haptid.device import Handle
 from haptid.export.expressions.graph import Expr
-from haptid.export.expressions.vectors import Turn, Vector, constant, cross, forth, plus, rotated, zero
+from haptid.export.expressions.vectors import Turn, Vector, constant_vector, cross, forth, plus, rotated, zero
 from haptid.export.model.tree import Tree
 
 
@@ -43,11 +43,11 @@ def handle_expressions(tree: Tree, handle: Handle, q: list[Expr]) -> HandleExpre
         chain.insert(0, i)
         i = tree.links[i].parent
     bars = [_in_base(tree, turns, tree.links[i].parent, tree.origin(i, q, 1.0)) for i in chain]
-    bars.append(_in_base(tree, turns, handle.link, constant(graph, handle.translation)))
+    bars.append(_in_base(tree, turns, handle.link, constant_vector(graph, handle.translation)))
     position = zero(graph)
     for bar in bars:
         position = plus(position, bar)
-    axes = [_in_base(tree, turns, handle.link, constant(graph, column)) for column in handle.rotation.T]
+    axes = [_in_base(tree, turns, handle.link, constant_vector(graph, column)) for column in handle.rotation.T]
     x, y, z = ((axes[0][k], axes[1][k], axes[2][k]) for k in range(3))
     columns = _columns(tree, turns, chain, bars)
     return HandleExpressions(position, (x, y, z), [list(row) for row in zip(*columns, strict=True)])
@@ -68,7 +68,7 @@ def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]
     for k in reversed(range(len(chain))):
         link = links[chain[k]]
         beyond = plus(beyond, bars[k + 1])
-        axis = _in_base(tree, turns, chain[k], constant(graph, (0.0, 0.0, 1.0)))
+        axis = _in_base(tree, turns, chain[k], constant_vector(graph, (0.0, 0.0, 1.0)))
         # The next link of the same group has its own absolute angle, which moves everything beyond it.
         joined = k + 1 < len(chain) and links[chain[k + 1]].group == link.group
         linear = axis if link.prismatic else cross(axis, bars[k + 1] if joined else beyond)

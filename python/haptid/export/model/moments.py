@@ -14,13 +14,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device.parameters import INERTIAL
-from haptid.dynamics.base_parameters import NO_EFFECT, eliminate, regroup
+from haptid.dynamics.base_parameters import NO_EFFECT, regroup, select_independent
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import combined
 
 # Order of preference among the kinds of parameters.
-PREFERENCE = ("YY", "XX", "MX", "MY", "XY", "XZ", "YZ", "rotor", "ZZ", "MZ", "M")
+_PREFERENCE = ("YY", "XX", "MX", "MY", "XY", "XZ", "YZ", "rotor", "ZZ", "MZ", "M")
 # Map from the six entries of the inertia tensor to the second moments, in the order of INERTIAL.
 TO_MOMENTS = 0.5 * np.array(
     [
@@ -34,11 +34,11 @@ TO_MOMENTS = 0.5 * np.array(
     dtype=float,
 )
 # Factors below this share of the largest in their row are rounding errors.
-ROUNDING = 1e-12
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class SecondMoments:
     """Minimal parameters of bodies and rotors.
 
     Attributes:
@@ -56,7 +56,7 @@ class Moments:
         return [combined(row, parameters) for row in self.factors]
 
 
-def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
+def moments_of(model: DynamicModel, seed: int = 0) -> SecondMoments:
     """Minimal parameters that determine the torque of all rows, selected in the order of PREFERENCE.
 
     Args:
@@ -71,14 +71,14 @@ def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
     kinds = [*(INERTIAL * len(model.device.joints)), *(["rotor"] * len(rotors))]
     lengths = np.linalg.norm(W, axis=0)
     effective = (lengths > NO_EFFECT * lengths.max(initial=0.0)) & (S != 0).any(axis=1)
-    order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: (PREFERENCE.index(kinds[k]), k))
-    kept, Q, _ = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
+    order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: (_PREFERENCE.index(kinds[k]), k))
+    kept, Q, _ = select_independent(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)
     factors = (
         regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(model.base.independent_columns)]
     )
     largest = np.abs(factors).max(axis=1, initial=0.0, keepdims=True)
-    factors[np.abs(factors) < ROUNDING * largest] = 0.0
+    factors[np.abs(factors) < _ROUNDING * largest] = 0.0
     bodies: list[dict[str, int]] = [{} for _ in model.device.joints]
     for row, k in enumerate(kept):
         if k < 10 * len(model.device.joints):
@@ -88,7 +88,7 @@ def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
         for row, k in enumerate(kept)
         if k >= 10 * len(model.device.joints)
     )
-    return Moments(tuple(bodies), turned, freeze(factors))
+    return SecondMoments(tuple(bodies), turned, freeze(factors))
 
 
 def _changes(links: int, rotors: int) -> tuple[Array, Array]:

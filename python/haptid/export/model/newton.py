@@ -20,7 +20,7 @@ from haptid.export.expressions.vectors import (
     Vector,
     back,
     combined,
-    constant,
+    constant_vector,
     cross,
     dot,
     forth,
@@ -29,7 +29,7 @@ from haptid.export.expressions.vectors import (
     vector,
     zero,
 )
-from haptid.export.model.moments import Moments
+from haptid.export.model.moments import SecondMoments
 from haptid.export.model.tree import Link, Tree
 
 
@@ -76,7 +76,7 @@ class Bodies:
     length: float
 
     @staticmethod
-    def of(moments: Moments, parameters: Sequence[Expr], length: float) -> Bodies:
+    def of(moments: SecondMoments, parameters: Sequence[Expr], length: float) -> Bodies:
         """Mass and first moments scaled by powers of the length, precomputed from the parameters."""
         made = moments.expressions(parameters)
         unit = {"MX": length, "MY": length, "MZ": length, "M": length * length}
@@ -89,7 +89,7 @@ class Bodies:
         return (xx, xy, xz, yy, yz, zz), (x, y, z), mass
 
 
-def inverse_dynamics(
+def inverse_dynamics_expressions(
     tree: Tree, bodies: Bodies, q: list[Expr], qd: list[Expr], qdd: list[Expr], gravity: Array
 ) -> list[Expr]:
     """Torques of bodies and rotors on the coordinates, (active).
@@ -117,7 +117,7 @@ class _Recursion:
     ) -> None:
         self.tree, self.bodies, self.graph = tree, bodies, q[0].graph
         self.q, self.qd, self.qdd = q, qd, qdd
-        self.fall = constant(self.graph, -np.asarray(gravity) / bodies.length)
+        self.fall = constant_vector(self.graph, -np.asarray(gravity) / bodies.length)
         self.turns = tree.turns(q)
         self.arms = [tree.origin(i, q, bodies.length) for i in range(len(tree.links))]
         self.needed = tree.needed(bool(kept) for kept in bodies.links)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from haptid.device.expressions import Column
+from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, LoadDependentFriction
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
@@ -61,7 +61,7 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, LoadDependentFriction):
         raise _unexportable_term(term.name, "load-dependent friction depends on accelerations")
-    assert isinstance(term.shape, Column)  # the last kind
+    assert isinstance(term.shape, CustomColumn)  # the last kind
     return _written(model, term, term.shape, graph, joints, qd)
 
 
@@ -92,7 +92,7 @@ def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
 
 
 def _written(
-    model: DynamicModel, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
+    model: DynamicModel, term: TermColumn, column: CustomColumn, graph: Graph, joints: list[Expr], qd: list[Expr]
 ) -> Expr:
     """A custom column of the device file."""
     if column.reads({f"a_{name}" for name in model.device.joint_names}):

@@ -18,7 +18,7 @@ from haptid.export.expressions.vectors import (
     Vector,
     back,
     combined,
-    constant,
+    constant_vector,
     forth,
     plus,
     rotated,
@@ -85,7 +85,7 @@ class Tree:
     def origin(self, i: int, q: list[Expr], length: float) -> Vector:
         """Origin of a link in its parent's frame, including the prismatic displacement, in units of a length."""
         link, graph = self.links[i], q[0].graph
-        made = constant(graph, link.arm / length)
+        made = constant_vector(graph, link.arm / length)
         if link.prismatic:
             slid = (combined(link.rate, q) + link.joint_offset) * (1.0 / length)
             made = plus(made, rotated(link.rotation, (graph.number(0.0), graph.number(0.0), slid)))

@@ -13,7 +13,7 @@ from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateCo
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
-from haptid.inference.diagnosis.influence import drift, influence
+from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
@@ -21,7 +21,7 @@ from haptid.simulation import PID
 from haptid.validation.validation import Validation, direct
 
 # Relative residual of every motor, per cent, below which it is rounding error.
-EXACT = 1e-8
+_EXACT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +79,14 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     """
     errors = validation or direct(estimate)
     motion = (excitation(estimate), collinearity(estimate))
-    if max(motor.relative for motor in direct(estimate).motors) < EXACT:
+    if max(motor.relative for motor in direct(estimate).motors) < _EXACT:
         return Diagnosis(
             estimate, errors, motion, ("The model fits to rounding error: there are no residuals to test.",)
         )
     part = subsample(estimate)
     # A long log is not simulated as a whole.
-    by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered(part)
-    findings = (*motion, *_on_rows(part, by), influence(estimate), drift(estimate))
+    by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
+    findings = (*motion, *_on_rows(part, by), influence(estimate), parameter_drift(estimate))
     said = () if part is estimate else (sentence(estimate, part),)
     return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, by)))
 

@@ -9,7 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array, read_only
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
-from haptid.inference.diagnosis.finding import Finding, Status, listed
+from haptid.inference.diagnosis.finding import Finding, Status, joined_names
 from haptid.observation.r_factor import triangle
 
 # Condition index above which a dependency is strong, and share of variance above which a parameter is part of it
@@ -18,7 +18,7 @@ STRONG, SHARED = 30.0, 0.5
 # Parameters with at least this component in a direction of unit length are named.
 NAMED = 0.3
 # Motion that excites a parameter, by kind; {} is the joint or motor.
-MOTION = {
+_MOTION = {
     "XX XY XZ YY YZ ZZ": "accelerate {} hard both ways, in several poses of the others",
     "MX MY MZ M": "move {} slowly through its whole range, so that gravity changes on it",
     "IA": "accelerate {} hard both ways",
@@ -72,7 +72,7 @@ def advice(made: Estimate, k: int) -> str:
     own = made.base.independent_columns[k]
     kind, link = parameters.kinds[own], parameters.links[own]
     on = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
-    words = [text for kinds, text in MOTION.items() if kind in kinds.split()]
+    words = [text for kinds, text in _MOTION.items() if kind in kinds.split()]
     return (words[0] if words else "move {} through its whole range and speed").format(on)
 
 
@@ -100,7 +100,7 @@ def excitation(made: Estimate) -> Finding:
         )
     hopeless = [k for k in poor if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
     status: Status = "bad" if hopeless or 2 * len(poor) > len(names) else "doubt"
-    shown = listed([made.base.names[k] for k in poor])
+    shown = joined_names([made.base.names[k] for k in poor])
     advised = "; ".join(dict.fromkeys(advice(made, k) for k in poor[:3]))
     text = (
         f"Not significantly different from zero: {shown} ({len(poor)} of {len(names)} parameters, 95 % intervals); "
@@ -126,7 +126,7 @@ def collinearity(made: Estimate) -> Finding:
         text = f"No collinear parameters (largest condition index {largest:.3g}, limit {STRONG:g})."
         return Finding("collinearity", "ok", figures, text)
     status: Status = "bad" if largest > WELL_CONDITIONED else "doubt"
-    names = listed([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
+    names = joined_names([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
     text = (
         f"{names} are nearly collinear ({int(strong.sum())} condition indices above {STRONG:g}, the largest "
         f"{largest:.3g}; above {WELL_CONDITIONED:g} no single one is reliable): their joint torque is reliable; to "

@@ -43,7 +43,7 @@ LOOP_ADVICE = (
     "so that they are chosen from the logs."
 )
 # Smallest standard error used as a divisor.
-TINY = float(np.finfo(float).tiny)
+_TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ def instruments(estimate: Estimate, controller: PID | None = None) -> Instrument
     made = simulated(estimate, law) if law is not None and not any(m.treatment.momentum for m in motions) else None
     if made is not None:
         return Instruments(made, "the part of W that the simulated closed loop does not explain", LOOP_ADVICE)
-    return filtered(estimate)
+    return filtered_columns(estimate)
 
 
-def filtered(estimate: Estimate) -> Instruments:
+def filtered_columns(estimate: Estimate) -> Instruments:
     """The log's own motions through a narrower filter."""
     narrow = tuple(narrowly_filtered(motion) for motion in estimate.observation.motions)
     return Instruments(narrow, "the part of the positions that a narrower filter removes", FILTER_ADVICE)
@@ -155,7 +155,7 @@ def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
     first = int(np.argmin(p))
     label, test = found[first]
     explained, kept = float(test.explained.max()), list(made.kept)
-    bias = np.abs(test.shift) / np.maximum(made.se[kept], TINY)
+    bias = np.abs(test.shift) / np.maximum(made.se[kept], _TINY)
     worst, most = made.base.names[kept[int(np.argmax(bias))]], float(bias.max())
     figures = {"p": float(p[first]), "explained": explained, "bias": most}
     figures |= {f"p {name}": one.p for name, one in found}

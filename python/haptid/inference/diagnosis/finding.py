@@ -12,7 +12,7 @@ ORDER: tuple[Status, ...] = ("ok", "doubt", "bad")
 # Significance level of every test: one false finding in a hundred clean logs.
 SIGNIFICANCE = 0.01
 # A term that explains more than this share of a motor's residual power is worth adding.
-LARGE = 0.1
+_LARGE = 0.1
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ def graded(p: float, explained: float) -> Status:
     """By p-value and share of the residual power explained."""
     if p >= SIGNIFICANCE:
         return "ok"
-    return "bad" if explained > LARGE else "doubt"
+    return "bad" if explained > _LARGE else "doubt"
 
 
-def listed(names: Sequence[str], most: int = 4) -> str:
+def joined_names(names: Sequence[str], most: int = 4) -> str:
     """Names as text, the first few of many."""
     shown = list(names[:most])
     if len(names) > most:

@@ -13,12 +13,12 @@ from haptid.estimation import WLS, Estimate, Restricted, estimate
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import ALONE
 from haptid.inference.comparison import compare
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, joined_names
 
 # Shift of an estimate without a block, in standard errors due to all other blocks: worth a look, and too large.
 LOOK, DECIDES = 1.0, 2.0
 # Smallest sum of squares used as a divisor.
-TINY = float(np.finfo(float).tiny)
+_TINY = float(np.finfo(float).tiny)
 # Halves of a log with fewer blocks are not compared.
 FEWEST_BLOCKS = 8
 # Relative change of a parameter along the log: below the first it is ignored, above the second it is large.
@@ -52,12 +52,12 @@ class Deletions:
         rest = _others(self.expected)
         variance = self.expected * _others(self.shift**2) / rest
         dof = np.maximum(rest**2 / _others(self.expected**2) - 1.0, 1.0)
-        return np.asarray(2 * stats.t.sf(np.abs(self.shift) / np.sqrt(np.maximum(variance, TINY)), dof))
+        return np.asarray(2 * stats.t.sf(np.abs(self.shift) / np.sqrt(np.maximum(variance, _TINY)), dof))
 
 
 def _others(values: Array) -> Array:
     """Sum over all other blocks, (blocks, p)."""
-    return np.asarray(np.maximum(values.sum(axis=0) - values, TINY))
+    return np.asarray(np.maximum(values.sum(axis=0) - values, _TINY))
 
 
 def deletions(made: Estimate) -> Deletions:
@@ -103,7 +103,7 @@ def influence(made: Estimate) -> Finding:
     return Finding("influence", "bad" if most > DECIDES else "doubt", figures, text)
 
 
-def drift(made: Estimate) -> Finding:
+def parameter_drift(made: Estimate) -> Finding:
     """Do the parameters of the first and last half differ (Welch's test, Holm's correction)?"""
     blocks = len(made.observation.blocks)
     if blocks < 2 * FEWEST_BLOCKS:
@@ -126,12 +126,11 @@ def drift(made: Estimate) -> Finding:
     share = float(np.abs(found.difference[k]) / max(abs(found.first[k]), abs(found.second[k])))
     figures = {"p": least, "first": found.first[k], "second": found.second[k], "share": share}
     if share < SMALL:
-        text = (
-            f"{listed(found.differs)} changed along the log, but by {100 * share:.1g} % only (limit {100 * SMALL:g} %)."
-        )
+        changed = f"{100 * share:.1g} % only (limit {100 * SMALL:g} %)"
+        text = f"{joined_names(found.differs)} changed along the log, but by {changed}."
         return Finding("drift", "ok", figures, text)
     text = (
-        f"{listed(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.4g} to "
+        f"{joined_names(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.4g} to "
         f"{found.second[k]:.4g} {found.units[k]} (p = {least:.1e}, limit {SIGNIFICANCE:g}). Warm the device up, check "
         f"that nothing slipped, and identify warm and cold separately."
     )

@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows, CandidateColumns
 from haptid.inference.diagnosis.context import ResidualContext
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, graded, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, graded, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
 from haptid.uncertainty.multiple_testing import together
 
@@ -220,9 +220,9 @@ def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], test
     if status == "ok":
         text = f"No sign of {term.meaning} (p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
         if others := sorted({one.redundant_to for one in tests if one.redundant_to}):
-            text = f"No sign of {term.meaning} in addition to {listed(others)}."
+            text = f"No sign of {term.meaning} in addition to {joined_names(others)}."
         return Finding(term.name, status, figures, text)
-    where = listed([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
+    where = joined_names([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
     text = (
         f"The residual of {where} shows {term.meaning}: it explains {100 * tests[first].explained:.1f} % of the "
         f"residual power of {places[first].label} (p = {p[first]:.1e}, limit {SIGNIFICANCE:g}). {term.remedy} on "

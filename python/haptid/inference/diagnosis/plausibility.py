@@ -16,11 +16,11 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
 from haptid.inference.diagnosis.context import ResidualContext, torque_of
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
 from haptid.uncertainty.quantities import half_width
 
 # Factors that confused units cause.
-UNITS = {
+_UNITS = {
     1000.0: "milli- for whole units",
     1e-3: "whole for milli-units",
     1e6: "milliseconds for seconds, or mm^2 for m^2",
@@ -35,7 +35,7 @@ NAMED, GOOD = 0.15, 2.0
 # A torque scale is used if its standard error is below this share of it.
 IDENTIFIABLE = 0.25
 # Parameters that cannot be negative, by kind.
-POSITIVE = ("FV", "FC", "IA")
+_POSITIVE = ("FV", "FC", "IA")
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def torque_scales(
 
 def unit_error(factor: float, gears: Sequence[float]) -> str | None:
     """The confusion of units or gear ratios that causes a factor; None if no known one does."""
-    named = dict(UNITS)
+    named = dict(_UNITS)
     for gear in gears:
         if abs(np.log(abs(gear))) > np.log(GOOD):
             named |= {abs(gear): "a gear ratio left out", 1 / abs(gear): "a gear ratio counted twice"}
@@ -146,7 +146,9 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
         elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
             doubt.append(f"{size} (limit {GOOD:g}): check unit, gear, gain and the device file's bodies.")
     if negative := _negative(made):
-        doubt.append(f"{listed(negative)} negative, which is impossible: check signs, the torque's delay and filters.")
+        doubt.append(
+            f"{joined_names(negative)} negative, which is impossible: check signs, the torque's delay and filters."
+        )
     notes = [note for motion in made.observation.motions if motion.log for note in motion.log.notes]
     doubt += [note for note in notes if "jitter" in note][:1]
     status: Status = "bad" if bad else "doubt" if doubt else "ok"
@@ -161,7 +163,7 @@ def _negative(made: Estimate) -> list[str]:
     kinds = [made.model.device.parameters.kinds[k] for k in made.base.independent_columns]
     names = []
     for k, kind in enumerate(kinds):
-        if kind in POSITIVE and made.beta[k] < 0:
+        if kind in _POSITIVE and made.beta[k] < 0:
             p = stats.t.cdf(made.beta[k] / made.se[k], made.dof[k])
             if p * len(kinds) < SIGNIFICANCE:
                 names.append(made.base.names[k])

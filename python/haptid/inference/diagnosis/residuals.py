@@ -12,7 +12,7 @@ from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import Plan
@@ -20,23 +20,23 @@ from haptid.observation.rows import Chunk
 from haptid.uncertainty.multiple_testing import together
 
 # Missing rows between two ranges: more than any lag that is used.
-GAP = 400
+_GAP = 400
 # Rows are taken as uncorrelated where the autocorrelation of the shared filter is below this.
 UNCORRELATED = 0.02
 # Lags of the portmanteau test.
 LAGS = 10
 # With a longer autocorrelation time, as a share of a block, neighbouring blocks are not independent clusters.
-LONGEST = 0.2
+_LONGEST = 0.2
 # Median absolute deviation of a standard normal variable.
-NORMAL_MAD = 0.6744897501960817
+_NORMAL_MAD = 0.6744897501960817
 # Rows that a test of the distribution requires.
-FEWEST = 30
+_FEWEST = 30
 # Outliers with more than this share of the residual power distort the fit.
 OUTLIER_POWER = 0.1
 # Residual power at twice the mean speed or torque, relative to that at the mean, above which another weighting pays.
 GROWTH = 2.0
 
-Part = tuple[Array, Array, Array, Array, Array, Array]
+_Part = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def residuals(estimate: Estimate) -> Residuals:
     )
 
 
-def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
+def _of(estimate: Estimate, motion: Motion) -> Iterator[_Part]:
     """Ranges of one motion, a gap of missing rows between those that are not adjacent and at the end."""
     model, plan = estimate.model, Plan.of(estimate.model, motion)
     chi = raw_parameters(model, estimate.beta)
@@ -116,10 +116,10 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     yield _gap(len(own), len(model.device.row_names))
 
 
-def _gap(motors: int, coordinates: int) -> Part:
+def _gap(motors: int, coordinates: int) -> _Part:
     """Missing rows."""
-    e, c = (np.full((size, GAP), np.nan) for size in (motors, coordinates))
-    return np.full(GAP, np.nan), e, e, c, c, np.full(GAP, -1.0)
+    e, c = (np.full((size, _GAP), np.nan) for size in (motors, coordinates))
+    return np.full(_GAP, np.nan), e, e, c, c, np.full(_GAP, -1.0)
 
 
 def filter_stride(motion: Motion) -> int:
@@ -189,7 +189,7 @@ def autocorrelation_time(e: Array) -> float:
     The sum ends where a pair of neighbouring correlations is not positive (Geyer 1992, Statistical Science 7, section
     3.3).
     """
-    rho, pairs = autocorrelation(e, min(GAP - 1, len(e) // 4))
+    rho, pairs = autocorrelation(e, min(_GAP - 1, len(e) // 4))
     scaled = rho * pairs[0] / np.maximum(pairs, 1)  # as if no row were missing
     couples = scaled[: len(scaled) // 2 * 2].reshape(-1, 2).sum(axis=1)
     ends = np.flatnonzero(couples <= 0)
@@ -206,7 +206,7 @@ def portmanteau(e: Array, lags: int = LAGS) -> tuple[float, float]:
 
 def half_power(e: Array, step: float) -> float:
     """Frequency below which half of the power lies, Hz, from windowed correlations (Blackman and Tukey 1958)."""
-    rho, pairs = autocorrelation(e, min(GAP - 1, len(e) // 4))
+    rho, pairs = autocorrelation(e, min(_GAP - 1, len(e) // 4))
     k = np.arange(1, len(rho))
     window = 0.5 * (1 + np.cos(np.pi * k / len(rho)))
     weight = rho[1:] * pairs[0] / np.maximum(pairs[1:], 1) * window
@@ -221,7 +221,7 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     p = together(np.array([motor.p for motor in found]))
     block = float(np.median([b.stop - b.start for b in estimate.observation.blocks]))
     longest = max(motor.time for motor in found) * left.step
-    status: Status = "bad" if longest > LONGEST * block else "ok" if p.min() >= SIGNIFICANCE else "doubt"
+    status: Status = "bad" if longest > _LONGEST * block else "ok" if p.min() >= SIGNIFICANCE else "doubt"
     coloured = [label for label, each in zip(left.labels, p, strict=True) if each < SIGNIFICANCE]
     rows, effective = sum(m.rows for m in found), sum(m.effective for m in found)
     sentence = (
@@ -230,13 +230,14 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     )
     if status == "bad":
         sentence += (
-            f", longer than {100 * LONGEST:.0f} % of a block of {block:.2g} s: neighbouring blocks are dependent and "
+            f", longer than {100 * _LONGEST:.0f} % of a block of {block:.2g} s: neighbouring blocks are dependent and "
             f"the intervals too narrow. Look for a missing term, and write block = {round(10 * longest, 1):g} under "
             f"[treatment] in the study file, or Treatment(block={round(10 * longest, 1):g}) in Python."
         )
     elif coloured:
         sentence += (
-            f". The residuals of {listed(coloured)} are not white, beyond the effect of the filter (p = {p.min():.1e}, "
+            f". The residuals of {joined_names(coloured)} are not white, beyond the effect of the filter "
+            f"(p = {p.min():.1e}, "
             f"limit {SIGNIFICANCE:g}): use the default cluster-robust intervals, not the classical ones, and look for "
             f"a missing term."
         )
@@ -264,7 +265,7 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
 def standardised(e: Array) -> Array:
     """Residuals about their median in robust standard deviations, (rows,), NaN where a row is not used."""
     centred = e - np.nanmedian(e)
-    return np.asarray(centred * NORMAL_MAD / max(float(np.nanmedian(np.abs(centred))), np.finfo(float).tiny))
+    return np.asarray(centred * _NORMAL_MAD / max(float(np.nanmedian(np.abs(centred))), np.finfo(float).tiny))
 
 
 def thinned(e: Array, stride: int) -> Array:
@@ -286,7 +287,7 @@ def normality(left: Residuals) -> Finding:
     figures: dict[str, float] = {}
     for label, e in zip(left.labels, left.e, strict=True):
         apart = thinned(e, left.filter_stride)
-        p.append(float(stats.normaltest(apart).pvalue) if len(apart) >= FEWEST else 1.0)
+        p.append(float(stats.normaltest(apart).pvalue) if len(apart) >= _FEWEST else 1.0)
         out = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
         many += int(out.sum())
         power = max(power, float(np.sum(e[out] ** 2) / np.nansum(e**2)))
@@ -295,7 +296,7 @@ def normality(left: Residuals) -> Finding:
     least = float(corrected.min())
     status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
     figures |= {"p": least, "outliers": many, "outlier_power": power}
-    which = listed([label for label, each in zip(left.labels, corrected, strict=True) if each < SIGNIFICANCE])
+    which = joined_names([label for label, each in zip(left.labels, corrected, strict=True) if each < SIGNIFICANCE])
     if status == "ok":
         sentence = f"No significant departure from normality (p = {least:.2g}, limit {SIGNIFICANCE:g})."
     elif status == "doubt":

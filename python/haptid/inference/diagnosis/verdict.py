@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis.finding import Finding, Status, listed, worst
+from haptid.inference.diagnosis.finding import Finding, Status, joined_names, worst
 from haptid.validation.validation import Validation
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
@@ -45,9 +45,9 @@ COMPENSATION = (
     "torque by position",
     "ripple",
 )
-SINGLE = ("excitation", "collinearity", "errors in W", "whiteness")
+SINGLE_PARAMETERS = ("excitation", "collinearity", "errors in W", "whiteness")
 # What to do first: causes before their effects.
-FIRST = ("units and signs", "time delay", "errors in W", "misfit", "influence", "drift", "excitation", "collinearity")
+_FIRST = ("units and signs", "time delay", "errors in W", "misfit", "influence", "drift", "excitation", "collinearity")
 # Reasons named for each use, and recommendations.
 MOST = 3
 
@@ -83,7 +83,7 @@ class Reason:
     finding: str = ""
 
 
-WORDS: Mapping[Status, str] = {"ok": "good for", "doubt": "to be used with care for", "bad": "not fit for"}
+_WORDS: Mapping[Status, str] = {"ok": "good for", "doubt": "to be used with care for", "bad": "not fit for"}
 
 
 def mild(reasons: Sequence[Reason]) -> list[Reason]:
@@ -101,7 +101,7 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     size, precise, friction = _size(errors), _precision(made), of(COMPENSATION)
     torque = [size, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
-    single = [precise, *of(PREDICTION), *friction, *of(SINGLE)]
+    single = [precise, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
     said = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
@@ -125,14 +125,14 @@ def _looks(reasons: Sequence[Reason]) -> tuple[str, ...]:
 def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | None = None) -> str:
     """Fitness for a use, with the decisive reasons, and the measure for that use."""
     grade = _worst(reasons)
-    text = f"{subject} {WORDS[grade]} {use}"
+    text = f"{subject} {_WORDS[grade]} {use}"
     if grade == "ok":
         return f"{text}: {measured.words}." if measured else f"{text}."
     grave = [reason for reason in reasons if reason.status == grade]
     words, more = [reason.words for reason in grave[:MOST]], len(grave) - MOST
     if more > 0:
         words.append(f"{more} more {'reason' if more == 1 else 'reasons'}")
-    text = f"{text}, because {listed(words)}"
+    text = f"{text}, because {joined_names(words)}"
     if measured is None or measured in grave:
         return f"{text}."
     return f"{text}{', though' if measured.status == 'ok' else ';'} {measured.words}."
@@ -154,7 +154,9 @@ def _precision(made: Estimate) -> Reason:
         return Reason("ok", f"all {many} have standard errors below {QUOTABLE:g} %")
     if not good:
         return Reason("doubt", f"none of {many} has a standard error below {QUOTABLE:g} %")
-    return Reason("doubt", f"only {len(good)} of {many} have standard errors below {QUOTABLE:g} % ({listed(good)})")
+    return Reason(
+        "doubt", f"only {len(good)} of {many} have standard errors below {QUOTABLE:g} % ({joined_names(good)})"
+    )
 
 
 def _next(findings: Sequence[Finding], errors: Validation) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -169,5 +171,5 @@ def _next(findings: Sequence[Finding], errors: Validation) -> Iterator[tuple[str
 def _rank(finding: Finding) -> tuple[bool, bool, int, float]:
     """Causes before their effects, bad before doubtful, of missing terms the most significant."""
     name = "misfit" if finding.name in COMPENSATION else finding.name
-    place = FIRST.index(name) if name in FIRST else len(FIRST)
-    return (name not in FIRST, finding.status != "bad", place, float(finding.figures.get("p", 1.0)))
+    place = _FIRST.index(name) if name in _FIRST else len(_FIRST)
+    return (name not in _FIRST, finding.status != "bad", place, float(finding.figures.get("p", 1.0)))

@@ -13,21 +13,21 @@ import pyarrow as pa
 from pyarrow import csv as arrow
 
 from haptid.errors import LogError, LogFileError
-from haptid.log.formats.sniff import Column, corrupt, empty, opened, repeated_name, require
+from haptid.log.formats.sniff import RawChannel, corrupt, empty, opened_file, repeated_name, require
 
-KIND = "CSV"
+_KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
 HEAD_BYTES = 2**20
 # Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 MISSING = frozenset(arrow.ConvertOptions().null_values)
 
 
 @dataclass(frozen=True)
-class Dialect:
+class _Dialect:
     """Format of a text log.
 
     Attributes:
@@ -47,18 +47,18 @@ class Dialect:
 
 def names(path: Path) -> list[str]:
     """Names of the columns."""
-    with opened(path, KIND):
+    with opened_file(path, _KIND):
         return list(dict.fromkeys(_dialect(path).names))
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+def _columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
     Raises:
         LogFileError: the first line holds no names, a line has more or fewer cells than the header, or a cell of a
             wanted column is not a number.
     """
-    with opened(path, KIND):
+    with opened_file(path, _KIND):
         dialect = _dialect(path)
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in indices:
@@ -75,11 +75,11 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
                 column[row : row + batch.num_rows] = batch.column(k).to_numpy(zero_copy_only=False)
             row += batch.num_rows
     except (pa.ArrowInvalid, ValueError) as error:
-        raise _fault(path, dialect, indices) or corrupt(path, KIND, str(error)) from error
+        raise _fault(path, dialect, indices) or corrupt(path, _KIND, str(error)) from error
     return {name: column[:row] for name, column in out.items()}
 
 
-def _batches(path: Path, dialect: Dialect, include: list[str]) -> Iterator[pa.RecordBatch]:
+def _batches(path: Path, dialect: _Dialect, include: list[str]) -> Iterator[pa.RecordBatch]:
     """The wanted columns block by block, selected by number, so that odd names cannot matter."""
     with path.open("rb") as file:
         file.seek(dialect.start)
@@ -100,9 +100,9 @@ def _batches(path: Path, dialect: Dialect, include: list[str]) -> Iterator[pa.Re
         )
 
 
-def _dialect(path: Path) -> Dialect:
+def _dialect(path: Path) -> _Dialect:
     """Find the header, the separator and the decimal mark."""
-    require(path, KIND, "text")
+    require(path, _KIND, "text")
     with path.open("rb") as file:
         raw = file.read(HEAD_BYTES)
         whole = not file.read(1)
@@ -116,7 +116,7 @@ def _dialect(path: Path) -> Dialect:
     if k is not None:
         body = [text for text in texts[k + 1 :] if text.strip()][:200]
         separator, header = _separate(texts[k], body)
-        if not all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in header):
+        if not all(_NUMBER.fullmatch(cell.replace(",", ".")) for cell in header):
             return _found(header, separator, body, k + 1, offset + sum(map(len, lines[: k + 1])))
         if commented is not None:
             separator, header = _separate(COMMENT.sub("", texts[commented], count=1), [texts[k], *body])
@@ -131,11 +131,11 @@ def _dialect(path: Path) -> Dialect:
     raise empty(path, "no header and no rows")
 
 
-def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> Dialect:
+def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> _Dialect:
     cells = [cell for text in body for cell in _cells(text, separator)]
     comma = separator != "," and any(DECIMAL_COMMA.fullmatch(cell) for cell in cells)
     named = tuple(cell or f"column {k}" for k, cell in enumerate(header, 1))
-    return Dialect(separator, "," if comma else ".", named, lines, start)
+    return _Dialect(separator, "," if comma else ".", named, lines, start)
 
 
 def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
@@ -153,7 +153,7 @@ def _cells(text: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
 
 
-def _row_bound(path: Path, dialect: Dialect) -> int:
+def _row_bound(path: Path, dialect: _Dialect) -> int:
     """Upper bound of the number of rows: blank lines are counted too.
 
     Raises:
@@ -172,7 +172,7 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
     return max(newlines, returns) + (last not in b"\r\n")
 
 
-def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:
+def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
     with path.open(encoding="utf-8", errors="replace") as file:
@@ -187,7 +187,7 @@ def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | 
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
-                if cell not in MISSING and not NUMBER.fullmatch(number):
+                if cell not in MISSING and not _NUMBER.fullmatch(number):
                     return LogFileError(
                         f"{path}, line {line}: {name} is `{cell[:40]}`, not a number.",
                         where=(line, name),

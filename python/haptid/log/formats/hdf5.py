@@ -10,21 +10,31 @@ import h5py
 import numpy as np
 
 from haptid.errors import LogFileError
-from haptid.log.formats.sniff import Address, Column, addresses, collect, guard, not_numeric, numeric, opened, require
+from haptid.log.formats.sniff import (
+    Address,
+    RawChannel,
+    addresses,
+    collect,
+    guard,
+    not_numeric,
+    numeric,
+    opened_file,
+    require,
+)
 
-KIND = "HDF5"
+_KIND = "HDF5"
 # Classes of MATLAB that are stored as integers and are not numbers.
 MATLAB_OTHER = frozenset({b"char", b"cell", b"logical", b"function_handle", b"struct"})
 
 
 def names(path: Path) -> list[str]:
     """Names of the channels of all datasets of numbers."""
-    require(path, KIND, "HDF5", "MAT 7.3")
-    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+    require(path, _KIND, "HDF5", "MAT 7.3")
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
         return [name for dataset in _datasets(file) for name in _channels(dataset)]
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted channels that exist in the file, each (n,), read one after the other.
 
     MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names
@@ -34,14 +44,14 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         LogFileError: a wanted dataset holds texts, objects or records, is a view of another file, or declares far more
             than is stored of it.
     """
-    require(path, KIND, "HDF5", "MAT 7.3")
-    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+    require(path, _KIND, "HDF5", "MAT 7.3")
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
         return collect(wanted, _columns(path, file, wanted))
 
 
-def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+def _rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of channels, each (stop - start,)."""
-    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
         places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}
         return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
 
@@ -51,7 +61,7 @@ def _only(at: Address, start: int, stop: int) -> Address:
     return tuple(slice(start, stop) if isinstance(part, slice) else part for part in at)
 
 
-def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     for dataset in _datasets(file):
         name, found = _flat(dataset), _channels(dataset)
         requested = [w for w in wanted if w in found or w == name]

@@ -13,33 +13,43 @@ import numpy as np
 from scipy import io
 
 from haptid.log.formats import hdf5
-from haptid.log.formats.sniff import Column, addresses, collect, corrupt, guard, not_numeric, numeric, opened, require
+from haptid.log.formats.sniff import (
+    RawChannel,
+    addresses,
+    collect,
+    corrupt,
+    guard,
+    not_numeric,
+    numeric,
+    opened_file,
+    require,
+)
 
-KIND = "MAT"
+_KIND = "MAT"
 HEADER_BYTES = 128
 MI_COMPRESSED = 15
 
 
-def names(path: Path) -> list[str]:
+def _names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers, in structs too."""
-    if require(path, KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
+    if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.names(path)
     leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
     return [channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)]
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted channels that exist in the file, each (n,); only their variables are read.
 
     Raises:
         LogFileError: a wanted variable holds texts, cells or complex numbers, or declares far more than is stored.
     """
-    if require(path, KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
+    if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.columns(path, wanted)
     return collect(wanted, _columns(path, wanted))
 
 
-def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     """One variable after the other, so that only one is in memory in addition to the collected channels."""
     for variable in dict.fromkeys(name.split(".")[0].split("[")[0] for name in wanted):
         leaves = (leaf for name, value in _load(path, [variable]).items() for leaf in _leaves(name, value))
@@ -52,7 +62,7 @@ def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
 
 def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
     """The named variables, or all."""
-    with opened(path, KIND):
+    with opened_file(path, _KIND):
         _check_elements(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a variable saved twice, an unknown class: not about the wanted ones
@@ -60,7 +70,7 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
     return {name: value for name, value in loaded.items() if isinstance(name, str) and not name.startswith("__")}
 
 
-def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:
+def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
     """Plain arrays with their full names; arrays of structs, objects and sparse matrices are left out."""
     if type(value) is not np.ndarray:
         return
@@ -85,14 +95,14 @@ def _check_elements(path: Path) -> None:
         header = file.read(HEADER_BYTES)
         order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
         if order is None:
-            raise corrupt(path, KIND, "its header is incomplete")
+            raise corrupt(path, _KIND, "its header is incomplete")
         at = HEADER_BYTES
         while at < size:
             file.seek(at)
             tag = file.read(8)
             kind, stored = struct.unpack(f"{order}II", tag) if len(tag) == 8 else (0, size)
             if at + 8 + stored > size:
-                raise corrupt(path, KIND, f"the element at byte {at} runs past the end of the file")
+                raise corrupt(path, _KIND, f"the element at byte {at} runs past the end of the file")
             if kind == MI_COMPRESSED:
                 inner = zlib.decompressobj().decompress(file.read(min(stored, 1024)), 8)
                 declared = struct.unpack(f"{order}II", inner)[1]

@@ -12,31 +12,31 @@ from numpy.lib import format as npy
 
 from haptid.errors import LogFileError
 from haptid.log.formats.sniff import (
-    Column,
+    RawChannel,
     addresses,
     collect,
     corrupt,
     guard,
     not_numeric,
     numeric,
-    opened,
+    opened_file,
     repeated_name,
     require,
 )
 
-KIND = "NPZ"
+_KIND = "NPZ"
 
 
-def names(path: Path) -> list[str]:
+def _names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers.
 
     Raises:
         LogFileError: all arrays hold Python objects.
     """
-    require(path, KIND, "a ZIP archive")
+    require(path, _KIND, "a ZIP archive")
     found: list[str] = []
     pickled: list[str] = []
-    with opened(path, KIND), zipfile.ZipFile(path) as archive:
+    with opened_file(path, _KIND), zipfile.ZipFile(path) as archive:
         for name, info in _members(path, archive).items():
             with archive.open(info) as member:
                 shape, dtype, _ = _header(member)
@@ -49,19 +49,19 @@ def names(path: Path) -> list[str]:
     return found
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted channels that exist in the file, each (n,); only their arrays are read.
 
     Raises:
         LogFileError: a wanted array holds Python objects, texts, booleans or records, or declares far more than is
             stored of it.
     """
-    require(path, KIND, "a ZIP archive")
-    with opened(path, KIND), zipfile.ZipFile(path) as archive:
+    require(path, _KIND, "a ZIP archive")
+    with opened_file(path, _KIND), zipfile.ZipFile(path) as archive:
         return collect(wanted, _columns(path, archive, wanted))
 
 
-def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     for name, info in _members(path, archive).items():
         requested = [w for w in wanted if w == name or w.startswith(f"{name}[")]
         if requested:
@@ -89,7 +89,7 @@ def _header(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     return shape, dtype, member.tell()
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> Column:
+def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> RawChannel:
     guard(path, f"array {name!r}", info.file_size, info.compress_size)
     with archive.open(info) as member:
         shape, dtype, offset = _header(member)
@@ -99,7 +99,7 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInf
         raise not_numeric(path, name, f"values of type {dtype}")
     declared = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
     if declared != info.file_size - offset:
-        raise corrupt(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
+        raise corrupt(path, _KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
     with archive.open(info) as member:
         array = npy.read_array(member, allow_pickle=False)
         member.read()  # to the end, where the archive verifies its checksum

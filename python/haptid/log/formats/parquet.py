@@ -12,9 +12,9 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
-from haptid.log.formats.sniff import Column, collect, guard, not_numeric, opened, repeated_name, require
+from haptid.log.formats.sniff import RawChannel, collect, guard, not_numeric, opened_file, repeated_name, require
 
-KIND = "Parquet"
+_KIND = "Parquet"
 BATCH_ROWS = 2**16
 # Options of opening: bytes are read as they are needed.
 SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
@@ -22,27 +22,27 @@ SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
 GROUPS_HELD = 4
 
 
-def names(path: Path) -> list[str]:
+def _names(path: Path) -> list[str]:
     """Names of the columns of numbers."""
-    require(path, KIND, "Parquet")
-    with opened(path, KIND), parquet.ParquetFile(path) as file:
+    require(path, _KIND, "Parquet")
+    with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
         return [field.name for field in file.schema_arrow if _numeric(field.type)]
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,), read one after the other; a null is NaN.
 
     Raises:
         LogFileError: a wanted column holds texts, dates or lists, or declares far more rows than its bytes can hold.
     """
-    require(path, KIND, "Parquet")
-    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
+    require(path, _KIND, "Parquet")
+    with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
         return collect(wanted, _columns(path, file, wanted))
 
 
-def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+def _rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of columns, each (stop - start,); their row groups are cached."""
-    with opened(path, KIND), parquet.ParquetFile(path) as file:
+    with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
         counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
     edges, parts = np.cumsum([0, *counts]), []
     for k, begin in enumerate(edges[:-1]):
@@ -53,9 +53,9 @@ def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Colum
 
 
 @lru_cache(maxsize=GROUPS_HELD)
-def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[Column]:
+def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[RawChannel]:
     """Columns of one row group; the file's modification time, ns, is part of the cache key."""
-    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
+    with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
         table = file.read_row_group(k, columns=list(wanted), use_threads=False)
     kinds = (table.schema.field(name).type for name in wanted)
     columns = [
@@ -65,7 +65,7 @@ def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[C
     return [column.to_numpy() for column in columns]
 
 
-def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     # The size of a single column is not queried: with a damaged footer pyarrow aborts the process there.
     schema, stored, count = file.schema_arrow, path.stat().st_size, file.metadata.num_rows
     there = [name for name in dict.fromkeys(wanted) if name in schema.names]
@@ -84,9 +84,9 @@ def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 
 
-def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> Column:
+def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> RawChannel:
     """One column, batch by batch, (n,), in its row of `room`; integers stay integers unless one of them is null."""
-    column: Column = np.empty(room.size, np.int64) if types.is_integer(kind) else room
+    column: RawChannel = np.empty(room.size, np.int64) if types.is_integer(kind) else room
     row = 0
     for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):
         values = batch.column(0).cast(pa.float64()) if types.is_decimal(kind) else batch.column(0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from haptid.errors import LogChannelError, LogError, LogFileError
 from haptid.log.log import Channels, Signal
 
-Column: TypeAlias = NDArray[Any]
+RawChannel: TypeAlias = NDArray[Any]
 Address: TypeAlias = tuple[slice | int, ...]
 
 # A member larger than this when unpacked, and by more than this ratio to its stored bytes, is refused.
@@ -38,11 +38,11 @@ MAGIC = (
 
 # Names that most recorders use: t, q1..qn and tau1..taun.
 WHERE = r"(?P<where>(?:.*\.)?)"
-NUMBER = r"_?\[?(?P<number>\d+)\]?"
-TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
-POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + NUMBER, re.IGNORECASE)
-TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + NUMBER, re.IGNORECASE)
-SINGLE = {"position": ("q", "pos", "position"), "torque": ("tau", "torque", "u")}
+_NUMBER = r"_?\[?(?P<number>\d+)\]?"
+_TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
+_POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + _NUMBER, re.IGNORECASE)
+_TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + _NUMBER, re.IGNORECASE)
+_SINGLE = {"position": ("q", "pos", "position"), "torque": ("tau", "torque", "u")}
 
 
 def content(path: Path) -> str:
@@ -91,7 +91,7 @@ def guard(path: Path, name: str, declared: int, stored: int) -> None:
 
 
 @contextmanager
-def opened(path: Path, kind: str) -> Iterator[None]:
+def opened_file(path: Path, kind: str) -> Iterator[None]:
     """Convert any exception of a format's library into LogFileError; haptid's own errors pass.
 
     Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error,
@@ -156,7 +156,7 @@ def numeric(dtype: np.dtype[Any]) -> bool:
     return dtype.kind in "iuf"
 
 
-def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dict[str, Column]:
+def collect(wanted: Sequence[str], columns: Iterator[tuple[str, RawChannel]]) -> dict[str, RawChannel]:
     """Columns as they come, stored as rows of one float64 block in the order they are wanted.
 
     A signal's channels are then contiguous and are used in place: a log is never in memory twice. Integers stay
@@ -164,7 +164,7 @@ def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dic
     """
     places = {name: k for k, name in enumerate(dict.fromkeys(wanted))}
     block: NDArray[np.float64] | None = None
-    out: dict[str, Column] = {}
+    out: dict[str, RawChannel] = {}
     for name, column in columns:
         if block is None and column.dtype.kind == "f":
             block = np.empty((len(places), column.size))
@@ -181,7 +181,7 @@ def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dic
     return out
 
 
-def block_of(columns: Sequence[Column], most: int) -> NDArray[np.float64] | None:
+def block_of(columns: Sequence[RawChannel], most: int) -> NDArray[np.float64] | None:
     """The block, (columns, n), whose consecutive rows the columns are; None where they are not.
 
     Args:
@@ -225,13 +225,13 @@ def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
     Raises:
         LogChannelError: there are none, or the choice is not unique.
     """
-    times = [(name, match) for name in names if (match := TIME.fullmatch(name))]
+    times = [(name, match) for name in names if (match := _TIME.fullmatch(name))]
     if len(times) != 1:
         found = "no time channel" if not times else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
         raise _not_guessed(path, f"{found} found by name", names)
     (time, match) = times[0]
-    position = _numbered(path, names, POSITION, "position")
-    torque = _numbered(path, names, TORQUE, "torque")
+    position = _numbered(path, names, _POSITION, "position")
+    torque = _numbered(path, names, _TORQUE, "torque")
     unit = (match["unit"] or "s").lower()
     channels = Channels(Signal(position, "rad"), Signal(torque, "N m"), time=time, time_unit=unit)
     sentence = (
@@ -250,7 +250,7 @@ def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: 
             if family.setdefault(int(match["number"]), name) != name:
                 raise _not_guessed(path, f"{family[int(match['number'])]} and {name} have one number", names)
     if not families:
-        alone = [name for name in names if name.rpartition(".")[2].lower() in SINGLE[kind]]
+        alone = [name for name in names if name.rpartition(".")[2].lower() in _SINGLE[kind]]
         if len(alone) == 1:
             return (alone[0],)
         raise _not_guessed(path, f"no {kind} channels found by name", names)

@@ -10,7 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.inference.comparison import Comparison, compare
-from haptid.inference.diagnosis.finding import listed
+from haptid.inference.diagnosis.finding import joined_names
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
 from haptid.results.result import Result
@@ -78,7 +78,7 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
 
 def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) -> str:
     """Summary of a pair, in a sentence."""
-    what = f"{listed(made.differs)}; " if made.differs else ""
+    what = f"{joined_names(made.differs)}; " if made.differs else ""
     kinds = ["unseen rows" if r["unseen"] else "the rows of the fit" for r in (first, other)]
     before, after = f"{first['relative']:.2f} % on {kinds[0]}", f"{other['relative']:.2f} % on {kinds[1]}"
     return (

@@ -9,9 +9,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
-from haptid.report.chart import COLOURS, Chart, axis, even, packed, plot, series
+from haptid.report.chart import COLOURS, Chart, axis, chart_series, even, packed, plot
 from haptid.report.section import Section
-from haptid.report.source import Source, Track
+from haptid.report.source import ReportSource, Track
 
 # Points in time of a stacked chart.
 INSTANTS = 500
@@ -30,7 +30,7 @@ class DissectionSection(Section):
     logs: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: Source) -> DissectionSection | None:
+    def of(cls, source: ReportSource) -> DissectionSection | None:
         charts: list[Chart] = []
         logs = []
         for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
@@ -72,10 +72,10 @@ def stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Cha
     total = averaged(found.total[motor], each)
     times = even(t0, each * track.step, len(total))
     curves = [
-        series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))
+        chart_series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))
         for j in present(found)
     ]
-    curves.append(series("model", "line", "black", x=times, y=packed(total), width=1))
+    curves.append(chart_series("model", "line", "black", x=times, y=packed(total), width=1))
     text = ", ".join(f"{found.parts[j]} {float(found.rms[j, motor]):.3g}" for j in present(found))
     drawn = f"Means over {each} rows are drawn ({each * track.step:.3g} s)." if each > 1 else "Every row is drawn."
     caption = f"RMS in {unit}: {text}. {drawn}"

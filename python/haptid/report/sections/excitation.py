@@ -16,7 +16,7 @@ from haptid.estimation import Estimate
 from haptid.inference.diagnosis.excitation import advice
 from haptid.report.chart import COLOURS, Chart, packed
 from haptid.report.section import Section
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 
 # Columns of the map over time; more blocks are merged.
 COLUMNS = 120
@@ -35,7 +35,7 @@ class ExcitationSection(Section):
     weakest: list[dict[str, str]]
 
     @classmethod
-    def of(cls, source: Source) -> ExcitationSection:
+    def of(cls, source: ReportSource) -> ExcitationSection:
         made = source.estimate
         by_motor, by_block = information(made)
         names = [made.base.names[k] for k in made.kept]

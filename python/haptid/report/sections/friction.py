@@ -15,13 +15,13 @@ from haptid.dynamics.regressor import external
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.errors import MissingAccelerationError, NoRowsError
 from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
-from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
+from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
-from haptid.report.source import Source, Track
+from haptid.report.source import ReportSource, Track
 
 # Points of the model's curve.
-POINTS = 201
+_POINTS = 201
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class FrictionSection(Section):
     title: ClassVar[str] = "Friction"
 
     @classmethod
-    def of(cls, source: Source) -> FrictionSection | None:
+    def of(cls, source: ReportSource) -> FrictionSection | None:
         pairs = [(t, d) for t, d in zip(source.tracks, source.decompositions, strict=True) if d is not None]
         model = source.estimate.model
         felt = any(term.resists for term in model.terms)
@@ -43,7 +43,7 @@ class FrictionSection(Section):
         return cls(charts=charts)
 
 
-def _steady(source: Source) -> Iterator[JointFriction]:
+def _steady(source: ReportSource) -> Iterator[JointFriction]:
     """Friction at constant velocities, where the logs contain such motion."""
     for run in source.identification.runs:
         try:
@@ -53,7 +53,7 @@ def _steady(source: Source) -> Iterator[JointFriction]:
 
 
 def _chart(
-    source: Source, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]
+    source: ReportSource, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]
 ) -> Chart:
     """One motor: measured torque minus all modelled parts but friction, and the friction model."""
     first = pairs[0][0]
@@ -64,9 +64,9 @@ def _chart(
     centres, means = binned(velocity, data)
     speed, torque = model_curve(source, motor, float(np.abs(velocity).max()))
     curves = [
-        series("rows", "points", "sky", x=packed(velocity[some]), y=packed(data[some])),
-        series("mean of the rows", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
-        series("model", "line", PREDICTED, x=packed(speed), y=packed(torque), width=2.2, dash="6 3"),
+        chart_series("rows", "points", "sky", x=packed(velocity[some]), y=packed(data[some])),
+        chart_series("mean of the rows", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
+        chart_series("model", "line", PREDICTED, x=packed(speed), y=packed(torque), width=2.2, dash="6 3"),
     ]
     points = [joint for joint in steady if joint.label == label]
     if points:
@@ -91,7 +91,7 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
     """Friction at constant velocities with 95 % intervals."""
     x, y = (np.concatenate([getattr(joint, name) for joint in found]) for name in ("velocity", "torque"))
     ends = np.concatenate([joint.conf_int() for joint in found])
-    return series(
+    return chart_series(
         "constant velocity",
         "interval",
         "black",
@@ -102,12 +102,12 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
     )
 
 
-def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Array]:
+def model_curve(source: ReportSource, motor: int, fastest: float) -> tuple[Array, Array]:
     """Velocity of one motor's coordinate, the others at rest, and its friction at mid-log, (n,) each."""
     model, made = source.estimate.model, source.estimate
     row = int(np.flatnonzero(model.device.measured)[motor])
     # An even number of points excludes zero, where friction is discontinuous.
-    speed = np.linspace(-fastest, fastest, POINTS - 1)
+    speed = np.linspace(-fastest, fastest, _POINTS - 1)
     trail = source.tracks[0].trail
     c = np.repeat(trail[:, trail.shape[1] // 2, None], len(speed), axis=1)
     cd = np.zeros_like(c)

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid.report.chart import MEASURED, PREDICTED, Chart, axis, envelope, even, figure, packed, plot, series
+from haptid.report.chart import MEASURED, PREDICTED, Chart, axis, chart_series, envelope, even, figure, packed, plot
 from haptid.report.section import Section
-from haptid.report.source import Hand, Source
+from haptid.report.source import HandForceData, ReportSource
 
 # Bins of a curve, and of the band around it.
 BINS, BAND = 2000, 500
@@ -28,7 +28,7 @@ class HandSection(Section):
     logs: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: Source) -> HandSection | None:
+    def of(cls, source: ReportSource) -> HandSection | None:
         hands = [hand for hand in source.hands if np.isfinite(hand.force).any()]
         if not hands:
             return None
@@ -40,7 +40,7 @@ class HandSection(Section):
         return cls(charts=charts, logs=logs)
 
 
-def _chart(hand: Hand, k: int, component: int) -> Chart:
+def _chart(hand: HandForceData, k: int, component: int) -> Chart:
     """One component: the estimate with its 95 % interval, and the sensor."""
     t, y, letter = hand.t, hand.force[:, component], "xyz"[component]
     step = float(np.median(np.diff(t)))
@@ -50,7 +50,7 @@ def _chart(hand: Hand, k: int, component: int) -> Chart:
         each = -(-len(t) // BAND)
         low, high = (hand.interval95[::each, component, end] for end in (0, 1))
         times = even(float(t[0]), each * step, len(low))
-        curves.insert(0, series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
+        curves.insert(0, chart_series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
         caption += f" Half-width of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
     if hand.measured is not None:
         measured = hand.measured[:, component]

@@ -14,7 +14,7 @@ from haptid.errors import RedundancyError, SettingError
 from haptid.report.chart import Chart, figure, packed
 from haptid.report.section import Section
 from haptid.report.sections.mechanism import poses_of, sliders_of
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 
 # Cells of a slice along each joint, and slices through the third joint.
 CELLS, SLICES = 25, 5
@@ -24,7 +24,7 @@ ALONG = 15
 WIDE = 20.0
 
 Pick = Callable[[Characterisation], Array]
-FIGURES: tuple[tuple[str, str, str, Pick], ...] = (
+_FIGURES: tuple[tuple[str, str, str, Pick], ...] = (
     ("mass", "Largest apparent mass", "kg", lambda made: made.apparent_mass.values[:, 0]),
     ("isotropy", "Isotropy: smallest over largest mass", "", lambda made: made.isotropy.values),
     ("viscous", "Largest viscous friction", "N s/m", lambda made: made.viscous_friction.values[:, 0]),
@@ -45,7 +45,7 @@ class MapsSection(Section):
     about: list[str]
 
     @classmethod
-    def of(cls, source: Source) -> MapsSection | None:
+    def of(cls, source: ReportSource) -> MapsSection | None:
         model = source.estimate.model
         if model.device.handle is None or model.device.handle.link < 0 or len(model.device.active) < 2:
             return None
@@ -154,7 +154,7 @@ def _grid(sliders: Sequence[dict[str, Any]], order: Sequence[int], axes: list[Ar
 
 def _charts(model: str, slices: Slices) -> Iterator[Chart]:
     """A map for each figure that is defined for this device."""
-    for key, title, unit, pick in FIGURES:
+    for key, title, unit, pick in _FIGURES:
         try:
             layers = slices.values(pick)
         except RedundancyError:

@@ -16,10 +16,10 @@ from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.force import WORST_CONDITION
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 
 # A slider of a joint without limits extends the motion by this share at both ends.
-MARGIN = 0.2
+_MARGIN = 0.2
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class MechanismSection(Section):
     felt: bool
 
     @classmethod
-    def of(cls, source: Source) -> MechanismSection:
+    def of(cls, source: ReportSource) -> MechanismSection:
         return cls.drawn(source.estimate.model, source.estimate.beta, poses_of(source))
 
     @classmethod
@@ -63,7 +63,7 @@ class MechanismSection(Section):
         )
 
 
-def poses_of(source: Source) -> Array:
+def poses_of(source: ReportSource) -> Array:
     """Positions of the active joints along the first log, (active, samples), thinned."""
     return np.linalg.inv(source.estimate.model.device.row_map) @ source.tracks[0].trail
 
@@ -77,7 +77,7 @@ def _slider(model: DynamicModel, k: int, q: Array) -> dict[str, Any]:
     joint = model.device.joints[model.device.active[k]]
     low, high = float(q.min()), float(q.max())
     reach = max(high - low, 0.1 if joint.prismatic else 0.5)
-    ends = joint.position_limits or (low - MARGIN * reach, high + MARGIN * reach)
+    ends = joint.position_limits or (low - _MARGIN * reach, high + _MARGIN * reach)
     ends = (min(ends[0], low), max(ends[1], high))
     return {
         "name": joint.name,

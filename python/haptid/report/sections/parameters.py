@@ -16,7 +16,7 @@ from haptid.inference.targets import targets
 from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 from haptid.report.tables import short_percent, with_digits
 
 # With more parameters backward elimination takes too long for a report.
@@ -47,7 +47,7 @@ class ParametersSection(Section):
     about: list[str]
 
     @classmethod
-    def of(cls, source: Source) -> ParametersSection:
+    def of(cls, source: ReportSource) -> ParametersSection:
         made = source.estimate
         exact = _exact(made)
         found = exact if isinstance(exact, Regroupings) else None

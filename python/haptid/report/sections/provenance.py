@@ -11,7 +11,7 @@ from haptid._core import __version__
 from haptid.estimation import PhysicallyConsistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 from haptid.results.result import interval, treatment, weighting
 
 
@@ -40,7 +40,7 @@ class ProvenanceSection(Section):
     bibtex: str
 
     @classmethod
-    def of(cls, source: Source) -> ProvenanceSection:
+    def of(cls, source: ReportSource) -> ProvenanceSection:
         found = source.identification
         settings = {name: _text(value) for name, value in treatment(found.proposal.treatment).items()}
         return cls(
@@ -71,7 +71,7 @@ def _log(run: Any) -> dict[str, Any]:
     }
 
 
-def _estimate(source: Source) -> dict[str, str]:
+def _estimate(source: ReportSource) -> dict[str, str]:
     made = source.estimate
     raw, scaled = made.observation.condition
     return {

@@ -9,16 +9,16 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
-from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, figure, packed, plot, series
+from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
 from haptid.report.section import Section
-from haptid.report.source import Source, Track
+from haptid.report.source import ReportSource, Track
 
 # Points of a scatter plot, and bins for the mean.
 CLOUD, BINS = 1200, 40
 # Segment length of Welch's method, and frequencies that are drawn.
 STRETCH, FREQUENCIES = 1024, 300
 # Least number of rows of a bin.
-FEWEST = 5
+_FEWEST = 5
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ResidualSection(Section):
     logs: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: Source) -> ResidualSection:
+    def of(cls, source: ReportSource) -> ResidualSection:
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
@@ -61,8 +61,8 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
     centres, means = binned(x, y)
     some = np.linspace(0, len(x) - 1, min(len(x), CLOUD)).astype(int)
     curves = [
-        series("rows", "points", "sky", x=packed(x[some]), y=packed(y[some])),
-        series("mean", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
+        chart_series("rows", "points", "sky", x=packed(x[some]), y=packed(y[some])),
+        chart_series("mean", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
     ]
     rms = float(np.sqrt(np.mean(y**2)))
     largest = int(np.nanargmax(np.abs(means)))
@@ -83,7 +83,7 @@ def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
     place = np.clip(((x - low) / width).astype(int), 0, bins - 1)
     many = np.bincount(place, minlength=bins)
     sums = np.bincount(place, weights=y, minlength=bins)
-    means = np.where(many >= min(FEWEST, many.max()), sums / np.maximum(many, 1), np.nan)
+    means = np.where(many >= min(_FEWEST, many.max()), sums / np.maximum(many, 1), np.nan)
     return np.asarray(low + width * (np.arange(bins) + 0.5)), np.asarray(means)
 
 
@@ -94,8 +94,8 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
     f, left = density(np.where(known, track.residual[motor], 0.0), track.step)
     _, torque = density(np.where(known, track.measured[motor], 0.0), track.step)
     curves = [
-        series("torque", "line", MEASURED, x=packed(f), y=packed(torque)),
-        series("residual", "line", RESIDUAL, x=packed(f), y=packed(left)),
+        chart_series("torque", "line", MEASURED, x=packed(f), y=packed(torque)),
+        chart_series("residual", "line", RESIDUAL, x=packed(f), y=packed(left)),
     ]
     peak = int(np.argmax(left))
     caption = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid.report.chart import MEASURED, PREDICTED, RESIDUAL, Chart, axis, envelope, figure, plot, shaded
 from haptid.report.section import Section
-from haptid.report.source import Source, Track
+from haptid.report.source import ReportSource, Track
 from haptid.validation.validation import MotorError, Validation
 
 # Bins of all curves together, and the limits for one curve: a file stays well below 15 MB.
@@ -29,7 +29,7 @@ class TorqueSection(Section):
     logs: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: Source) -> TorqueSection:
+    def of(cls, source: ReportSource) -> TorqueSection:
         curves = sum(len(track.labels) for track in source.tracks)
         bins = int(np.clip(ALL_BINS // curves, LEAST_BINS, MOST_BINS))
         charts: list[Chart] = []
@@ -113,7 +113,7 @@ class ErrorsSection(Section):
     rows: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: Source) -> ErrorsSection:
+    def of(cls, source: ReportSource) -> ErrorsSection:
         runs = source.identification.runs
         pairs = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
         labels = [motor.label for motor in runs[0].observation.motors]

@@ -7,14 +7,14 @@ from typing import ClassVar
 
 from haptid.inference.diagnosis import Finding
 from haptid.report.section import Section
-from haptid.report.source import Source
+from haptid.report.source import ReportSource
 
 USES = (
     ("Predicting torque", "torque"),
     ("Compensating friction and gravity", "compensation"),
     ("Quoting single parameters", "parameters"),
 )
-WORDS = {"ok": "good", "doubt": "with care", "bad": "not fit"}
+_WORDS = {"ok": "good", "doubt": "with care", "bad": "not fit"}
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class VerdictSection(Section):
     notes: list[str]
 
     @classmethod
-    def of(cls, source: Source) -> VerdictSection:
+    def of(cls, source: ReportSource) -> VerdictSection:
         made, found = source.diagnosis, source.identification
         statuses = [(name, getattr(made.verdict, of)) for name, of in USES]
         return cls(
             charts=(),
             criterion=_criterion(source),
             met=found.meets_criteria,
-            uses=[{"name": name, "status": status, "word": WORDS[status]} for name, status in statuses],
+            uses=[{"name": name, "status": status, "word": _WORDS[status]} for name, status in statuses],
             sentences=list(made.verdict.sentences[: len(USES)]),
             next=list(made.verdict.sentences[len(USES) :]),
             looks=[list(names) for names in made.verdict.looks],
@@ -63,7 +63,7 @@ class VerdictSection(Section):
         )
 
 
-def _criterion(source: Source) -> str:
+def _criterion(source: ReportSource) -> str:
     """The study's criterion and whether it is met, in a sentence."""
     found, worst = source.identification, source.validation
     if worst is None:
