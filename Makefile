@@ -8,17 +8,13 @@ RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.l
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-fast check bench docs wheel clean
+.PHONY: demo test check bench docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n auto --dist loadfile
-
-# The quick part of the suite, for the daily edit.
-test-fast: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist loadfile -q tests/unit tests/identity -m "not slow"
 
 check: $(VENV)/.test
 	cargo fmt --all --check
