@@ -135,7 +135,7 @@ BAD = {
     # the log's samples
     "nan": (change(q1=at(700, np.nan)), r"q1.*not finite|q1.*missing"),
     "infinity": (change(tau2=at(slice(5, 9), np.inf)), r"tau2"),
-    "time backwards": (change(t=at(900, 0.5)), r"backward"),
+    "time backwards": (change(t=at(900, 0.5)), r"time decreases"),
     "repeated stamps": (change(t=lambda t, _: np.repeat(t[::4], 4)[: len(t)]), r"stamp|repeat"),
     "gap": (change(t=lambda t, _: t + 1.0 * (np.arange(len(t)) > 1500)), r"gap|stretch"),
     "too short": (only(slice(0, 20)), r"20 samples"),
@@ -168,7 +168,7 @@ BAD = {
     "unit the device is not driven in": (text("study.toml", '"N m"', '"V"'), r"'V'"),
     "too few channels": (
         both(text("study.toml", '["q1", "q2"]', '["q1"]')),
-        r"1 position channels.*wants 2",
+        r"1 position channels.*requires 2",
     ),
     "counts without gain": (text("study.toml", 'unit = "rad"', 'unit = "counts"'), r"counts.*gain"),
     # the study
@@ -177,7 +177,7 @@ BAD = {
     "study key missing": (text("study.toml", 'name = "two links"\n', ""), r"`name`.*missing"),
     "nothing to identify from": (entry('role = "validate"'), r"identify"),
     "a log both fitted and unseen": (text("study.toml", "check.csv", "log.csv"), r"named twice"),
-    "the same log by another name": (lambda f: shutil.copy(f / "log.csv", f / "check.csv"), r"in the fit"),
+    "the same log by another name": (lambda f: shutil.copy(f / "log.csv", f / "check.csv"), r"were fitted"),
     "cut-off above the rate": (text("study.toml", "cutoff_hz = 30", "cutoff_hz = 400"), r"400 Hz"),
     "no decimation": (text("study.toml", "decimation = 5", "decimation = 0"), r"decimation"),
     "time given twice": (text("study.toml", 'time = "t"', 'time = "t"\nrate_hz = 500'), r"one of the two"),
@@ -194,7 +194,7 @@ BAD = {
         text("study.toml", "cutoff_hz = 30", "velocity_cutoff_hz = 30"), r"acceleration"
     ),
     "fewer rows than parameters": (
-        text("study.toml", "decimation = 5", "decimation = 420\nreversal_speed = 0"), r"rows cannot tell"
+        text("study.toml", "decimation = 5", "decimation = 420\nreversal_speed = 0"), r"rows are not enough"
     ),
     "device path with a zero byte": (text("study.toml", '"device.toml"', '"d\\u0000.toml"'), r"zero byte"),
     "no such device": (text("study.toml", "device.toml", "device2.toml"), r"device2\.toml"),
