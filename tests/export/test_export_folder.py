@@ -1,6 +1,5 @@
 """What may be exported, what the files say of it, and what is left behind when it may not."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,7 +61,7 @@ def test_parameters_from_elsewhere(tmp_path, identification):
     model = identification.model
     made = export_c((model, np.ones(len(model.base))), tmp_path / "out")
     assert "NOT VALIDATED" in made.verdict
-    assert "none: parameters from elsewhere" in header(made.folder)
+    assert "none: parameters of other origin" in header(made.folder)
     with pytest.raises(errors.ShapeError):
         export_c((model, np.ones(1 + len(model.base))), tmp_path / "out")
 
@@ -124,15 +123,16 @@ def test_every_format_says_how_the_model_was_validated(tmp_path, identification,
     (tmp_path / "result").mkdir()
     haptid.Result.of(identification).save(tmp_path / "result")
     read = haptid.Result.load(tmp_path / "result")
-    for other_model in (identification, read):
-        made = export(other_model, tmp_path / "out", [name])[name]
+    for source in (identification, read):
+        made = export(source, tmp_path / "out", [name])[name]
         assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (
             "no criterion was set."
         )
         said = "".join((made.folder / file).read_text() for file in made.files).replace("\\%", "%")
         assert made.verdict in said
         assert identification.runs[0].motion.log.sha256 in said
-    strict = replace(read, largest_error=1e-6)
+    criteria = read.criteria.model_copy(update={"relative_error_percent": 1e-6})
+    strict = read.model_copy(update={"criteria": criteria})
     with pytest.raises(errors.UnvalidatedModelError):
         export(strict, tmp_path / "strict", [name])
     assert not (tmp_path / "strict").exists()

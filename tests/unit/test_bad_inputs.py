@@ -299,7 +299,7 @@ def test_a_folder_where_a_result_must_go_is_found_before_anything_is_replaced(fo
     text("study.toml", "decimation = 5", "decimation = 4")(folder)
     done = identify(folder)
     assert done.exit_code == 2
-    assert "a file must go there" in done.stderr
+    assert "result.json" in done.stderr
     assert (folder / "out" / "parameters.csv").read_bytes() == kept
     assert sorted(path.name for path in (folder / "out").iterdir() if path.name.startswith(".")) == []
 
