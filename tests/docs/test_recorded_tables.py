@@ -10,11 +10,12 @@ PROJECT = Path(__file__).resolve().parents[2]
 # What the benchmark calls a method that the page writes as code.
 CALLED = {
     "Heteroscedastic": "maximum likelihood",
-    "Consistent(OLS())": "consistent OLS",
-    "Consistent()": "consistent WLS",
-    "Consistent(IRLS())": "consistent IRLS",
-    "Consistent(IV(controller))": "consistent IV",
-    "Consistent(DIDIM(controller))": "consistent DIDIM",
+    "OutputErrorMethod": "OutputError",
+    "PhysicallyConsistent(OLS())": "consistent OLS",
+    "PhysicallyConsistent()": "consistent WLS",
+    "PhysicallyConsistent(IRLS())": "consistent IRLS",
+    "PhysicallyConsistent(IV(controller))": "consistent IV",
+    "PhysicallyConsistent(DIDIM(controller))": "consistent DIDIM",
 }
 COLUMNS = ("parameters, median, %", "unseen torque, %", "intervals that hold the truth, %")
 

@@ -54,7 +54,7 @@ class ConstantVelocity:
         for name in ("tolerance", "shortest", "slowest", "still"):
             if not positive(getattr(self, name)):
                 raise SettingError(
-                    f"Constant: {name} is {getattr(self, name)!r}; write a finite number above zero.",
+                    f"ConstantVelocity: {name} is {getattr(self, name)!r}; write a finite number above zero.",
                     where=name,
                     found=getattr(self, name),
                 )
