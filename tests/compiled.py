@@ -82,7 +82,7 @@ class Library:
     code: Code
     real: type
     handle: ctypes.CDLL
-    other_model: ctypes.Array
+    constants: ctypes.Array
 
     @staticmethod
     def built(folder: Path, code: Code, precision: str) -> Library:
@@ -97,10 +97,10 @@ class Library:
         run(shared, folder)
         handle = ctypes.CDLL(str(folder / "lib.so"))
         handle.model_size.restype = ctypes.c_size_t
-        other_model = ctypes.create_string_buffer(handle.model_size())
+        constants = ctypes.create_string_buffer(handle.model_size())
         count = len(code.model.base)
-        getattr(handle, f"{NAME}_init")(other_model, (ctypes.c_double * max(count, 1)).in_dll(handle, f"{NAME}_beta"))
-        return Library(code, np.float64 if real == "double" else np.float32, handle, other_model)
+        getattr(handle, f"{NAME}_init")(constants, (ctypes.c_double * max(count, 1)).in_dll(handle, f"{NAME}_beta"))
+        return Library(code, np.float64 if real == "double" else np.float32, handle, constants)
 
     def __call__(self, name: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Outputs, (samples, size), from inputs (n, samples)."""
@@ -109,7 +109,7 @@ class Library:
         samples = len(inputs[0])
         outputs = {x: np.zeros((samples, len(values)), dtype=self.real) for x, values in function.outputs}
         pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (*inputs, *outputs.values())]
-        getattr(self.handle, f"batch_{name}")(self.model, ctypes.c_int(samples), *pointers)
+        getattr(self.handle, f"batch_{name}")(self.constants, ctypes.c_int(samples), *pointers)
         return {x: values.astype(float) for x, values in outputs.items()}
 
 

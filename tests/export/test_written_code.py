@@ -121,7 +121,7 @@ def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     assert felt(np.zeros(9).ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p)) == np.inf
     state = [np.ascontiguousarray(x[:, 0]) for x in (golden.q, golden.qd, golden.qdd)]
     tau = np.zeros(3)
-    library.handle.dev_torque(library.model, *(x.ctypes.data_as(ctypes.c_void_p) for x in (*state, tau)))
+    library.handle.dev_torque(library.constants, *(x.ctypes.data_as(ctypes.c_void_p) for x in (*state, tau)))
     wanted = sum(golden.functions[name]()["tau"][0] for name in ("inverse_dynamics", "terms"))
     np.testing.assert_allclose(tau, wanted, rtol=1e-12)
 

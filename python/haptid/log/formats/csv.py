@@ -51,7 +51,7 @@ def names(path: Path) -> list[str]:
         return list(dict.fromkeys(_dialect(path).names))
 
 
-def _columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
     Raises:

@@ -49,7 +49,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         return collect(wanted, _columns(path, file, wanted))
 
 
-def _rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of channels, each (stop - start,)."""
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
         places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}

@@ -30,7 +30,7 @@ HEADER_BYTES = 128
 MI_COMPRESSED = 15
 
 
-def _names(path: Path) -> list[str]:
+def names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers, in structs too."""
     if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.names(path)

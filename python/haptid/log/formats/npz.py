@@ -27,7 +27,7 @@ from haptid.log.formats.sniff import (
 _KIND = "NPZ"
 
 
-def _names(path: Path) -> list[str]:
+def names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers.
 
     Raises:

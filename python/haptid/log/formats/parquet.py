@@ -22,7 +22,7 @@ SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
 GROUPS_HELD = 4
 
 
-def _names(path: Path) -> list[str]:
+def names(path: Path) -> list[str]:
     """Names of the columns of numbers."""
     require(path, _KIND, "Parquet")
     with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
@@ -40,7 +40,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         return collect(wanted, _columns(path, file, wanted))
 
 
-def _rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of columns, each (stop - start,); their row groups are cached."""
     with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
         counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
