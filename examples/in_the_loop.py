@@ -27,10 +27,10 @@ STROKE = bench.Stroke(amplitude=0.02, frequency_hz=2.0, seconds=1.0)
 STEP = 2.5e-4
 
 
-def rehearsed(model: str, path: str, folder: str) -> bench.Rehearsal:
+def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     """All that is measured."""
     experiment = bench.read_experiment(path)
-    setup = replace(experiment.setup(haptid.DynamicModel(haptid.read_device(model))), physics=bench.Physics(STEP))
+    setup = replace(experiment.setup(haptid.DynamicModel(haptid.read_device(device))), physics=bench.Physics(STEP))
     whole = bench.plan(experiment.kind, setup.model, setup.dt, np.random.default_rng(experiment.seed + 1000))
     first = slice(round(TRACKED / setup.dt))
     trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("experiment", help="an experiment file of the bench")
     parser.add_argument("folder", help="with the exported C")
     given = parser.parse_args()
-    print(table(rehearsed(given.model, given.experiment, given.folder)))
+    print(table(rehearsed(given.device, given.experiment, given.folder)))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 """haptid: dynamic models of haptic devices and robots from their own motion logs.
 
-The corridor, one value after the other:
+The pipeline, from a device file and logs to a validated model:
 
-    device = haptid.read_device("stylus.toml")
+    model = haptid.DynamicModel(haptid.read_device("stylus.toml"))
     log = haptid.read_log("sweep.csv")
-    motion = haptid.treat(log, haptid.propose(device, log).treatment)
-    observation = haptid.observe(device, motion)
+    motion = haptid.treat(log, haptid.propose(model, log).treatment)
+    observation = haptid.observe(model, motion)
     estimate = haptid.estimate(observation, haptid.WLS())
-    validation = haptid.validate(estimate, haptid.observe(device, unseen))
+    validation = haptid.validate(estimate, haptid.observe(model, unseen))
 """
 
 import ast
