@@ -1,6 +1,5 @@
 """What may be exported, what the files say of it, and what is left behind when it may not."""
 
-
 import numpy as np
 import pytest
 

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record
+from haptid.estimation.feasibility.conic_program import ENOUGH
 from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
-from haptid.export.formats.bodies import departure, standard_parameters_of
+from haptid.export.formats.bodies import INSIDE, departure, standard_parameters_of
 from haptid.export.formats.urdf import angles, upright
 from haptid.observation.filtering import decimate
 from haptid.observation.plan import Plan
@@ -192,7 +193,8 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
     wrong[model.base.names.index("ZZ3R" if "ZZ3R" in model.base.names else "ZZ3")] *= -0.01
     held = haptid.project_to_feasible(model, wrong, np.eye(len(beta)))
     chi = standard_parameters_of(model, held.beta)
-    assert departure(model, held.beta, chi) < 1e-8
+    # Each body is moved inside by INSIDE and by what the solver leaves outside; a base parameter groups several bodies.
+    assert departure(model, held.beta, chi) < len(model.device.joints) * (INSIDE + ENOUGH)
     assert loaded(export_mjcf((model, held.beta), tmp_path)).nv == 3
 
 

@@ -154,7 +154,7 @@ def test_the_published_schema_has_the_keys_of_the_file_and_of_the_documentation(
     tables = {name: table["properties"].keys() for name, table in schema["$defs"].items() if "properties" in table}
     estimate = values["estimate"]
     for found, table in [
-        (estimate, "EstimateTable"),
+        (estimate, "ResultEstimate"),
         (estimate["parameters"][0], "ResultParameter"),
         (values["logs"][0], "ResultLog"),
         (values["observation"], "ObservationTable"),
@@ -164,7 +164,7 @@ def test_the_published_schema_has_the_keys_of_the_file_and_of_the_documentation(
         assert found.keys() == tables[table]
     text = (request.config.rootpath / "docs" / "tutorial.md").read_text()
     page = text[text.index("### result.json") : text.index("## 6. The same from Python")]
-    nested = {"estimate": "EstimateTable", "observation": "ObservationTable"}
+    nested = {"estimate": "ResultEstimate", "observation": "ObservationTable"}
     wanted = {f"{key}.{sub}" for key, table in nested.items() for sub in tables[table]}
     wanted |= (values.keys() - nested.keys()) | tables["ResultParameter"] | tables["NonlinearConstant"]
     wanted |= tables["ResultLog"] | tables["ErrorTable"] | tables["PhysicalConstraints"]
