@@ -19,7 +19,7 @@ def limited(name: str) -> MotionBounds:
         joint if j in model.device.active else replace(joint, position_limits=(-0.1, 0.2), velocity_limit=0.5)
         for j, joint in enumerate(model.device.joints)
     )
-    model = replace(model, joints=joints)
+    model = haptid.DynamicModel(replace(model.device, joints=joints))
     weights = tuple(np.linspace(1.0, 2.0, len(model.device.active)))
     limits = Limits(
         ((-0.1, 0.1),) * len(model.device.active),

@@ -62,7 +62,7 @@ def test_all_86_regroupings_of_the_cea_branch_by_both_roads(kind: str, tmp_path:
     table = table_of_regroupings(Path(__file__).with_name("medical_regroupings.csv"), kind)
     regrouped = 0
     for k, name in enumerate(found.standard):
-        if k in found.kept:
+        if k in found.independent_columns:
             continue
         regrouped += 1
         for row, base in enumerate(found.names):
@@ -80,7 +80,7 @@ def test_cea_counts(tmp_path: Path) -> None:
     """No-effect list, friction and offsets, and fewer parameters without gravity or with z1 upright."""
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     found = model.regroupings
-    kinds = [model.device.parameters.kinds[k] for k in found.kept]
+    kinds = [model.device.parameters.kinds[k] for k in found.independent_columns]
     assert sum(kind in ("FV", "FC") for kind in kinds) == 8
     assert kinds.count("OFF") == 3
     assert len(found.no_effect) == 21

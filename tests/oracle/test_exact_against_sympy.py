@@ -143,11 +143,11 @@ def test_every_entry_of_the_echelon_form(tmp_path: Path) -> None:
     names, W = torque_rows(12)
     matrix = sympy.Matrix([[row[names.index(name)].as_expr() for name in order] for row in W])
     form, pivots = sympy.polys.matrices.DomainMatrix.from_Matrix(matrix).to_field().rref()
-    assert {order[k] for k in pivots} == {found.standard[k] for k in found.kept}
+    assert {order[k] for k in pivots} == {found.standard[k] for k in found.independent_columns}
     dense = form.to_Matrix()
     compared = 0
     for row, pivot in enumerate(pivots):
-        base = [found.standard[k] for k in found.kept].index(order[pivot])
+        base = [found.standard[k] for k in found.independent_columns].index(order[pivot])
         for column, name in enumerate(order):
             ours = exact(found.coefficients[base].get(found.standard.index(name)))
             assert sympy.cancel(dense[row, column] - ours) == 0, (order[pivot], name)

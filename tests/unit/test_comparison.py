@@ -164,7 +164,7 @@ def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
 
 def test_lonely_parameters_are_named(model, beta):
     a, b = fitted(model, beta, 1), fitted(model, beta, 2)
-    made = compare(a, replace(b, single_block=(8,)))
+    made = compare(a, replace(b, quantities=replace(b.quantities, unbounded=(8,))))
     assert made.p[8] == 1.0
     (note,) = made.notes
     assert note.startswith("FV1 excited in a single time block of the second estimate")

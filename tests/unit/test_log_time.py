@@ -59,7 +59,7 @@ def test_irregular_stamps_of_a_long_log_go_piece_by_piece(tmp_path: Path, monkey
     t = (np.arange(3000) + np.random.default_rng(0).uniform(-0.1, 0.1, 3000)) / 1000
     t -= t[0]
     whole = record(tmp_path, t)
-    monkeypatch.setattr("haptid.log.resampling.PIECE", 256)
+    monkeypatch.setattr("haptid.log.resampling.SAMPLES_RESAMPLED", 256)
     pieces = record(tmp_path, t)
     np.testing.assert_allclose(pieces.position, whole.position, rtol=0, atol=1e-14)
     np.testing.assert_allclose(pieces.torque, whole.torque, rtol=0, atol=1e-14)

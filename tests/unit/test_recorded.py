@@ -41,11 +41,11 @@ def test_the_figures_come_back_to_the_last_bit(made):
     assert read.names == estimate.base.names
     np.testing.assert_array_equal(read.beta, estimate.beta)
     for name in ("values", "covariance", "dof", "se"):
-        np.testing.assert_array_equal(getattr(read.quantities, name), getattr(estimate.quantities, name))
+        np.testing.assert_array_equal(getattr(read.unconstrained, name), getattr(estimate.quantities, name))
     np.testing.assert_array_equal(read.conf_int(), estimate.conf_int())
     assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
-    assert read.quantities.unbounded == estimate.single_block == ()
+    assert read.unconstrained.unbounded == estimate.single_block == ()
     assert (read.study, read.haptid) == (found.study.name, haptid.__version__)
     assert read.to_dict() == Result.of(found).to_dict() == json.loads((folder / "result.json").read_text())
 
@@ -95,11 +95,11 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
         values["estimate"]["parameters"][3]["dof"] = None
 
     read = Result.load(changed(folder, tmp_path, lone))
-    assert read.quantities.unbounded == (2,)
-    assert np.isinf(read.quantities.se[2])
-    assert np.isinf(read.quantities.dof[3])
+    assert read.unconstrained.unbounded == (2,)
+    assert np.isinf(read.unconstrained.se[2])
+    assert np.isinf(read.unconstrained.dof[3])
     assert np.isinf(trusted(read.identified, np.ones(3))).all()
-    assert dof(read.identified, np.eye(14)) == read.quantities.dof.min()
+    assert dof(read.identified, np.eye(14)) == read.unconstrained.dof.min()
 
 
 def test_what_is_no_result_is_refused(made, tmp_path):

@@ -234,10 +234,10 @@ def test_folders_are_compared_as_their_estimates_are(folders):
     recorded = [haptid.Result.load(folder) for folder in folders]
     made = compare(*recorded, labels=["monday", "friday"])
     assert not made.differs
-    np.testing.assert_array_equal(made.value, [one.quantities.values for one in recorded])
+    np.testing.assert_array_equal(made.value, [one.unconstrained.values for one in recorded])
     two = compare(*recorded)
     np.testing.assert_allclose(two.holm, made.holm, rtol=1e-9)
-    np.testing.assert_allclose(recorded[0].quantities.correlation.diagonal(), 1.0)
+    np.testing.assert_allclose(recorded[0].unconstrained.correlation.diagonal(), 1.0)
     with pytest.raises(errors.SharedRowsError) as raised:
         compare(recorded[0], recorded[0])
     assert raised.value.where == (recorded[0].blocks[0].log, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -148,6 +148,11 @@ class Estimate:
     def free(self) -> Array:
         """Base parameters of the unconstrained fit, to which covariance and standard errors belong, (p,), SI."""
         return self.held.free if self.held else self.beta
+
+    @cached_property
+    def unconstrained(self) -> Quantities:
+        """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
+        return replace(self.quantities, values=self.free)
 
     @property
     def constrained(self) -> bool:

@@ -84,7 +84,7 @@ def provenance(
     verdict = _verdict(validations, largest_error, anyway)
     if isinstance(identified, Result):
         used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
-        known = (identified.conf_int(), identified.quantities.covariance)
+        known = (identified.conf_int(), identified.unconstrained.covariance)
         return Provenance(
             identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, tuple(identified.verdict)
         )

@@ -28,7 +28,7 @@ class Comparable(Protocol):
     """An estimate that can be compared: `Estimate`, `Targets`, or a `Result` that was read back."""
 
     @property
-    def quantities(self) -> Quantities:
+    def unconstrained(self) -> Quantities:
         """Its parameters: those of the unconstrained fit, to which the standard errors belong."""
 
     @property
@@ -352,7 +352,7 @@ def compare(
             advice="Compare estimates from logs, or time ranges, without common rows.",
         )
     names = common_parameters(estimates)
-    picked = [one.quantities.pick([one.quantities.names.index(name) for name in names]) for one in estimates]
+    picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
     notes = list(_notes(estimates, called, names))
     if shared:
         notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
@@ -382,11 +382,11 @@ def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
         ModelMismatchError: there is none.
     """
     first, *others = estimates
-    own = first.quantities.names
+    own = first.unconstrained.names
     names = tuple(name for name in own if all(same_parameter(name, first, other) for other in others))
     if not names:
         fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in own))
-        found = (own, fewest.quantities.names)
+        found = (own, fewest.unconstrained.names)
         raise ModelMismatchError(
             "these estimates have no parameter of one name, unit and meaning in common: they are of "
             f"{' and of '.join(listed(one, 6) for one in found)}.",
@@ -398,7 +398,7 @@ def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
 
 def same_parameter(name: str, first: Comparable, second: Comparable) -> bool:
     """Whether a parameter of the first is in the second with the same unit and regrouping."""
-    a, b = first.quantities, second.quantities
+    a, b = first.unconstrained, second.unconstrained
     if name not in b.names or a.units[a.names.index(name)] != b.units[b.names.index(name)]:
         return False
     if first.base is None or second.base is None:
@@ -415,13 +415,13 @@ def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
 
 def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> Iterator[str]:
     """What could not be compared, and which standard errors cannot be estimated."""
-    alone = dict.fromkeys(name for one in estimates for name in one.quantities.names if name not in names)
+    alone = dict.fromkeys(name for one in estimates for name in one.unconstrained.names if name not in names)
     if alone:
         yield f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."
     for one, label in zip(estimates, labels, strict=True):
         if one.constrained:
             yield f"Constraints are active in {label}: its unconstrained fit is compared."
-        unbounded = [one.quantities.names[k] for k in one.quantities.unbounded]
+        unbounded = [one.unconstrained.names[k] for k in one.unconstrained.unbounded]
         if shown := [name for name in names if name in unbounded]:
             yield (
                 f"{', '.join(shown)} excited in a single time block of {label}: the standard error cannot be "

@@ -72,7 +72,7 @@ class Targets:
         return self.parameters[self.names.index(name)]
 
     @property
-    def quantities(self) -> Quantities:
+    def unconstrained(self) -> Quantities:
         """The targets of the unconstrained fit, with covariance and degrees of freedom."""
         return Quantities(self.names, self.units, self.free, self.covariance, self.dof, self.single_block)
 
@@ -94,7 +94,7 @@ class Targets:
     @cached_property
     def se(self) -> Array:
         """Cluster-robust standard errors, (k,); infinite where they cannot be estimated."""
-        return self.quantities.se
+        return self.unconstrained.se
 
     def conf_int(self, level: float = LEVEL) -> Array:
         """Confidence intervals, (k, 2)."""
@@ -105,7 +105,7 @@ class Targets:
     @cached_property
     def correlation(self) -> Array:
         """Correlations of the errors, (k, k)."""
-        return self.quantities.correlation
+        return self.unconstrained.correlation
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -162,7 +162,7 @@ class Result(ResultTable):
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "low95", "high95", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
-        named = zip(self.names, self.quantities.correlation, strict=True)
+        named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
         _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
 
@@ -195,7 +195,7 @@ class Result(ResultTable):
         return freeze(np.array([p.value for p in self.estimate.parameters]))
 
     @cached_property
-    def quantities(self) -> Quantities:
+    def unconstrained(self) -> Quantities:
         """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
         found = self.estimate.parameters
         values = np.array([p.unconstrained for p in found])
@@ -207,7 +207,7 @@ class Result(ResultTable):
     @property
     def constrained(self) -> bool:
         """Whether constraints move the estimate away from the unconstrained fit."""
-        return bool((self.beta != self.quantities.values).any())
+        return bool((self.beta != self.unconstrained.values).any())
 
     def conf_int(self) -> Array:
         """Confidence intervals at `estimate.level`, (p, 2)."""
@@ -242,7 +242,7 @@ class Result(ResultTable):
         Degrees of freedom of derived quantities are the least of any parameter's: the distribution of information over
         the blocks, from which those of a combination are computed, is not in the folder.
         """
-        q = self.quantities
+        q = self.unconstrained
         return GivenParameters(self.model, self.beta, q.covariance, float(q.dof.min(initial=np.inf)), q.unbounded)
 
 
