@@ -62,7 +62,8 @@ def estimate(bench_run):
     setup, _ = bench_run
     beta = setup.model.base.of(setup.chi)
     made = motion(setup.model, beta, seconds=20.0, noise=0.02)
-    return replace(haptid.estimate(haptid.observe(setup.model, made), haptid.WLS()), beta=beta)
+    found = haptid.estimate(haptid.observe(setup.model, made), haptid.WLS())
+    return replace(found, quantities=replace(found.quantities, values=beta))
 
 
 @pytest.fixture(scope="module")

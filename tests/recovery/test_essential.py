@@ -115,12 +115,18 @@ def test_of_one_parameter_the_test_is_the_honest_t(model):
 def test_with_white_residuals_it_is_the_textbook_f(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
     dof = full.observation.rows - len(full.beta)
-    white = replace(full, covariance=full.classical_covariance, dof=np.full(len(full.beta), dof / len(ZERO)))
+    size = np.full(len(full.beta), dof / len(ZERO))
+    white = replace(full, quantities=replace(full.quantities, covariance=full.classical_covariance, dof=size))
     reduced = refit_without(full, ZERO)
     squares = [sum(m.residual(e.beta) ** 2 for m in full.observation.motors) for e in (full, reduced)]
     test = rao_scott_test(white, reduced.zero)
     assert pytest.approx((squares[1] - squares[0]) / 3 / (squares[0] / dof), rel=1e-6) == test.F
     assert test.dof == pytest.approx((3, dof), rel=1e-9)
+
+
+def as_classical(full):
+    """The estimate with the covariance for white residuals."""
+    return replace(full, quantities=replace(full.quantities, covariance=full.classical_covariance))
 
 
 def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
@@ -130,7 +136,7 @@ def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
         full = fitted(model, seed, noise=0.1, phi=0.95)
         zero = tuple(full.base.names.index(name) for name in ZERO)
         honest += rao_scott_test(full, zero).p < 0.05
-        classical += rao_scott_test(replace(full, covariance=full.classical_covariance), zero).p < 0.05
+        classical += rao_scott_test(as_classical(full), zero).p < 0.05
     assert honest <= 6
     assert classical > 20
 
@@ -172,7 +178,9 @@ def test_settings_that_mean_nothing(make):
 
 def test_names_that_are_none(model):
     full = fitted(model, noise=0.02)
-    with pytest.raises(errors.UnknownNameError, match="no base parameter 'FV9'"):
+    with pytest.raises(errors.UnknownNameError) as raised:
         refit_without(full, ("FV9",))
-    with pytest.raises(errors.UnknownNameError, match="no rows of a motor '9'"):
+    assert raised.value.found == "FV9"
+    with pytest.raises(errors.UnknownNameError) as raised:
         full.observation.only("9")
+    assert raised.value.found == "9"

@@ -112,4 +112,4 @@ def test_what_is_no_result_is_one_line(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({"schema": 1}))
     done = call("characterise", tmp_path, "--at", "0,0,0", "--out", tmp_path / "none")
     assert done.exit_code == 2
-    assert "is missing" in done.stderr
+    assert "haptid identify" in done.stderr

@@ -53,7 +53,7 @@ def test_the_pseudo_inertia_of_points_is_the_sum_of_their_squares():
 @given(mechanisms(7))
 def test_what_bodies_have_is_possible(mechanism):
     """Parameters of drawn bodies, open or closed chains: possible, and so are the bodies that come back with them."""
-    model = haptid.DynamicModel(as_device(mechanism))
+    model = as_device(mechanism)
     beta = model.base.of(parameters(mechanism, model))
     found = possible(model, beta)
     assert found.ok, found.summary()
@@ -74,7 +74,7 @@ def test_the_nearest_possible_parameters_are_optimal(mechanism, seed):
     With g the gradient at the answer b of |R (b - beta)|^2 / 2 over the cone A K: g'b = 0, and A'g is in the dual
     cone: as a matrix of every link positive semidefinite, of every friction not negative, of all that is free zero.
     """
-    model = haptid.DynamicModel(as_device(mechanism))
+    model = as_device(mechanism)
     beta = model.base.of(parameters(mechanism, model))
     wrong = beta * (1 + 0.1 * np.random.default_rng(seed).normal(size=len(beta)))
     R = metric(len(beta), beta, seed)
