@@ -40,12 +40,12 @@ def states(count=40, seed=0):
 @pytest.mark.parametrize("claim", PRINTED)
 def test_printed_groupings_give_another_torque(claim):
     """Of bodies drawn at random: the right groupings give the torque of the tree, the printed ones do not."""
-    assert np.array_equal(DEVICE.frame, np.eye(3))
-    index, rng = DEVICE.parameters.index, np.random.default_rng(1)
-    chi = np.zeros(len(DEVICE.parameters.names))
+    assert np.array_equal(DEVICE.device.row_map, np.eye(3))
+    index, rng = DEVICE.device.parameters.index, np.random.default_rng(1)
+    chi = np.zeros(len(DEVICE.device.parameters.names))
     for change in PRINTED[claim].values():
         chi[[index[name] for name in change]] = rng.uniform(0.5, 1.5, len(change))
-    whole = core_torque(DEVICE, DEVICE.parameters.S @ chi, *states())
+    whole = core_torque(DEVICE, DEVICE.device.parameters.S @ chi, *states())
     beta = DEVICE.base.of(chi)
     np.testing.assert_allclose(haptid.inverse_dynamics(DEVICE, beta, *states()), whole, atol=1e-11)
     for name, change in PRINTED[claim].items():
@@ -58,9 +58,9 @@ def test_t1_a_larger_end_piece_is_harder_to_turn():
     """With the printed sign a body could be added that makes the shoulder easier to turn."""
     still, one = np.array([[0.0], [-1.0], [np.pi + 0.8]]), np.array([[1.0], [0.0], [0.0]])
     for name in ("XX4", "XX8"):
-        chi = np.zeros(len(DEVICE.parameters.names))
-        chi[DEVICE.parameters.index[name]] = 1e-3
-        torque = core_torque(DEVICE, DEVICE.parameters.S @ chi, still, 0 * still, one)
+        chi = np.zeros(len(DEVICE.device.parameters.names))
+        chi[DEVICE.device.parameters.index[name]] = 1e-3
+        torque = core_torque(DEVICE, DEVICE.device.parameters.S @ chi, still, 0 * still, one)
         assert torque[0, 0] == pytest.approx(1e-3)
 
 
