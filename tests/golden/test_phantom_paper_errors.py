@@ -20,7 +20,7 @@ PRINTED, MENDED = +1.0, -1.0  # sign of the arm's squared velocity in the row of
 
 @pytest.fixture(scope="module")
 def model():
-    return haptid.DynamicModel(haptid.read_device(DEMO.model))
+    return haptid.DynamicModel(haptid.read_device(DEMO.device))
 
 
 @pytest.fixture(scope="module")

@@ -86,7 +86,7 @@ def test_positions_without_a_filter_are_errors_in_w():
     motion = haptid.treat(made, haptid.Treatment(cutoff_hz=100.0))
     finding = diagnose(haptid.estimate(haptid.observe(phantom(), motion), haptid.WLS()))["errors in W"]
     assert finding.status == "bad"
-    assert finding.figures["moved"] > 1
+    assert finding.figures["bias"] > 1
 
 
 def test_a_touch_is_found_at_its_second():

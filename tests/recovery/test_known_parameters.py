@@ -100,5 +100,5 @@ def test_parameters_declared_equal_are_one_parameter_with_the_columns_of_both(tm
     chi = [values.get(kind, 0.01) for kind in general.device.parameters.kinds]
     made = motion(general, general.base.of(np.array(chi)))
     found = haptid.estimate(haptid.observe(equal, made), haptid.OLS())
-    shared = np.array([values.get(kind, 0.01) for kind in equal.parameters.kinds])
+    shared = np.array([values.get(kind, 0.01) for kind in equal.device.parameters.kinds])
     np.testing.assert_allclose(found.beta, equal.base.of(shared), rtol=1e-8)

@@ -73,7 +73,7 @@ def test_samples_may_come_one_by_one(monkeypatch):
     beta, observer = truth(model), MomentumObserver()
     q, qd, tau, _ = pushed(model, beta, 1e-3, seconds=0.2)
     whole = observer.follow(model, beta, 1e-3, q, qd, tau)
-    monkeypatch.setattr("haptid.end_effector.momentum_observer.CHUNK", 64)
+    monkeypatch.setattr("haptid.end_effector.momentum_observer._CHUNK", 64)
     pieces, before = [], None
     for low, high in ((0, 1), (1, 2), (2, 50), (50, 51), (51, 200)):
         before = observer.follow(model, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)

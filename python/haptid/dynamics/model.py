@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,12 +65,20 @@ class DynamicModel:
                 advice="Read the device once, and make every observation with it.",
             )
 
+    def with_terms(self, terms: Sequence[TermColumn]) -> Self:
+        """The model with other columns in addition to link inertia, or with the same at other constants."""
+        made = object.__new__(type(self))
+        for entry in fields(self):
+            object.__setattr__(made, entry.name, getattr(self, entry.name))
+        object.__setattr__(made, "terms", tuple(terms))
+        return made
+
     def at_constants(self, values: Sequence[float]) -> DynamicModel:
         """The model at other values of the constants that the device file leaves open, in their order, SI."""
         terms = list(self.terms)
         for (k, constant), value in zip(self.device.searched, values, strict=True):
             terms[k] = terms[k].with_constant(constant.name, float(value))
-        return replace(self, terms=tuple(terms))
+        return self.with_terms(terms)
 
     def with_gravity(self, gravity: ArrayLike) -> DynamicModel:
         """The model of the device mounted with another gravity vector in its base frame, (3,), m/s^2."""
@@ -207,7 +215,7 @@ class DynamicModel:
         """The model with links and rotors only, and their parameters that load-dependent friction uses, (r,), SI."""
         rotors = tuple(term for term in self.terms if term.kind == "rotor")
         nominal = np.array(NOMINAL_LINK * len(self.device.joints) + [0.0] * len(rotors))
-        return replace(self, terms=rotors), freeze(nominal) if self.load is None else self.load
+        return self.with_terms(rotors), freeze(nominal) if self.load is None else self.load
 
     @property
     def has_loads(self) -> bool:
@@ -235,14 +243,13 @@ class DynamicModel:
         rotors = sum(term.kind == "rotor" for term in self.terms)
         bodies = read_only(bodies)
         expect("bodies", bodies.shape, (10 * len(self.device.joints) + rotors,))
-        return replace(
-            self,
-            terms=tuple(
+        return self.with_terms(
+            [
                 replace(term, shape=replace(term.shape, bodies=bodies))
                 if isinstance(term.shape, LoadDependentFriction)
                 else term
                 for term in self.terms
-            ),
+            ]
         )
 
     def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -24,7 +23,7 @@ def softened(model: DynamicModel, speed: float) -> DynamicModel:
         model: the dynamic model.
         speed: rad/s or m/s; 0 leaves the model as it is.
     """
-    return replace(model, terms=tuple(_softer(term, speed) for term in model.terms)) if speed else model
+    return model.with_terms([_softer(term, speed) for term in model.terms]) if speed else model
 
 
 def _softer(term: TermColumn, speed: float) -> TermColumn:

@@ -7,7 +7,7 @@ minute then takes as many steps as one of a second or two, and a poor estimate c
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -270,4 +270,4 @@ def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> Dyna
             power = np.concatenate([model.speed(term, c, cd) ** 2 for c, cd in states])
             term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), LEAST_WIDTH))
         terms.append(term)
-    return replace(model, terms=tuple(terms))
+    return model.with_terms(terms)

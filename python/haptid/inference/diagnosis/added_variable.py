@@ -202,7 +202,7 @@ def _observed(
     more = [TermColumn("", "", "external", "", one.weights) for one in candidates for _ in range(one.count)]
     columns = len(model.device.parameters.raw) + np.arange(len(more))
     selection = linalg.block_diag(plan.selection, np.eye(len(more)))
-    with_more = replace(model, terms=(*model.terms, *more))
+    with_more = model.with_terms([*model.terms, *more])
     shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
     chi = raw_parameters(model, estimate.beta)
     shared |= {"model": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
