@@ -57,7 +57,7 @@ def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
     source = source[source.index("_init(") :].partition("\n}")[0]
     for k, name in enumerate(reduced.base.names):
         assert (f"p[{k}]" in source) is (name not in OUT)
-        assert (f"p[{k}] {name}: zero: left out, and not read by the code" in header) is (name in OUT)
+        assert (f"p[{k}] {name}: zero: eliminated, not read by the code" in header) is (name in OUT)
 
 
 def test_c_is_the_reduced_model_in_python(reduced, tmp_path):

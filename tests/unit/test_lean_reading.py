@@ -75,5 +75,5 @@ def test_the_longest_step_is_found_piece_by_piece(size: int) -> None:
 def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "log.parquet").write_bytes(b"PAR1")
     assert not is_long(tmp_path / "log.parquet")
-    monkeypatch.setattr("haptid.log.read.LARGE", 3)
+    monkeypatch.setattr("haptid.log.read._LARGE", 3)
     assert is_long(tmp_path / "log.parquet")
