@@ -148,7 +148,7 @@ STIFFNESS, DAMPING = 2.0, 0.012
 def ends(held, law):
     """Greatest distance from rest at the beginning and at the end, after a short push."""
     chi = true_parameters(held, FV=DAMPING, FC=0.0)
-    for k, kind in enumerate(held.parameters.kinds):
+    for k, kind in enumerate(held.device.parameters.kinds):
         if kind[0] == "K":
             chi[k] = STIFFNESS
     setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=law)

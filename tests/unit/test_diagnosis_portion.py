@@ -10,9 +10,15 @@ from hypothesis import strategies as st
 import haptid
 from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose, subsample
-from haptid.inference.diagnosis.influence import FEWEST_BLOCKS
 from haptid.inference.diagnosis.residuals import residuals
-from haptid.inference.diagnosis.subsample import MOST_SAMPLES, block_numbers, evenly_spaced, log_name, row_ranges
+from haptid.inference.diagnosis.subsample import (
+    FEWEST_BLOCKS,
+    MOST_SAMPLES,
+    block_numbers,
+    evenly_spaced,
+    log_name,
+    row_ranges,
+)
 from haptid.observation.plan import Plan
 
 TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)
