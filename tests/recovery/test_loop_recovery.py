@@ -31,4 +31,4 @@ def test_they_are_inside_their_intervals_and_predict_another_motion(name, accele
     assert ((low <= beta) & (beta <= high)).mean() > 0.8
     assert haptid.validate(found, made[1]).relative < 3
     parts = decompose_torque(found, made[1])
-    np.testing.assert_allclose(parts.model, haptid.predict(found, made[1]).predicted, atol=1e-9)
+    np.testing.assert_allclose(parts.total, haptid.predict(found, made[1]).predicted, atol=1e-9)

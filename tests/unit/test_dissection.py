@@ -53,14 +53,14 @@ def test_parts_sum_to_the_predicted_torque(name):
     estimate = estimated(model, truth(model), treatment)
     unseen = motion(model, estimate.beta, seconds=2.0, seed=9, treatment=treatment)
     parts, whole = decompose_torque(estimate, unseen), haptid.predict(estimate, unseen)
-    np.testing.assert_allclose(parts.model, whole.predicted, rtol=0, atol=1e-12 * np.abs(whole.predicted).max())
+    np.testing.assert_allclose(parts.total, whole.predicted, rtol=0, atol=1e-12 * np.abs(whole.predicted).max())
     np.testing.assert_array_equal(parts.measured, whole.measured)
     np.testing.assert_array_equal(parts.t, whole.t)
     assert parts.motors == whole.motors
     assert parts.parts[:3] == ("inertia", "Coriolis and centrifugal", "gravity")
     np.testing.assert_allclose(parts.friction, parts["viscous"] + parts["Coulomb"], atol=1e-15)
     rms = np.sqrt((parts["gravity"] ** 2).mean(axis=1))
-    np.testing.assert_allclose(parts.shares[2], rms / np.sqrt((parts.model**2).mean(axis=1)), rtol=1e-12)
+    np.testing.assert_allclose(parts.shares[2], rms / np.sqrt((parts.total**2).mean(axis=1)), rtol=1e-12)
 
 
 @settings(max_examples=15, deadline=None)
