@@ -64,7 +64,7 @@ def test_parts_and_hand_force_are_those_with_accelerations(model, shape):
         found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
         parts.append(decompose_torque(found, made))
         forces.append(estimate_force(found, made))
-        np.testing.assert_allclose(parts[-1].model, haptid.predict(found, made).predicted, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(parts[-1].total, haptid.predict(found, made).predicted, rtol=0, atol=1e-12)
     wanted, got = (part.rms for part in parts)
     np.testing.assert_allclose(got, wanted, rtol=0.01, atol=1e-3 * wanted.max())
     wanted, got = (np.nanstd(force.force, axis=0) for force in forces)
