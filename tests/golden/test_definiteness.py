@@ -74,7 +74,7 @@ def test_smallest_eigenvalues_are_the_published_ones(model, betas, name):
             assert "It fails along motor 1." in found.summary()
         else:
             assert found.share == 0
-            assert "The mass matrix is positive definite as far as" in found.summary()
+            assert "The mass matrix is positive definite at" in found.summary()
 
 
 def test_shares_of_the_workspace_are_the_published_ones(model, betas):
