@@ -167,7 +167,7 @@ def log_of(case: Case, made: bench.Recording) -> haptid.Log:
 
 def exact_motion(case: Case, made: bench.Recording) -> haptid.Motion:
     """The simulator's own states and torques."""
-    active, inner = list(device_of(case).active), slice(ENDS, len(made) - ENDS)
+    active, inner = list(device_of(case).device.active), slice(ENDS, len(made) - ENDS)
     q, qd, qdd = (x[inner][:, active] for x in (made.q, made.qd, made.qdd))
     treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=STICKS)
     return haptid.Motion(made.dt, q, made.torque[inner], treatment, rates=(qd, qdd))

@@ -51,7 +51,8 @@ def test_what_fails_is_written_only_when_told(result, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"), [(["--to", "fortran"], "no export format 'fortran'"), ([], "--to"), (["--to", "c"], "result.json")]
+    ("arguments", "said"),
+    [(["--to", "fortran"], "no export format 'fortran'"), ([], "--to"), (["--to", "c"], "result.json")],
 )
 def test_wrong_calls_end_with_status_2(result, tmp_path, arguments, said):
     where = tmp_path if said == "result.json" else result
