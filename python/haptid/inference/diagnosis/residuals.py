@@ -275,7 +275,7 @@ def thinned(e: Array, stride: int) -> Array:
 
 
 def outliers(e: Array, rows: float) -> np.ndarray:
-    """Rows beyond what a normal residual of so many independent rows reaches with probability 0.01, (rows,)."""
+    """Rows beyond what a normal residual of that number of independent rows reaches with probability 0.01, (rows,)."""
     limit = stats.norm.isf(0.5 * SIGNIFICANCE / max(rows, 1.0))
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(standardised(e)) > limit)
