@@ -46,7 +46,7 @@ def observed(arm, model, seed, payload=None):
 
 
 def test_a_gain_that_is_off_is_found(arm, wrong):
-    com = np.array([arm.lengths["L2"], 0.0, 0.0])
+    com = np.array([arm.device.lengths["L2"], 0.0, 0.0])
     bare, loaded = observed(arm, wrong, 1), observed(arm, wrong, 2, bench.SimulatedPayload(WEIGHT))
     found = haptid.drive_gains(bare, loaded, "3", PriorBody(WEIGHT, com, None))
     np.testing.assert_allclose(found.factor, TRUE, rtol=0.003)

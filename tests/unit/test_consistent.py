@@ -284,8 +284,8 @@ def test_questions_that_mean_nothing(model):
 def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
     whole = conic_program.settings
 
-    def short(equilibrate):
-        made = whole(equilibrate)
+    def short(*chosen):
+        made = whole(*chosen)
         made.max_iter = 1
         return made
 

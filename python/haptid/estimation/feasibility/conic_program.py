@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import clarabel
@@ -17,6 +18,8 @@ from haptid.errors import ConvergenceError
 TIGHT = 1e-11
 ENOUGH = 1e-7
 SOLVED = ("Solved", "AlmostSolved")
+# Static regularisations of the linear systems, tried in turn; the first is the solver's own.
+REGULARISATIONS = (1e-8, 1e-7, 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +66,10 @@ def minimise(P: Array, q: Array, conditions: Sequence[ConeCondition]) -> tuple[A
     cones = cones_of(conditions)
     A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
     b = np.concatenate([c.f for c in conditions])
-    # On the boundary of the feasible set the solver may stall in one scaling of the rows, and not in the other.
-    for equilibrate in (True, False):
-        solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, settings(equilibrate))
+    # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
+    for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
+        chosen = settings(equilibrate, regularisation)
+        solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, chosen)
         answer = solver.solve()
         if str(answer.status) in SOLVED:
             ends = np.cumsum([len(c.f) for c in conditions])[:-1]
@@ -73,12 +77,13 @@ def minimise(P: Array, q: Array, conditions: Sequence[ConeCondition]) -> tuple[A
     raise unsolved(str(answer.status), answer.iterations)
 
 
-def settings(equilibrate: bool) -> clarabel.DefaultSettings:
-    """Solver settings: silent, one thread, tight tolerances; with or without scaling of rows and columns."""
+def settings(equilibrate: bool, regularisation: float) -> clarabel.DefaultSettings:
+    """Solver settings: silent, one thread, tight tolerances; scaling of rows and columns, static regularisation."""
     made = clarabel.DefaultSettings()
     made.verbose = False
     made.max_threads = 1
     made.equilibrate_enable = equilibrate
+    made.static_regularization_constant = regularisation
     made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = TIGHT
     made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = ENOUGH
     return made
