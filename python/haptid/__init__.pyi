@@ -119,7 +119,7 @@ from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
-from haptid.treatment_choice.delay_estimate import Delay, find_delay
+from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.prediction import Prediction, predict
 from haptid.validation.validation import MotorError, Validation, direct, validate
@@ -161,7 +161,7 @@ __all__ = [
     "Cost",
     "DaskExecutor",
     "Definiteness",
-    "Delay",
+    "Delays",
     "Device",
     "Diagnosis",
     "DirectionPairs",
@@ -262,7 +262,7 @@ __all__ = [
     "export_mjcf",
     "export_rust",
     "export_urdf",
-    "find_delay",
+    "find_delays",
     "fit_load_friction",
     "friction_curve",
     "gravity_torque",

@@ -21,7 +21,6 @@ from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.motion.streaming import lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
 # Largest relative torque residual of a mounting expressed in the device's own base parameters: rounding.
@@ -128,9 +127,9 @@ class BenchRecording:
 
     def exact(self, stretch: tuple[float, float], treatment: Treatment) -> Motion:
         """The same with exact positions, velocities and accelerations in place of the sensors'."""
-        motion = self.motion(stretch, treatment)
+        motion = self.motion(stretch, replace(treatment, cutoff_hz=None))
         at = self.index(motion.t)
-        edge = lost(treatment.torque_delay_s / motion.dt)
+        edge = motion.treatment.lost_to_delay(motion.dt)
         inner = slice(edge, len(at) - edge)
         q, qd, qdd = (x[:, at[inner]].T for x in (self.q, self.qd, self.qdd))
         return replace(motion, q=q, tau=motion.tau[inner], t0=float(motion.t[edge]), rates=(qd, qdd))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -13,7 +14,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import FeasibleParameters
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
-from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread
+from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
@@ -103,6 +104,8 @@ class Estimate:
         held: of a method with inequality constraints: the constrained and the unconstrained estimate, and the active
             constraints; None of the others.
         zero: indices of the parameters fixed at zero, without uncertainty.
+        nuisances: by how much one standard error of each nuisance (a delay, the noise of the encoders) moves the
+            parameters, by its name, (k, p) each, SI; part of `covariance`.
     """
 
     observation: Observation
@@ -116,6 +119,7 @@ class Estimate:
     notes: tuple[str, ...]
     held: Constrained | BoundedSolution | None = None
     zero: tuple[int, ...] = ()
+    nuisances: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("classical_covariance", "weights"):
@@ -248,7 +252,26 @@ class Estimate:
 
     def spread(self, combinations: Array) -> Spread:
         """Covariance and degrees of freedom of combinations (q, p) of base parameters, of the unconstrained fit."""
-        return self.intervals.spread(self.fit, combinations)
+        made = self.intervals.spread(self.fit, combinations)
+        for shifts in self.nuisances.values():
+            covariance, dof = with_prior_variance(made.covariance, made.dof, combinations, shifts)
+            made = replace(made, covariance=covariance, dof=dof)
+        return made
+
+    def with_nuisance(self, name: str, shifts: Array) -> Estimate:
+        """The estimate with the variance that a nuisance adds in its covariance.
+
+        Args:
+            name: of the nuisance, "torque delay".
+            shifts: by how much one standard error of each of its k parts moves the base parameters, (k, p), SI.
+        """
+        own = self.quantities
+        covariance, dof = with_prior_variance(own.covariance, own.dof, np.eye(len(own.values)), shifts)
+        return replace(
+            self,
+            quantities=replace(own, covariance=covariance, dof=dof),
+            nuisances={**self.nuisances, name: read_only(shifts)},
+        )
 
 
 def estimate(observation: Observation, method: Method, intervals: Intervals | None = None) -> Estimate:

@@ -157,6 +157,7 @@ class Log:
         torque: (n, torques), in `channels.torque_unit`, at the side given by `channels.torque`.
         channels: mapping from the file.
         notes: findings and repairs while reading, one sentence each.
+        usable_bandwidth_hz: frequency up to which a resampled log has its content, Hz; None where it was not resampled.
     """
 
     path: Path
@@ -166,6 +167,7 @@ class Log:
     torque: Array
     channels: Channels
     notes: tuple[str, ...] = field(default=())
+    usable_bandwidth_hz: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))

@@ -26,7 +26,7 @@ class Filtered(OnDisk):
 
     Attributes:
         samples: before the filter.
-        sections: second-order sections of one pass, (sections, 6).
+        sections: second-order sections of one pass, of all channels or of each, (1 or channels, sections, 6).
         first: the channels' first sample, subtracted before and added after the filter, (channels, 1).
         around: samples to either side of a piece that it is filtered with.
     """
@@ -42,7 +42,7 @@ class Filtered(OnDisk):
 
     def make(self, low: int, high: int) -> Array:
         start, stop = max(low - self.around, 0), min(high + self.around, len(self))
-        made = signal.sosfiltfilt(self.sections, self.samples.between(start, stop) - self.first)
+        made = both_ways(self.sections, self.samples.between(start, stop) - self.first)
         return np.asarray(made[:, low - start : high - start] + self.first)
 
 
@@ -52,24 +52,26 @@ class Late(OnDisk):
 
     Attributes:
         samples: before the shift.
-        later: samples, also a fraction.
+        later: samples, also a fraction; one number for all channels, or one for each.
+        half: as in `delayed`.
     """
 
     samples: OnDisk
-    later: float
+    later: float | tuple[float, ...]
+    half: int
 
     @property
     def shape(self) -> tuple[int, int]:
         return self.samples.shape
 
     def make(self, low: int, high: int) -> Array:
-        around = lost(self.later)
+        around = lost(self.later, self.half)
         start, stop = max(low - around, 0), min(high + around, len(self))
-        return delayed(self.samples[start:stop], self.later)[low - start : high - start].T
+        return delayed(self.samples[start:stop], self.later, self.half)[low - start : high - start].T
 
 
 def filtered(channels: Array, sections: Array) -> Array:
-    """Each channel through the filter forwards and backwards, (n, channels).
+    """Each channel through its filter forwards and backwards, (n, channels); sections (1 or channels, sections, 6).
 
     In memory too it is done piece by piece, so that intermediate results stay in the processor's cache.
     """
@@ -82,42 +84,60 @@ def filtered(channels: Array, sections: Array) -> Array:
     for low in range(0, n, step):
         high = min(low + step, n)
         start, stop = max(low - around, 0), min(high + around, n)
-        piece = signal.sosfiltfilt(sections, samples[:, start:stop] - first)
+        piece = both_ways(sections, samples[:, start:stop] - first)
         np.add(piece[:, low - start : high - start], first, out=made[:, low:high])
     return freeze(made).T
 
 
+def both_ways(sections: Array, channels: Array) -> Array:
+    """Channels (channels, n) through one filter for all, or one for each, forwards and backwards."""
+    if len(sections) == 1:
+        return np.asarray(signal.sosfiltfilt(sections[0], channels))
+    return np.stack([signal.sosfiltfilt(own, channel) for own, channel in zip(sections, channels, strict=True)])
+
+
 def memory(sections: Array) -> int:
-    """Samples until a filter's transient falls below FORGOTTEN, by its slowest pole; at least sosfiltfilt's padding."""
-    slowest = float(np.abs(signal.sos2zpk(sections)[1]).max())
+    """Samples until the slowest filter's transient falls below FORGOTTEN; at least sosfiltfilt's padding."""
+    slowest = max(float(np.abs(signal.sos2zpk(own)[1]).max()) for own in sections)
     forgets = int(np.ceil(np.log(_FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
-    return max(forgets, 3 * (2 * len(sections) + 1))
+    return max(forgets, 3 * (2 * sections.shape[1] + 1))
 
 
-def delayed(channels: Array, samples: float) -> Array:
-    """Channels shifted to later samples, also by a fraction, by cubic interpolation, each (n, channels).
+# Samples to either side that interpolate a channel between samples: of torques, which may jump (cubic), and of filtered
+# positions, which are smooth (order seven, as accurate as their central differences).
+CUBIC, SMOOTH = 2, 4
 
-    The first and last `lost(samples)` samples repeat their neighbours.
+
+def delayed(channels: Array, samples: float | tuple[float, ...], half: int = CUBIC) -> Array:
+    """Channels shifted to later samples, also by a fraction, by Lagrange interpolation, each (n, channels).
+
+    The first and last `lost(samples, half)` samples repeat their neighbours.
+
+    Args:
+        channels: (n, channels).
+        samples: one shift for all channels, or one for each.
+        half: samples to either side that are interpolated between.
     """
-    whole_part = int(np.floor(samples))
-    x = samples - whole_part  # between the samples n - whole_part - 1 (1) and n - whole_part (0)
-    weights = {
-        -1: -x * (x - 1) * (x - 2) / 6,
-        0: (x + 1) * (x - 1) * (x - 2) / 2,
-        1: -(x + 1) * x * (x - 2) / 2,
-        2: (x + 1) * x * (x - 1) / 6,
-    }
-    n, ends = len(channels), lost(samples)
+    n, ends = len(channels), lost(samples, half)
     made = np.zeros((channels.shape[1], n))
-    for channel, out in zip(channels.T, made, strict=True):
+    shifts = np.broadcast_to(np.asarray(samples, dtype=np.float64), (channels.shape[1],))
+    for channel, shift, out in zip(channels.T, shifts, made, strict=True):
+        whole_part = int(np.floor(shift))
         padded = np.pad(channel, ends, mode="edge")
-        for back, weight in weights.items():
+        for back, weight in lagrange(float(shift) - whole_part, half).items():
             if weight:
                 begin = ends - whole_part - back
                 out += weight * padded[begin : begin + n]
     return freeze(made).T
 
 
-def lost(samples: float) -> int:
+def lagrange(x: float, half: int) -> dict[int, float]:
+    """Weights of the samples 1 - half .. half before a time that is x of a step before a sample, 0 <= x < 1."""
+    nodes = range(1 - half, half + 1)
+    return {k: float(np.prod([(x - j) / (k - j) for j in nodes if j != k])) for k in nodes}
+
+
+def lost(samples: float | tuple[float, ...], half: int = CUBIC) -> int:
     """Samples at each end for which `delayed` has no neighbours to interpolate between."""
-    return int(np.ceil(abs(samples))) + 2 if samples else 0
+    furthest = float(np.max(np.abs(samples)))
+    return int(np.ceil(furthest)) + half if furthest else 0

@@ -34,7 +34,7 @@ from haptid.motion.filters import (
     centred,
     high_cutoff,
 )
-from haptid.motion.streaming import Late, delayed, filtered, lost
+from haptid.motion.streaming import CUBIC, SMOOTH, Late, delayed, filtered, lost
 
 # Tail of an impulse response after which a filter counts as settled, as a share of the response.
 SETTLED = 1e-3
@@ -47,7 +47,8 @@ class Treatment:
     """Settings by which a log becomes a motion and its rows.
 
     Attributes:
-        cutoff_hz: -3 dB frequency of the position filter, both passes counted, Hz; None for no filter.
+        cutoff_hz: -3 dB frequency of the position filter, both passes counted, Hz: one for all position channels, or
+            one for each; None for no filter.
         order: order of one pass of the Butterworth filter.
         decimation: samples from one row to the next.
         parallel_cutoff_hz: -3 dB frequency of the parallel filter of torque and columns, Hz; None is a share of the
@@ -58,35 +59,39 @@ class Treatment:
         guard: s; None is the length of the parallel filter without its negligible ends.
         block: length of a time block, s.
         torque_delay_s: the acting torque is the log's of so much earlier, s: half a sampling period for a command that
-            is constant from its sample to the next (zero-order hold).
+            is constant from its sample to the next (zero-order hold). One value, or one for each torque channel.
         accelerations: "differences" of the positions, or "momentum": no accelerations, the parallel filter
             differentiates momenta.
         velocity: a causal differentiator of the unfiltered positions; None is central differences.
     """
 
-    cutoff_hz: float | None = 40.0
+    cutoff_hz: float | tuple[float, ...] | None = 40.0
     order: int = 4
     decimation: int = 1
     parallel_cutoff_hz: float | None = None
     reversal_speed: float | tuple[float, ...] = 0.0
     guard: float | None = None
     block: float = 1.0
-    torque_delay_s: float = 0.0
+    torque_delay_s: float | tuple[float, ...] = 0.0
     parallel_shape: Shape | Causal = field(default_factory=KaiserSmoother)
     accelerations: Literal["differences", "momentum"] = "differences"
     velocity: HighPass | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.reversal_speed, (list, tuple)):
-            object.__setattr__(self, "reversal_speed", tuple(float(v) for v in self.reversal_speed))
-        for name in ("cutoff_hz", "parallel_cutoff_hz"):
-            if getattr(self, name) is not None:
-                self._expect(name, positive, "a finite number above zero")
+        for name in ("reversal_speed", "cutoff_hz", "torque_delay_s"):
+            if isinstance(value := getattr(self, name), (list, tuple)):
+                object.__setattr__(self, name, tuple(float(v) for v in value))
+        if self.cutoff_hz is not None:
+            many = self.cutoff_hz if isinstance(self.cutoff_hz, tuple) else (self.cutoff_hz,)
+            self._expect("cutoff_hz", lambda _: bool(many) and all(map(positive, many)), "finite numbers above zero")
+        if self.parallel_cutoff_hz is not None:
+            self._expect("parallel_cutoff_hz", positive, "a finite number above zero")
         if self.guard is not None:
             self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
         self._expect("block", positive, "a finite number above zero")
         self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
-        self._expect("torque_delay_s", _finite, "a finite time, s")
+        delays = self.torque_delay_s if isinstance(self.torque_delay_s, tuple) else (self.torque_delay_s,)
+        self._expect("torque_delay_s", lambda _: bool(delays) and all(map(_finite, delays)), "finite times, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
@@ -114,18 +119,46 @@ class Treatment:
             raise bad_setting(name, value, wanted)
 
     def position_filter(self, dt: float) -> Array | None:
-        """Second-order sections of one pass; two passes together are -3 dB at `cutoff_hz`. None for no filter."""
+        """Second-order sections of one pass, (1 or channels, sections, 6); None for no filter.
+
+        Two passes together are -3 dB at `cutoff_hz`.
+        """
         if self.cutoff_hz is None:
             return None
+        return np.stack([self._one_pass(float(cutoff), dt) for cutoff in np.atleast_1d(self.cutoff_hz)])
+
+    def _one_pass(self, cutoff_hz: float, dt: float) -> Array:
+        """Second-order sections of one pass, (sections, 6)."""
         nyquist = 0.5 / dt
         # Two passes of |H|^2 = 1/(1 + x^2n) are -3 dB where x^2n = sqrt(2) - 1; x is in prewarped frequency.
         widening = (np.sqrt(2.0) - 1.0) ** (-0.5 / self.order)
-        one_pass = 2 * np.arctan(widening * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
-        if self.cutoff_hz >= nyquist or one_pass > 0.98:
-            raise high_cutoff("cutoff_hz", self.cutoff_hz, nyquist)
+        one_pass = 2 * np.arctan(widening * np.tan(0.5 * np.pi * cutoff_hz / nyquist)) / np.pi
+        if cutoff_hz >= nyquist or one_pass > 0.98:
+            raise high_cutoff("cutoff_hz", cutoff_hz, nyquist)
         if one_pass < LOWEST:
-            raise bad_setting("cutoff_hz", self.cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
-        return low_pass(self.order, one_pass).copy()  # SciPy's filters refuse read-only sections
+            raise bad_setting("cutoff_hz", cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
+        return low_pass(self.order, one_pass)
+
+    @property
+    def position_lead_s(self) -> float:
+        """The part of `torque_delay_s` by which filtered positions are evaluated later, s: the channels' median.
+
+        Filtered positions are smooth and can be interpolated; the torque jumps at reversals with the sign of the
+        velocity as it was sampled, and is shifted only by what channels differ. Unfiltered positions stay as they are.
+        """
+        return 0.0 if self.cutoff_hz is None else float(np.median(self.torque_delay_s))
+
+    @property
+    def torque_shift_s(self) -> float | tuple[float, ...]:
+        """The rest of `torque_delay_s`, by which the torque itself is shifted to later samples, s."""
+        lead = self.position_lead_s
+        if isinstance(self.torque_delay_s, tuple):
+            return tuple(delay - lead for delay in self.torque_delay_s)
+        return self.torque_delay_s - lead
+
+    def lost_to_delay(self, dt: float) -> int:
+        """Samples at each end that the compensation of the delay leaves without neighbours to interpolate between."""
+        return max(lost(self.position_lead_s / dt, SMOOTH), lost(tuple(np.atleast_1d(self.torque_shift_s) / dt), CUBIC))
 
     def parallel(self, dt: float) -> float | None:
         """Cut-off of the parallel filter, Hz; None where there is none."""
@@ -260,7 +293,7 @@ class Motion:
         """First sample and one past the last that are outside the filters' transients."""
         if self.rates is not None:
             return 0, len(self)
-        shifted = lost(self.treatment.torque_delay_s / self.dt)
+        shifted = self.treatment.lost_to_delay(self.dt)
         if self.treatment.velocity is not None:
             start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
             if len(self) - start - shifted < 2:
@@ -307,6 +340,11 @@ class Motion:
 
 def settling(sections: Array, longest: int) -> int:
     """Samples after which less than SETTLED of the two-pass impulse response is left, at most `longest`."""
+    return max(_settling(own, longest) for own in sections)
+
+
+def _settling(sections: Array, longest: int) -> int:
+    """The same for the filter of one channel, (sections, 6)."""
     half = 256
     while True:
         impulse = np.zeros(2 * half + 1)
@@ -334,28 +372,45 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     treatment = treatment or Treatment()
     dt = float(log.dt)
     sections = treatment.position_filter(dt)
+    for name, settings, channels in (
+        ("cutoff_hz", treatment.cutoff_hz, log.position.shape[1]),
+        ("torque_delay_s", treatment.torque_delay_s, log.torque.shape[1]),
+    ):
+        if isinstance(settings, tuple) and len(settings) != channels:
+            raise bad_setting(name, settings, f"one value, or {channels}: one for each channel")
     n = len(log.t)
-    if sections is not None and n <= 3 * (2 * len(sections) + 1):
-        raise too_short(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
+    if sections is not None and n <= 3 * (2 * sections.shape[1] + 1):
+        raise too_short(n * dt, 3 * (2 * sections.shape[1] + 1) * dt, "the position filter")
     q = log.position if sections is None else filtered(log.position, sections)
-    motion = Motion(dt, q, log.torque, treatment, log, float(log.t[0]))
-    return with_delay(motion, treatment.torque_delay_s)
+    return _timed(Motion(dt, q, log.torque, replace(treatment, torque_delay_s=0.0), log, float(log.t[0])), treatment)
 
 
-def with_delay(motion: Motion, seconds: float) -> Motion:
+def with_delay(motion: Motion, seconds: float | tuple[float, ...]) -> Motion:
     """The motion of a log with another `torque_delay_s`, s; positions are not filtered again.
 
     Raises:
         MotionTooShortError: as `treat` does.
     """
     assert motion.log is not None
-    torque, treatment = motion.log.torque, replace(motion.treatment, torque_delay_s=seconds)
-    if seconds:
-        samples = seconds / motion.dt
-        torque = as_array(Late(torque, samples)) if isinstance(torque, OnDisk) else delayed(torque, samples)
-    made = replace(motion, tau=torque, treatment=treatment)
+    return _timed(replace(motion, tau=motion.log.torque), replace(motion.treatment, torque_delay_s=seconds))
+
+
+def _timed(motion: Motion, treatment: Treatment) -> Motion:
+    """A motion with the log's own torque, and the delay compensated as a treatment has it."""
+    lead = (treatment.position_lead_s - motion.treatment.position_lead_s) / motion.dt
+    shift = treatment.torque_shift_s
+    shift = tuple(np.divide(shift, motion.dt)) if isinstance(shift, tuple) else shift / motion.dt
+    q, tau = shifted(motion.q, -lead, SMOOTH), shifted(motion.tau, shift, CUBIC)
+    made = replace(motion, q=q, tau=tau, treatment=treatment)
     made.usable  # noqa: B018 - raises here if the log is too short for its filter
     return made
+
+
+def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> Array:
+    """`delayed` channels in memory or on disk; as they are without a shift."""
+    if not np.any(samples):
+        return channels
+    return as_array(Late(channels, samples, half)) if isinstance(channels, OnDisk) else delayed(channels, samples, half)
 
 
 def too_short(seconds: float, needed: float, what: str) -> MotionTooShortError:

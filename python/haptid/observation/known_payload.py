@@ -91,7 +91,7 @@ def without_payload(model: DynamicModel, motion: Motion, link: str, body: PriorB
     channels = np.eye(len(model.device.measured))[list(model.device.measured)]
     if motion.log is not None:
         channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
-    return replace(motion, tau=PayloadFreeTorque(model, motion, chi, channels, motion.tau, 0.0).samples())
+    return replace(motion, tau=PayloadFreeTorque(model, motion, chi, channels, motion.tau, (0.0,)).samples())
 
 
 def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, load: Payload) -> Log:
@@ -113,7 +113,8 @@ def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, loa
     chi = raw_parameters(model, payload_torque(model, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
-    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, treatment.torque_delay_s / motion.dt).samples()
+    late = tuple(np.atleast_1d(treatment.torque_shift_s) / motion.dt)
+    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, late).samples()
     note = f"A payload of {load.body.mass:g} kg on link {load.link} is subtracted from the torque: {_data(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, note))
 
@@ -134,7 +135,7 @@ class PayloadFreeTorque(OnDisk):
         chi: raw parameters of the payload.
         channels: matrix from the coordinates' torques to the channels', (channels, coordinates).
         torque: the channels with the payload, (n, channels).
-        late: samples by which the channels lead the acting torque.
+        late: samples by which the channels lead the torque at the motion's times, one for all or one for each.
     """
 
     model: DynamicModel
@@ -142,7 +143,7 @@ class PayloadFreeTorque(OnDisk):
     chi: Array
     channels: Array
     torque: Array
-    late: float
+    late: tuple[float, ...]
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -156,8 +157,8 @@ class PayloadFreeTorque(OnDisk):
         around = lost(self.late)
         start, stop = max(low - around, 0), min(high + around, len(self))
         load = self._load(start, stop)
-        if self.late:
-            load = delayed(load.T, -self.late)[low - start : high - start].T
+        if any(self.late):
+            load = delayed(load.T, tuple(-late for late in self.late))[low - start : high - start].T
         return np.asarray(self.torque[low:high].T - load)
 
     def _load(self, start: int, stop: int) -> Array:

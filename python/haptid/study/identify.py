@@ -22,6 +22,7 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
+from haptid.treatment_choice.delay_estimate import with_delay_uncertainty
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.cross_validation import alternate, each_log
 from haptid.validation.validation import Validation, direct, pooled, validate
@@ -82,7 +83,7 @@ class Identification:
         limit = self.study.largest_error
         if limit is None:
             return None
-        return bool(self.unseen) and all(v.relative <= limit for v in self.unseen)
+        return bool(self.unseen) and all(v.comparable.relative <= limit for v in self.unseen)
 
 
 def identify(
@@ -119,13 +120,16 @@ def identify(
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
+    if proposal.delays is not None:
+        final = with_delay_uncertainty(final, proposal.delays)
+    all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, kept)
     runs = []
-    for entry, observation in zip(study.logs, observations, strict=True):
+    for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
-            runs.append(Run(entry, observation, None, (validate(final, observation),)))
+            runs.append(Run(entry, observation, None, (validate(final, observation, whole),)))
         else:
             others = [o for o in fitted if o is not observation]
-            unseen = held_out(study, as_filed, observation, others)
+            unseen = held_out(study, as_filed, observation, others, whole)
             runs.append(Run(entry, observation, direct(final, observation), unseen))
     tell("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
@@ -176,7 +180,11 @@ def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
 
 
 def held_out(
-    study: Study, model: DynamicModel, observation: Observation, others: list[Observation]
+    study: Study,
+    model: DynamicModel,
+    observation: Observation,
+    others: list[Observation],
+    whole: Observation | None = None,
 ) -> tuple[Validation, ...]:
     """Cross-validation of a log's rows by fits without them, by the study's scheme.
 
@@ -185,17 +193,20 @@ def held_out(
         model: as its file has it; nonlinear constants and load-dependent friction are estimated again in every fit.
         observation: of the log.
         others: of the other logs with the role "identify".
+        whole: all rows of the log behind the reference filter.
     """
     if study.holdout and unsettled(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
         rest = [motion for other in others for motion in other.motions]
-        return (predict(model, observation.motions[0], rest, study.method),)
+        behind = whole and whole.motions[0]
+        return (predict(model, observation.motions[0], rest, study.method, behind),)
     if study.holdout == "each-log":
-        return (validate(estimate(reduce(add, others), study.method), observation),)
+        return (validate(estimate(reduce(add, others), study.method), observation, whole),)
     if study.holdout == "alternate":
         halves = observation.alternate()
         folds = (
-            validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])
+            validate(estimate(reduce(add, others, fit), study.method), unseen, whole)
+            for fit, unseen in (halves, halves[::-1])
         )
         return (pooled(*folds),)
     return ()

@@ -1,8 +1,8 @@
-"""Proposed treatment of a log, from the log itself, with the reasons.
+"""Proposed treatment of logs, from the logs themselves, with the reasons.
 
-Distortion of reversals by a filter costs more than the noise that it leaves: dry friction is discontinuous there, and
-no filter across the jump treats torque and columns alike. So the filter is as short as the motion allows, and rows
-whose filter window contains a reversal are left out.
+Filters follow the motion, which is told from the encoders' noise channel by channel; the parallel filter is chosen
+among a few by its errors on unseen blocks, the delays are estimated jointly with the parameters, and the time blocks
+are made long enough to be independent.
 """
 
 from __future__ import annotations
@@ -12,57 +12,62 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
-from haptid.motion.filters import bad_setting
+from haptid.motion.filters import KAISER_REACH, bad_setting
 from haptid.motion.treatment import Treatment, treat
-from haptid.observation.plan import Plan
-from haptid.treatment_choice.delay_estimate import find_delay
+from haptid.observation.observation import observe
+from haptid.observation.plan import LEAST_BLOCKS, Plan
+from haptid.treatment_choice.delay_estimate import Delays, find_delays
+from haptid.treatment_choice.first_fit import least_squares, residual_memory
+from haptid.treatment_choice.parallel_choice import better_cutoff
+from haptid.treatment_choice.spectrum import Spectrum, spectra, widest
 
-# Share of the velocity's power that counts as motion.
-_MOTION = 0.98
-# Cut-off of the parallel filter over the motion's highest frequency, and of the position filter over that of the
-# parallel filter: each passes the band of the one before unchanged.
-ABOVE_MOTION, ABOVE_PARALLEL = 3.0, 3.0
-# Rows per period of the parallel filter's cut-off: aliases are 75 dB down.
-ROWS_IN_PERIOD = 10
-# Share of its root mean square speed below which a coordinate is slow.
-SLOW = 0.05
-# Least share of each motor's rows to keep; the filter is widened by a factor, this many times at most, to reach it.
-KEPT, WIDER, WIDENINGS = 0.25, 1.25, 6
-# Largest standard error of a known delay, and distance from zero or half a period below which it is taken as that (plus
-# two standard errors), as shares of the sampling period.
-KNOWN, NEAR = 0.1, 0.02
-# Frequencies without motion, as shares of half the sampling rate, where a position's noise is measured.
-NOISE_BAND = (0.5, 0.9)
-# A channel moves where its spectrum exceeds that noise by this factor.
-ABOVE_NOISE = 100.0
+# Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
+# behind which treatments are compared.
+USUAL, TRIED, REFERENCE = 3.0, (1.5, 3.0, 6.0, 12.0), 6.0
+# Rows per period of the parallel filter's cut-off: aliases are 60 dB down.
+ROWS_IN_PERIOD = 8
+# Highest cut-offs of the position filter and of the parallel filter, as shares of the sampling rate; the lowest of the
+# position filter over the bandwidth; the lowest of the parallel filter as a number of periods in the log.
+_HIGHEST, _HIGHEST_PARALLEL, _LOWEST, _SHORTEST = 0.35, 0.15, 1.2, 10.0
+# Rows for each parameter, at least: a longer parallel filter leaves fewer.
+_ROWS_PER_PARAMETER = 4.0
+# Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
+# length within which a row must not be near to slow motion.
+SLOW, _NEAR = 0.03, 0.3
+# Least share of a motor's rows to keep; with fewer, all are kept.
+KEPT = 0.1
+# Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
+_MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
 NOISY = 0.1
-# Length of the part of each log that is analysed, s.
-_ENOUGH = 120.0
-# Length of the segments whose spectra are averaged (Welch), s, and their fewest samples.
-STRETCH, FEWEST = 8.0, 64
-# Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
-HIGHEST, SHORTEST = 0.7, 10.0
+# Length of the part of each log that is analysed, s, and samples up to which it may be longer.
+_ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
+_Given = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Proposal:
     """Proposed treatment with reasons.
 
     Attributes:
         treatment: the settings that were given, and the others as proposed.
         reasons: a sentence for each proposed setting.
+        reference: the treatment behind which errors are compared: it depends on the motion alone, and keeps all rows.
+        delays: of the torque channels as estimated; None where they were given or could not be estimated.
+        bandwidth_hz: of the motion.
     """
 
     treatment: Treatment
     reasons: tuple[str, ...]
+    reference: Treatment
+    delays: Delays | None
+    bandwidth_hz: float
 
 
 def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
@@ -70,11 +75,12 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
 
     Args:
         model: the dynamic model.
-        logs: recordings; the two most active minutes of each are analysed.
+        logs: recordings; the most active minutes of each are analysed.
         given: settings of `Treatment` that are fixed.
 
     Raises:
         TreatmentError: a given setting is impossible, or a given cut-off too high for the sampling rate.
+        IdentifiabilityError: no position moves more than its noise.
         HaptidError: as `observe` where a log does not fit the device.
     """
     if given.get("velocity") is not None:  # it takes unfiltered positions
@@ -86,205 +92,226 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
-    logs = tuple(log.busiest(_ENOUGH) for log in logs)
-    filters, why = _filters(logs, given)
-    slow, why_slow = _slow(model, logs, filters, given)
-    kept, why_kept = _wide_enough(model, logs, slow, given)
-    timed, why_timed = _timed(model, logs, kept, given)
-    noise = () if kept.cutoff_hz is None else (_noise_sentence(logs, kept),)
-    return Proposal(timed, (*why, *noise, *why_slow, *why_kept, *why_timed))
+    logs = tuple(log.busiest(min(max(_ENOUGH, _SAMPLES * float(log.dt)), max(_LONGER, _ENOUGH))) for log in logs)
+    filters = _Filters.of(model, logs, given)
+    reference = filters.at(REFERENCE, {"torque_delay_s": given.get("torque_delay_s", 0.0)}, all_rows=True)
+    times, delays = USUAL, None
+    treatment = filters.at(USUAL, given)
+    if "torque_delay_s" not in given:
+        delays = _delays(model, logs, treatment)
+    if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
+        timed = {**given, "torque_delay_s": given.get("torque_delay_s", delays.setting if delays else 0.0)}
+        reference = replace(reference, torque_delay_s=timed["torque_delay_s"])
+        times = better_cutoff(model, logs, [filters.at(k, timed) for k in TRIED], TRIED.index(USUAL), reference)
+        times = TRIED[times]
+        if times != USUAL:
+            treatment = filters.at(times, given)
+            delays = None if delays is None else _delays(model, logs, treatment, delays)
+    if delays is not None:
+        treatment = replace(treatment, torque_delay_s=delays.setting)
+    reference = replace(reference, torque_delay_s=treatment.torque_delay_s)
+    treatment, why_block = _independent_blocks(model, logs, treatment, given)
+    why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _NO_DELAY,)
+    reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
+    return Proposal(treatment, reasons, replace(reference, block=treatment.block / 8), delays, filters.bandwidth)
 
 
-_Step = tuple[Treatment, tuple[str, ...]]
+_NO_DELAY = "The torque delay could not be estimated from these logs; none is compensated. Give `torque_delay_s`."
 
 
-def _filters(logs: Sequence[Log], given: Mapping[str, Any]) -> _Step:
-    """Both cut-offs and the decimation, from the motion's highest frequency."""
-    dt = max(float(log.dt) for log in logs)
-    highest = max(bandwidth(log) for log in logs)
-    wanted = max(ABOVE_MOTION * highest, SHORTEST / min(len(log.t) * log.dt for log in logs))
-    if given.get("cutoff_hz") is not None:
-        wanted = given["cutoff_hz"] / ABOVE_PARALLEL
-    parallel = given.get("parallel_cutoff_hz") or min(wanted, _ceiling(dt, given))
-    made = _with_parallel(parallel, dt, given)
-    motion = f"the motion is below {highest:.2g} Hz ({100 * _MOTION:.0f} % of the velocity's power)"
-    reasons = []
-    if parallel < highest:
-        reasons.append(
-            f"Parallel filter of torque and columns: {parallel:.3g} Hz, but {motion}: the filter removes part of it, "
-            f"and rows are few. Record at a higher rate, or reduce the decimation."
-        )
-    elif "parallel_cutoff_hz" not in given:
-        reasons.append(f"Parallel filter of torque and columns: {parallel:.3g} Hz; {motion}.")
-    if "cutoff_hz" not in given and made.cutoff_hz is not None:
-        why = "three times the parallel filter, so it does not distort its pass band"
-        if made.cutoff_hz < 0.99 * ABOVE_PARALLEL * parallel:
-            why = "the highest cut-off at this sampling rate"
-        reasons.append(f"Position filter: {made.cutoff_hz:.3g} Hz, {why}.")
-    if "decimation" not in given:
-        in_period = f"{1 / (parallel * dt * made.decimation):.2g} rows per period of the parallel filter's cut-off"
-        reasons.append(f"Decimation: one row of {made.decimation} samples, {in_period}.")
-    return made, tuple(reasons)
-
-
-def _ceiling(dt: float, given: Mapping[str, Any]) -> float:
-    """Highest cut-off of the parallel filter, Hz, by the rates of samples and rows."""
-    ceiling = HIGHEST * 0.5 / dt / ABOVE_PARALLEL
-    if "decimation" in given:
-        ceiling = min(ceiling, Treatment(**given).parallel_shape.share * 0.5 / dt / given["decimation"])
-    return ceiling
-
-
-def _with_parallel(parallel: float, dt: float, given: Mapping[str, Any]) -> Treatment:
-    """The given settings, and those that follow from the cut-off of the parallel filter."""
-    follows = {
-        "parallel_cutoff_hz": parallel,
-        "cutoff_hz": min(ABOVE_PARALLEL * parallel, HIGHEST * 0.5 / dt),
-        "decimation": max(1, int(1 / (ROWS_IN_PERIOD * parallel * dt))),
-    }
-    return Treatment(**{**follows, **given})
-
-
-def bandwidth(log: Log) -> float:
-    """Bandwidth of the motion: frequency below which a share MOTION of every channel's velocity power lies, Hz."""
-    highest = 0.0
-    for channel in log.position.T:
-        f, power = _spectrum(channel, float(log.dt))
-        floor = _floor(f, power)
-        if power.max() < ABOVE_NOISE * floor:  # it hardly moves
-            continue
-        velocity = (2 * np.pi * f) ** 2 * np.maximum(power - floor, 0.0)
-        highest = max(highest, float(f[np.searchsorted(np.cumsum(velocity), _MOTION * velocity.sum())]))
-    return highest
-
-
-def _spectrum(channel: Array, dt: float) -> tuple[Array, Array]:
-    """Frequencies, Hz, and power density of a position, rad^2/Hz or m^2/Hz."""
-    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), max(FEWEST, round(STRETCH / dt))))
-    return np.asarray(f), np.asarray(power)
-
-
-def _floor(f: Array, power: Array) -> float:
-    """Power density of a position's noise, from frequencies without motion."""
-    low, high = (share * f[-1] for share in NOISE_BAND)
-    return float(np.median(power[(f >= low) & (f <= high)]))
-
-
-def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
-    """Report of the positions' noise compared with the acceleration, for the worst channel."""
-    worst, noise_rms, unit = 0.0, 0.0, ""
-    for log in logs:
-        motion = treat(log, treatment)
-        start, stop = motion.usable
-        power = np.mean(motion.kinematics(start, stop)[2] ** 2, axis=1)
-        for k, channel in enumerate(log.position.T):
-            floor = _floor(*_spectrum(channel, motion.dt))
-            assert treatment.cutoff_hz is not None
-            noise = floor * (2 * np.pi) ** 4 * treatment.cutoff_hz**5 / 5  # white positions, differentiated twice
-            share = float(np.sqrt(noise / power[k])) if power[k] else 0.0
-            if share >= worst:
-                worst, noise_rms = share, float(np.sqrt(floor * 0.5 / motion.dt))
-                unit = "m" if log.channels.position.unit in ("m", "mm", "um") else "rad"
-    sentence = (
-        f"The noise of the positions, {noise_rms:.1g} {unit} RMS, is {100 * worst:.2g} % of the filtered acceleration"
-    )
-    return sentence + ("." if worst < NOISY else ": record faster motion, or with a finer encoder.")
-
-
-def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
-    """With `reversal_speed`: the speed below which the sign of a motor's dry friction is uncertain."""
-    rows = len(model.device.row_names)
-    if "reversal_speed" in given or not any(model.coulomb_terms(row) for row in range(rows)):
-        return treatment, ()
-    speeds = np.full(rows, np.inf)
-    states = [_states(model, log, treatment) for log in logs]
-    samples = sum(cd.shape[1] for _, cd in states)
-    for row in range(rows):
-        for term in model.coulomb_terms(row):
-            power = sum(float(np.sum(model.speed(term, c, cd) ** 2)) for c, cd in states) / samples
-            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(power)))
-    low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
-    return replace(treatment, reversal_speed=low), ()
-
-
-def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array, Array]:
-    """The coordinates' positions and velocities, each (coordinates, samples)."""
-    motion = treat(log, treatment)
-    return state(model.device, motion, *motion.usable)
-
-
-def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
-    """With a parallel filter short enough for each motor to keep a share KEPT of its rows between reversals."""
-    if not np.any(treatment.reversal_speed):
-        return treatment, ()
-    narrow, dt = treatment, max(float(log.dt) for log in logs)
-    before = shares = _shares(model, logs, treatment)
-    for _ in range(0 if "parallel_cutoff_hz" in given else WIDENINGS):
-        wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
-        if min(shares) >= KEPT or wider > _ceiling(dt, given):
-            break
-        treatment = _with_parallel(wider, dt, {**given, "reversal_speed": treatment.reversal_speed})
-        shares = _shares(model, logs, treatment)
-    reasons = []
-    if min(shares) < KEPT:  # widening did not help, and lets more noise through
-        treatment, shares = narrow, before
-        reasons.append(
-            f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals with any filter: record motion "
-            f"with fewer reversals, or lower `reversal_speed`."
-        )
-    elif treatment is not narrow:
-        reasons.append(
-            f"The parallel filter was widened from {narrow.parallel_cutoff_hz:.3g} to "
-            f"{treatment.parallel_cutoff_hz:.3g} Hz: with a longer one a motor keeps less than {100 * KEPT:.0f} % of "
-            f"its rows between the reversals."
-        )
-    kept = ", ".join(f"{100 * share:.0f}" for share in shares)
-    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
-    reasons.append(
-        f"Rows whose filter window contains motion slower than {speeds} (of each motor, SI) are dropped, because dry "
-        f"friction is discontinuous at reversals. {kept} % of the motors' rows are kept."
-    )
-    return treatment, tuple(reasons)
-
-
-def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> list[float]:
-    """Share of rows that are kept, of each motor with measured torque."""
-    kept, many = np.zeros(len(model.device.row_names)), 0
-    for log in logs:
-        try:
-            plan = Plan.of(model, treat(log, treatment))
-        except MotionTooShortError:  # no rows with this filter: a wider one may give some
-            continue
-        for start, stop in plan.segments():
-            kept += plan.weights(start, stop).sum(axis=1)
-        many += plan.rows
-    return [float(share) for share in kept[list(model.device.measured)] / max(many, 1)]
-
-
-def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> _Step:
-    """With `torque_delay_s`."""
-    if "torque_delay_s" in given:
-        return treatment, ()
-    rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
-    if len(rates) > 1:
-        many = " and ".join(rates)
-        return treatment, (f"The torque delay was not estimated: the logs have {many} Hz. Set `torque_delay_s`.",)
-    dt = float(logs[0].dt)
+def _delays(
+    model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None
+) -> Delays | None:
+    """Delays of the torque channels; None where the logs have no rows, or their rates differ."""
     plain = treatment
-    if treatment.velocity is not None:  # the lag of a differentiator is not a delay of the torque
-        cutoff = ABOVE_PARALLEL * min(treatment.parallel_cutoff_hz or np.inf, _ceiling(dt, {}))
-        plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
+    if treatment.momentum:  # the lag of a differentiator is not a delay of the torque
+        cutoff = USUAL * (treatment.parallel(float(logs[0].dt)) or 1 / logs[0].dt)
+        cutoff = treatment.cutoff_hz or min(cutoff, _HIGHEST / float(logs[0].dt))
+        plain = replace(treatment, velocity=None, cutoff_hz=cutoff, accelerations="differences")
     try:
-        delay = find_delay(model, logs, plain)
+        return find_delays(model, logs, plain, start)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
-        delay = None
-    if delay is None or delay.se > KNOWN * dt:
-        return treatment, ("The torque delay is not identifiable from the logs; none is assumed.",)
-    found = f"{1e3 * delay.seconds:.3g} ms (standard error {1e3 * delay.se:.1g} ms)"
-    near = NEAR * dt + 2 * delay.se
-    if abs(delay.seconds) < near:
-        return treatment, (f"The torque delay is zero within its uncertainty: {found}.",)
-    if abs(delay.seconds - dt / 2) < near:
-        hold = f"Torque delay: {found}: half a sampling period, as of a command with zero-order hold."
-        return replace(treatment, torque_delay_s=dt / 2), (hold,)
-    return replace(treatment, torque_delay_s=delay.seconds), (f"Torque delay: {found}: compensated.",)
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Filters:
+    """Filters that suit the motion of some logs.
+
+    Attributes:
+        model, logs: device and recordings.
+        channels: spectrum of each position channel, of the log in which it moves fastest.
+        bandwidth: of the motion, Hz.
+        dt: sampling period, s.
+        top: highest frequency that the channels carry, Hz.
+        lowest: least cut-off of the parallel filter, Hz.
+        reversal_speed: of each row of torque, SI.
+    """
+
+    model: DynamicModel
+    logs: tuple[Log, ...]
+    channels: tuple[Spectrum, ...]
+    bandwidth: float
+    dt: float
+    top: float
+    lowest: float
+    reversal_speed: tuple[float, ...]
+
+    @staticmethod
+    def of(model: DynamicModel, logs: tuple[Log, ...], given: _Given) -> _Filters:
+        """From the spectra of the logs' positions."""
+        dt, channels = max(float(log.dt) for log in logs), widest([spectra(log) for log in logs])
+        bandwidth = max(spectrum.bandwidth for spectrum in channels)
+        if bandwidth == 0:
+            raise IdentifiabilityError(
+                "no position moves more than its own noise, so there is no motion to identify from.",
+                where=tuple(log.path for log in logs),
+                found=0.0,
+                advice="Record motion, check the units of the position channels, or identify from static poses.",
+            )
+        seconds = sum(len(log.t) * float(log.dt) for log in logs)
+        rows = max(1, sum(model.device.measured)) * seconds * ROWS_IN_PERIOD
+        shortest = _SHORTEST / min(len(log.t) * float(log.dt) for log in logs)
+        lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
+        top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
+        made = _Filters(model, logs, channels, bandwidth, dt, top, lowest, ())
+        return replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+
+    def parallel(self, times: float) -> float:
+        """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""
+        return min(max(times * self.bandwidth, self.lowest), _HIGHEST_PARALLEL / self.dt)
+
+    def at(self, times: float, given: _Given, all_rows: bool = False) -> Treatment:
+        """The treatment with a parallel filter so many times the bandwidth, and the given settings."""
+        parallel = given.get("parallel_cutoff_hz") or self.parallel(times)
+        decimation = given.get("decimation") or max(1, int(1 / (ROWS_IN_PERIOD * parallel * self.dt)))
+        if "decimation" in given and "parallel_cutoff_hz" not in given:
+            parallel = min(parallel, Treatment(**given).parallel_shape.share * 0.5 / self.dt / decimation)
+        follows: dict[str, Any] = {"parallel_cutoff_hz": parallel, "decimation": decimation}
+        if "cutoff_hz" not in given:
+            # Two digits more than the differences between cut-offs matter for.
+            follows["cutoff_hz"] = tuple(float(f"{cutoff:.3g}") for cutoff in self._position_cutoffs(parallel))
+        if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
+            follows["reversal_speed"] = self.reversal_speed
+        if "guard" not in given and not all_rows:
+            follows["guard"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
+        return Treatment(**{**follows, **given})
+
+    def _position_cutoffs(self, parallel: float) -> Array:
+        """Cut-off of each position channel's filter, Hz."""
+        low = _LOWEST * self.bandwidth
+        high = max(_HIGHEST * 2 * self.top, 1.1 * low)
+        ceiling = 0.95 * 0.5 / self.dt
+        return np.array([min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels])
+
+    def _slow(self, treatment: Treatment) -> tuple[float, ...]:
+        """The speed of each row of torque below which the sign of its dry friction is uncertain."""
+        rows = len(self.model.device.row_names)
+        if not any(self.model.coulomb_terms(row) for row in range(rows)):
+            return ()
+        speeds, power, samples = np.full(rows, np.inf), {}, 0
+        for log in self.logs:
+            motion = treat(log, treatment)
+            c, cd = state(self.model.device, motion, *motion.usable)
+            samples += cd.shape[1]
+            for row in range(rows):
+                for k, term in enumerate(self.model.coulomb_terms(row)):
+                    own = float(np.sum(self.model.speed(term, c, cd) ** 2))
+                    power[row, k] = power.get((row, k), 0.0) + own
+        for (row, _), total in power.items():
+            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
+        speeds = np.where(self._shares(treatment, speeds) < KEPT, 0.0, speeds)
+        return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
+
+    def _shares(self, treatment: Treatment, speeds: Array) -> Array:
+        """Share of rows that are kept, of each row of torque."""
+        treatment = replace(treatment, reversal_speed=tuple(np.where(np.isfinite(speeds), speeds, 0.0)))
+        kept, many = np.zeros(len(speeds)), 0
+        for log in self.logs:
+            try:
+                plan = Plan.of(self.model, treat(log, treatment))
+            except MotionTooShortError:
+                continue
+            for start, stop in plan.segments():
+                kept += plan.weights(start, stop).sum(axis=1)
+            many += plan.rows
+        return kept / max(many, 1)
+
+    def reasons(self, treatment: Treatment, times: float, given: _Given) -> tuple[str, ...]:
+        """A sentence for each filter that was chosen."""
+        made, parallel = [], treatment.parallel_cutoff_hz or 0.0
+        motion = f"the motion is below {self.bandwidth:.2g} Hz (98 % of the velocity's power)"
+        if parallel < self.bandwidth:
+            made.append(
+                f"Parallel filter of torque and columns: {parallel:.3g} Hz, but {motion}: the filter removes part of "
+                f"it. Record at a higher rate, or reduce the decimation."
+            )
+        elif "parallel_cutoff_hz" not in given:
+            why = "" if times == USUAL else f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
+            made.append(f"Parallel filter of torque and columns: {parallel:.3g} Hz; {motion}{why}.")
+        if "cutoff_hz" not in given and treatment.cutoff_hz is not None:
+            cutoffs = np.atleast_1d(treatment.cutoff_hz)
+            each = (
+                f"{cutoffs.min():.3g} Hz"
+                if len(set(cutoffs)) == 1
+                else f"{cutoffs.min():.3g} to {cutoffs.max():.3g} Hz"
+            )
+            made.append(
+                f"Position filter{'s' if len(cutoffs) > 1 else ''}: {each}, where the noise that a channel's filter "
+                f"passes balances the motion that it removes."
+            )
+        if "decimation" not in given:
+            in_period = f"{1 / (parallel * self.dt * treatment.decimation):.2g} rows per period of the parallel filter"
+            made.append(f"Decimation: one row of {treatment.decimation} samples, {in_period}.")
+        return (*made, *self._noise(treatment))
+
+    def _noise(self, treatment: Treatment) -> tuple[str, ...]:
+        """Report of the positions' noise compared with the acceleration, for the worst channel that moves."""
+        if treatment.cutoff_hz is None:
+            return ()
+        cutoffs = np.broadcast_to(np.atleast_1d(treatment.cutoff_hz), (len(self.channels),))
+        parallel = treatment.parallel_cutoff_hz or 0.5 / self.dt
+        shares = [
+            own.noise_share(cutoff, parallel) if own.bandwidth else 0.0
+            for own, cutoff in zip(self.channels, cutoffs, strict=True)
+        ]
+        worst = int(np.argmax(shares))
+        unit = "m" if self.logs[0].channels.position.unit in ("m", "mm", "um") else "rad"
+        sentence = (
+            f"The noise of the positions, {self.channels[worst].noise_rms:.1g} {unit} RMS, is "
+            f"{100 * shares[worst]:.2g} % of the filtered acceleration"
+        )
+        return (sentence + ("." if shares[worst] < NOISY else ": record faster motion, or with a finer encoder."),)
+
+    def kept(self, treatment: Treatment, given: _Given) -> tuple[str, ...]:
+        """Report of the rows near reversals, which are dropped."""
+        if "reversal_speed" in given or not any(self.reversal_speed):
+            return ()
+        shares = self._shares(treatment, np.array(self.reversal_speed))[list(self.model.device.measured)]
+        speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
+        return (
+            f"Rows within {treatment.guard:.2g} s of motion slower than {speeds} (of each motor, SI) are dropped, "
+            f"because the sign of dry friction is uncertain at reversals. "
+            f"{', '.join(f'{100 * share:.0f}' for share in shares)} % of the motors' rows are kept.",
+        )
+
+
+def _independent_blocks(
+    model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: _Given
+) -> tuple[Treatment, tuple[str, ...]]:
+    """With time blocks, the clusters of standard errors, several times longer than the memory of the residual."""
+    if "block" in given:
+        return treatment, ()
+    longest = min(len(log.t) * float(log.dt) for log in logs) / LEAST_BLOCKS
+    try:
+        motions = [treat(log, treatment) for log in logs]
+        memory = residual_memory(model, motions, least_squares(observe(model, *motions)))
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
+        return treatment, ()
+    period = _PERIODS / (treatment.parallel(float(logs[0].dt)) or 1 / float(logs[0].dt))
+    wanted = max(_SECOND, period, _MEMORIES * memory)
+    block = float(f"{min(wanted, max(longest, period)):.2g}")
+    short = "" if wanted <= longest else "; the log is too short for longer ones, and its intervals are rough"
+    return replace(treatment, block=block), (
+        f"Time blocks of {block:g} s: the residual's autocorrelation has an integral time of {memory:.2g} s{short}.",
+    )

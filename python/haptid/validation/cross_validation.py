@@ -13,7 +13,9 @@ from haptid.observation.observation import observe
 from haptid.validation.validation import Validation, pooled, validate
 
 
-def each_log(model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
+def each_log(
+    model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method, reference: Motion | None = None
+) -> Validation:
     """Leave-one-log-out: a motion predicted by constants, friction by load and parameters estimated from the others.
 
     Args:
@@ -21,15 +23,18 @@ def each_log(model: DynamicModel, motion: Motion, others: Sequence[Motion], meth
         motion: that is predicted.
         others: that are fitted.
         method: of estimation.
+        reference: the predicted motion behind the reference filter, for errors on all rows.
 
     Raises:
         HaptidError: as `settled`, `observe` and `estimate`.
     """
     found, _ = settled(model, others, method)
-    return validate(estimate(observe(found, *others), method), observe(found, motion))
+    return validate(estimate(observe(found, *others), method), observe(found, motion), reference)
 
 
-def alternate(model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
+def alternate(
+    model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method, reference: Motion | None = None
+) -> Validation:
     """Alternate blocks of a motion predicted by an estimate from its other blocks and the other motions; both folds.
 
     Args and raises as for `each_log`.
@@ -40,6 +45,6 @@ def alternate(model: DynamicModel, motion: Motion, others: Sequence[Motion], met
             found, _ = settled(model, [EveryOther(motion, parity), *others], method)
             halves = observe(found, motion).alternate()
             fit = sum((observe(found, other) for other in others), halves[parity])
-            yield validate(estimate(fit, method), halves[1 - parity])
+            yield validate(estimate(fit, method), halves[1 - parity], reference)
 
     return pooled(*predicted())

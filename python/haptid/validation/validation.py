@@ -47,10 +47,20 @@ class Validation:
     Attributes:
         motors: errors by motor.
         seen: whether the rows were fitted (in-sample errors) or not (out-of-sample errors).
+        reference: the same errors on all rows behind the reference filter; None where they were not computed.
     """
 
     motors: tuple[MotorError, ...]
     seen: bool
+    reference: Validation | None = None
+
+    @property
+    def comparable(self) -> Validation:
+        """The errors to compare between treatments: those behind the reference filter where there are any.
+
+        The rows of a treatment lie away from reversals and behind its own filter, and flatter it.
+        """
+        return self.reference or self
 
     @property
     def relative(self) -> float:
@@ -66,15 +76,23 @@ class Validation:
         """Text table: motor, relative error, RMSE, rows."""
         kind = "rows of the fit" if self.seen else "unseen rows"
         lines = (f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows" for m in self.motors)
-        return "\n".join([f"{self.relative:.2f} % relative error over all motors, on {kind}", *lines])
+        made = "\n".join([f"{self.relative:.2f} % relative error over all motors, on {kind}", *lines])
+        if self.reference is None:
+            return made
+        each = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
+        return f"{made}\n  on all rows, behind the reference filter: {self.reference.relative:.2f} % ({each})"
 
 
-def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
+def validate(
+    estimate: Estimate, unseen: Motion | Observation, reference: Motion | Observation | None = None
+) -> Validation:
     """Out-of-sample prediction errors, on rows that were not fitted.
 
     Args:
         estimate: whose torque.
         unseen: a motion of the same device, or an observation of one.
+        reference: the same log behind the reference filter with all rows, `treat(log, proposal.reference)`; only the
+            rows within the blocks of `unseen` count.
 
     Raises:
         SharedRowsError: rows of the observation were fitted.
@@ -91,7 +109,24 @@ def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
             found=(shared.start, shared.stop),
             advice="Validate on another log, or hold blocks of this one out before the fit.",
         )
-    return _compare(estimate, unseen, seen=False)
+    made = _compare(estimate, unseen, seen=False)
+    if reference is None:
+        return made
+    if isinstance(reference, Motion):
+        reference = observe(estimate.model, reference)
+    return replace(made, reference=_compare(estimate, _within(reference, unseen), seen=False))
+
+
+def _within(rows: Observation, unseen: Observation) -> Observation:
+    """The blocks of some rows whose middle lies within a block of other rows of the same logs."""
+    middles = np.array([0.5 * (block.start + block.stop) for block in rows.blocks])
+    inside = np.zeros(len(rows.blocks), dtype=bool)
+    for name in {block.log for block in unseen.blocks}:
+        own = np.array([block.log == name for block in rows.blocks])
+        spans = [(block.start, block.stop) for block in unseen.blocks if block.log == name]
+        for start, stop in spans:
+            inside |= own & (middles >= start) & (middles < stop)
+    return rows.pick(np.flatnonzero(inside)) if inside.any() else rows
 
 
 def direct(estimate: Estimate, observation: Observation | None = None) -> Validation:
@@ -121,7 +156,9 @@ def pooled(*parts: Validation) -> Validation:
         )
         for same in zip(*(part.motors for part in parts), strict=True)
     )
-    return Validation(motors, any(part.seen for part in parts))
+    references = [part.reference for part in parts if part.reference is not None]
+    reference = pooled(*references) if len(references) == len(parts) else None
+    return Validation(motors, any(part.seen for part in parts), reference)
 
 
 def percent(part: float, whole: float) -> float:

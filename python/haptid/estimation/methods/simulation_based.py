@@ -249,7 +249,7 @@ def base_columns(model: DynamicModel) -> Array:
 def torque_error(model: DynamicModel, course: Course) -> Array:
     """Measured less simulated torque, treated alike, (n, samples), N m or N."""
     motion = course.motion
-    late = motion.treatment.torque_delay_s / motion.dt if motion.log else 0.0
+    late = float(np.median(motion.treatment.torque_delay_s)) / motion.dt if motion.log else 0.0
     simulated = delayed(course.tau.T, late).T if late else course.tau
     return coordinate_torque(model.device, motion, 0, len(motion)) - simulated
 

@@ -8,44 +8,28 @@ parameters already fitted are mistaken for structure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, stats
 
-from haptid._internal.arrays import Array, freeze, read_only
-from haptid.device.terms.term import TermColumn
+from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution
-from haptid.inference.diagnosis.context import ResidualContext
 from haptid.inference.diagnosis.subsample import log_name, row_ranges
 from haptid.motion.treatment import Motion
+from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.plan import Block, Plan, Signals
+from haptid.observation.plan import Block
 from haptid.observation.r_factor import triangle
 
 # Blocks are merged down to this many: enough clusters for a standard error, and fast on long logs.
 ENOUGH_BLOCKS = 60
 # A column is collinear with the model's where a smaller share of its length is outside their range.
 INDEPENDENT = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class CandidateColumns:
-    """Columns that the model lacks, all acting on one coordinate.
-
-    Attributes:
-        weights: the coordinate, as a combination of the device's coordinates, (active,).
-        count: number of columns.
-        values: of the columns along a motion, (count, samples), SI.
-    """
-
-    weights: Array
-    count: int
-    values: Callable[[ResidualContext], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,27 +142,6 @@ def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> Augme
     return AugmentedRows(estimate, observation, tuple(int(k) for k in first[:-1]), tuple(candidates))
 
 
-@dataclass(frozen=True, eq=False)
-class _AugmentedPlan(Plan):
-    """A plan whose rows include the candidate columns.
-
-    Attributes:
-        narrow: the plan without them.
-        chi: the estimate's parameters of the core's columns, (r,), SI.
-        candidates: what is added.
-    """
-
-    narrow: Plan
-    chi: Array
-    candidates: tuple[CandidateColumns, ...]
-
-    def signals(self, low: int, high: int) -> Signals:
-        """Those of the plan without, and the candidates' values after the columns that Python computes."""
-        c, cd, cdd, own = self.narrow.signals(low, high)
-        context = ResidualContext(self.narrow, self.chi, low, high)
-        return c, cd, cdd, np.concatenate([own, *(one.values(context) for one in self.candidates)])
-
-
 def device_rows(estimate: Estimate) -> list[int]:
     """The device's row of each motor of an estimate's observation."""
     return [estimate.model.device.row_names.index(motor.name) for motor in estimate.observation.motors]
@@ -198,31 +161,10 @@ def _observed(
     estimate: Estimate, motion: Motion, candidates: Sequence[CandidateColumns]
 ) -> tuple[tuple[Block, ...], tuple[MotorRows, ...]]:
     """Blocks of one motion that the estimate was made from, and every motor's rows."""
-    model, plan = estimate.model, Plan.of(estimate.model, motion)
-    more = [TermColumn("", "", "external", "", one.weights) for one in candidates for _ in range(one.count)]
-    columns = len(model.device.parameters.raw) + np.arange(len(more))
-    selection = linalg.block_diag(plan.selection, np.eye(len(more)))
-    with_more = model.with_terms([*model.terms, *more])
-    shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
-    chi = raw_parameters(model, estimate.beta)
-    shared |= {"model": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
-    wide = _AugmentedPlan(**shared, narrow=plan, chi=chi, candidates=tuple(candidates))
-    blocks, ranges = plan.blocks(log_name(motion)), list(row_ranges(plan, estimate.observation.blocks))
-    parts = [wide.reduce(start, stop) for start, stop in ranges]
-    rows = np.concatenate([many for _, many in parts], axis=1)
-    motors = tuple(
-        MotorRows(
-            model.device.row_names[k],
-            model.device.row_labels[k],
-            model.device.torque_units[k],
-            parts[0][0][k][0],
-            freeze(np.concatenate([stacks[k][1] for stacks, _ in parts])),
-            rows[k],
-        )
-        for k in device_rows(estimate)
-    )
-    some = [block for start, stop in ranges for block in blocks[start // plan.block : -(-stop // plan.block)]]
-    return tuple(some), motors
+    wide = augmented_plan(estimate.model, motion, raw_parameters(estimate.model, estimate.beta), candidates)
+    blocks, ranges = wide.blocks(log_name(motion)), list(row_ranges(wide, estimate.observation.blocks))
+    some = [block for start, stop in ranges for block in blocks[start // wide.block : -(-stop // wide.block)]]
+    return tuple(some), reduced(wide, device_rows(estimate), ranges)
 
 
 def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:

@@ -6,27 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
+from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status
 from haptid.uncertainty.multiple_testing import together
 from haptid.uncertainty.quantities import half_width
 
 # Shares of the sampling period: below the first the bias is negligible, above the second viscous friction is biased.
 NEGLIGIBLE, LARGE = 0.05, 0.25
-
-
-def torque_rates(model: DynamicModel, rows: Sequence[int]) -> tuple[CandidateColumns, ...]:
-    """For every row, the time derivative of the model's torque."""
-
-    def rate(row: int) -> CandidateColumns:
-        return CandidateColumns(
-            np.eye(len(model.device.drives))[row],
-            1,
-            lambda context: np.gradient(context.predicted[row], context.plan.motion.dt)[None],
-        )
-
-    return tuple(rate(row) for row in rows)
 
 
 def time_delay(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[str]) -> Finding:

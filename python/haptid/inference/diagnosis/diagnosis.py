@@ -9,7 +9,7 @@ from functools import cached_property
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import delay_test, exogeneity, lack_of_fit, plausibility
-from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns, augment, device_rows
+from haptid.inference.diagnosis.added_variable import AugmentedRows, augment
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
@@ -17,6 +17,7 @@ from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
+from haptid.observation.augmented import CandidateColumns, device_rows, torque_rates
 from haptid.simulation import PID
 from haptid.validation.validation import Validation, direct
 
@@ -112,7 +113,7 @@ def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> It
             groups[f"{term.name} {k}"] = lack_of_fit.columns_at(term, place, left)
     bodies = plausibility.prior_bodies(model)
     if _has_accelerations(estimate):
-        groups["delay"] = delay_test.torque_rates(model, rows)
+        groups["delay"] = torque_rates(model, rows)
         groups["bodies"] = plausibility.prior_torque(model, rows, bodies) if bodies else ()
     if (pairs := by.pairs(estimate.observation.motions)) is not None:
         groups["errors"] = exogeneity.unexplained_columns(model, rows, chi, pairs)

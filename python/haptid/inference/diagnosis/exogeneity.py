@@ -23,13 +23,13 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingAccelerationError, SettingError, SimulationError
 from haptid.estimation import IV, Estimate, Method
 from haptid.estimation.methods.simulation_based import ClosedLoop, treated_as
-from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
-from haptid.inference.diagnosis.context import ResidualContext, torque_of
+from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding
 from haptid.motion.channels import coordinates
 from haptid.motion.treatment import Motion, treat
+from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.simulation import PID, smooth
-from haptid.treatment_choice.propose import ABOVE_MOTION, bandwidth
+from haptid.treatment_choice.spectrum import bandwidth
 from haptid.uncertainty.multiple_testing import together
 
 # Bias of a parameter in standard errors: harmless up to the first; beyond the second its interval undercovers.
@@ -43,6 +43,8 @@ LOOP_ADVICE = (
     "so that they are chosen from the logs."
 )
 # Smallest standard error used as a divisor.
+# Cut-off of the narrow position filter over the bandwidth of the motion.
+_ABOVE_MOTION = 3.0
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -111,9 +113,9 @@ def narrowly_filtered(motion: Motion) -> Motion | None:
     """
     if motion.log is None or motion.treatment.momentum:
         return None
-    narrow = ABOVE_MOTION * bandwidth(motion.log)
+    narrow = _ABOVE_MOTION * bandwidth(motion.log)
     used = motion.treatment.cutoff_hz
-    if not 0 < narrow < 0.5 / motion.dt * 0.9 or (used is not None and narrow > 0.9 * used):
+    if not 0 < narrow < 0.5 / motion.dt * 0.9 or (used is not None and narrow > 0.9 * float(np.min(used))):
         return None
     return treat(motion.log, replace(motion.treatment, cutoff_hz=narrow))
 

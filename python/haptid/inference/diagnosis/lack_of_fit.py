@@ -9,10 +9,10 @@ import numpy as np
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows, CandidateColumns
-from haptid.inference.diagnosis.context import ResidualContext
+from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, graded, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
+from haptid.observation.augmented import CandidateColumns, ResidualContext
 from haptid.uncertainty.multiple_testing import together
 
 # Stribeck velocities tried, as shares of the root mean square speed.

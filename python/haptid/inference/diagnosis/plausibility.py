@@ -14,9 +14,9 @@ from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
-from haptid.inference.diagnosis.context import ResidualContext, torque_of
+from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
+from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.uncertainty.quantities import half_width
 
 # Factors that confused units cause.

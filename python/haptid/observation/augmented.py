@@ -1,0 +1,159 @@
+"""Rows with candidate columns after those of the base parameters, and the signals that these are computed from.
+
+The core computes, filters, decimates and reduces the candidates together with W and the torque, so that they pass the
+same filter and cost one more reduction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from haptid._internal.arrays import Array, freeze
+from haptid.device.terms.term import TermColumn
+from haptid.dynamics.inverse import core_torque
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import MotorRows
+from haptid.observation.plan import Plan, Signals
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualContext:
+    """A range of samples of a motion.
+
+    Attributes:
+        plan: of the rows.
+        chi: the estimate's parameters of the core's columns, (r,), SI.
+        low, high: first sample, and one past the last.
+    """
+
+    plan: Plan
+    chi: Array
+    low: int
+    high: int
+
+    @property
+    def model(self) -> DynamicModel:
+        """The dynamic model of the estimate."""
+        return self.plan.model
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array | None]:
+        """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
+        c, cd, cdd, _ = self.plan.signals(self.low, self.high)
+        return c, cd, cdd
+
+    @cached_property
+    def predicted(self) -> Array:
+        """Torque of the estimate, (coordinates, samples), N m or N."""
+        return freeze(self.torque(self.chi))
+
+    def torque(self, chi: Array) -> Array:
+        """Torque of given parameters of the core's columns, (coordinates, samples), N m or N; static without cdd."""
+        c, cd, cdd = self.motion
+        return torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
+
+
+def torque_of(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
+    """Torque of the core's columns and of those that Python computes, (coordinates, samples), N m or N."""
+    return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateColumns:
+    """Columns that the model lacks, all acting on one coordinate.
+
+    Attributes:
+        weights: the coordinate, as a combination of the device's coordinates, (active,).
+        count: number of columns.
+        values: of the columns along a motion, (count, samples), SI.
+    """
+
+    weights: Array
+    count: int
+    values: Callable[[ResidualContext], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class AugmentedPlan(Plan):
+    """A plan whose rows include the candidate columns.
+
+    Attributes:
+        narrow: the plan without them.
+        chi: the estimate's parameters of the core's columns, (r,), SI.
+        candidates: what is added.
+    """
+
+    narrow: Plan
+    chi: Array
+    candidates: tuple[CandidateColumns, ...]
+
+    def signals(self, low: int, high: int) -> Signals:
+        """Those of the plan without, and the candidates' values after the columns that Python computes."""
+        c, cd, cdd, own = self.narrow.signals(low, high)
+        context = ResidualContext(self.narrow, self.chi, low, high)
+        return c, cd, cdd, np.concatenate([own, *(one.values(context) for one in self.candidates)])
+
+
+def torque_rates(model: DynamicModel, rows: Sequence[int]) -> tuple[CandidateColumns, ...]:
+    """For every row, the time derivative of the model's torque: the column of a delay."""
+
+    def rate(row: int) -> CandidateColumns:
+        return CandidateColumns(
+            np.eye(len(model.device.drives))[row],
+            1,
+            lambda context: np.gradient(context.predicted[row], context.plan.motion.dt)[None],
+        )
+
+    return tuple(rate(row) for row in rows)
+
+
+def augmented_plan(
+    model: DynamicModel, motion: Motion, chi: Array, candidates: Sequence[CandidateColumns]
+) -> AugmentedPlan:
+    """The plan of a motion's rows, with candidate columns.
+
+    Args:
+        model: the dynamic model.
+        motion: treated signals.
+        chi: parameters of the core's columns from which the candidates' signals are computed, (r,), SI.
+        candidates: what is added.
+    """
+    plan = Plan.of(model, motion)
+    more = [TermColumn("", "", "external", "", one.weights) for one in candidates for _ in range(one.count)]
+    columns = len(model.device.parameters.raw) + np.arange(len(more))
+    selection = linalg.block_diag(plan.selection, np.eye(len(more)))
+    with_more = model.with_terms([*model.terms, *more])
+    shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
+    shared |= {"model": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
+    return AugmentedPlan(**shared, narrow=plan, chi=chi, candidates=tuple(candidates))
+
+
+def reduced(wide: AugmentedPlan, rows: Sequence[int], ranges: Sequence[tuple[int, int]]) -> tuple[MotorRows, ...]:
+    """R factors of some rows of every motor, with the candidates' columns after the base parameters'.
+
+    Args:
+        wide: the plan.
+        rows: index of the device's row of each motor.
+        ranges: first row and one past the last, of whole blocks.
+    """
+    device = wide.narrow.model.device
+    parts = [wide.reduce(start, stop) for start, stop in ranges]
+    counts = np.concatenate([many for _, many in parts], axis=1)
+    return tuple(
+        MotorRows(
+            device.row_names[k],
+            device.row_labels[k],
+            device.torque_units[k],
+            parts[0][0][k][0],
+            freeze(np.concatenate([stacks[k][1] for stacks, _ in parts])),
+            counts[k],
+        )
+        for k in rows
+    )

@@ -1,0 +1,93 @@
+"""Memory of a residual: how far apart rows must be to count as independent, and time blocks to serve as clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation.least_squares import Solution
+from haptid.estimation.methods.wls import WLS
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.rows import chunks
+
+# Correlation below which the rest of the autocorrelation is noise, and the largest lag as a share of the rows.
+_ENDS, _FARTHEST = 0.05, 6
+# Least ratio of singular values of the columns with unit length that are solved for.
+_EXCITED = 1e-8
+# Rows of a motion that are looked at.
+_ENOUGH = 1 << 16
+
+
+def residual_memory(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> float:
+    """Integral time of the residuals' autocorrelation, the longest of all motors, s.
+
+    Two samples' worth of a white residual is its own sampling time; the parallel filter alone makes it about half a
+    period of its cut-off.
+
+    Args:
+        model: the dynamic model.
+        motions: of the rows.
+        beta: base parameters, (p,), SI.
+    """
+    chi, longest = raw_parameters(model, beta), 0.0
+    for motion in motions:
+        parts, rows = [], 0
+        for chunk in chunks(model, motion):
+            parts.append((chunk.measured() - chunk.torque(chi)) * chunk.used)
+            rows += parts[-1].shape[1]
+            if rows > _ENOUGH:
+                break
+        e = np.concatenate(parts, axis=1)
+        step = motion.treatment.decimation * motion.dt
+        longest = max([longest, *(step * _integral(own) for own in e)])
+    return longest
+
+
+def _integral(e: Array) -> float:
+    """Sum of the autocorrelation over all lags of both signs up to its first fall below ENDS, in rows."""
+    used = e != 0
+    if used.sum() < 2 * _FARTHEST:
+        return 1.0
+    centred = np.where(used, e - e[used].mean(), 0.0)
+    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2
+    r = np.fft.irfft(spectrum)[: len(e) // _FARTHEST + 1]
+    if r[0] <= 0:
+        return 1.0
+    r = r[1:] / r[0]
+    below = np.flatnonzero(r < _ENDS)
+    return float(1 + 2 * np.sum(r[: below[0] if len(below) else len(r)]))
+
+
+def least_squares(observation: Observation) -> Array:
+    """Base parameters of weighted least squares, of least norm where some are not excited, (p,)."""
+    weights, none = np.ones(len(observation.motors)), np.zeros((0, len(observation.base) + 1))
+    for _ in range(2):
+        beta = solve_excited(observation.motors, weights, none).beta
+        weights = np.array([WLS().weight(motor, beta) if motor.norm else 1.0 for motor in observation.motors])
+    return beta
+
+
+def solve_excited(motors: Sequence[MotorRows], weights: Array, known: Array) -> Solution:
+    """Least squares on R factors and prior rows (k, columns + 1), in the directions that are excited."""
+    size = known.shape[1]
+    parts = [known]
+    for motor, weight in zip(motors, weights, strict=True):
+        wide = np.zeros((len(motor.whole), size))
+        np.add.at(wide.T, np.append(motor.columns, size - 1), (motor.whole * weight).T)
+        parts.append(wide)
+    whole = np.concatenate(parts)
+    X, y = whole[:, :-1], whole[:, -1]
+    lengths = np.linalg.norm(X, axis=0)
+    lengths[lengths == 0] = 1.0
+    U, singular, Vt = np.linalg.svd(X / lengths, full_matrices=False)
+    kept = singular > _EXCITED * singular[0]
+    root = (Vt[kept].T / singular[kept]) / lengths[:, None]
+    beta = root @ (U[:, kept].T @ y)
+    many = int(sum(motor.rows.sum() for motor in motors)) - int(kept.sum())
+    pull = known[:, :-1] @ root if len(known) else None
+    return Solution(beta, np.diag(singular[kept]), root, float(np.linalg.norm(y - X @ beta)), max(many, 1), pull)

@@ -1,0 +1,90 @@
+"""Choice of the parallel filter by its errors on unseen blocks, behind one reference filter with all rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
+from haptid.log import Log
+from haptid.motion.treatment import Treatment, treat
+from haptid.observation.observation import Observation, observe
+from haptid.treatment_choice.first_fit import least_squares
+
+# Parts of each log, every other one of which is held out.
+PARTS = 17
+# Blocks in a part: rows belong to the part that holds the middle of their block.
+_BLOCKS = 4
+# Standard deviations of the difference of losses by which another filter must be better than the usual one.
+_SURELY = 1.0
+# Better on fewer parts than this share is chance.
+_MOSTLY = 0.5
+
+
+def better_cutoff(
+    model: DynamicModel, logs: Sequence[Log], tried: Sequence[Treatment], usual: int, reference: Treatment
+) -> int:
+    """Index of the treatment that predicts unseen parts best; the usual one where no other is better beyond chance.
+
+    Args:
+        model: the dynamic model.
+        logs: recordings.
+        tried: the treatments.
+        usual: index of the one that stands in doubt.
+        reference: the treatment of the rows that are predicted.
+    """
+    block = min(len(log.t) * float(log.dt) for log in logs) / PARTS / _BLOCKS
+    try:
+        judged = observe(model, *(treat(log, replace(reference, block=block)) for log in logs))
+    except (NoRowsError, MotionTooShortError):
+        return usual
+    parts = [_losses(model, logs, replace(treatment, block=block), judged) for treatment in tried]
+    if parts[usual] is None:
+        return next((k for k, loss in enumerate(parts) if loss is not None), usual)
+    losses = [np.inf if loss is None else float(loss.sum()) for loss in parts]
+    best = int(np.argmin(losses))
+    if best == usual or (other := parts[best]) is None:
+        return usual
+    gain = parts[usual] - other
+    sure = gain.sum() > _SURELY * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
+    return best if sure else usual
+
+
+def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judged: Observation) -> Array | None:
+    """Sum of squares, each motor's in units of its torque, of every part by a fit to the parts of the other parity."""
+    try:
+        seen = observe(model, *(treat(log, treatment) for log in logs))
+    except (NoRowsError, MotionTooShortError):
+        return None
+    own, other = _parts(seen, logs), _parts(judged, logs)
+    losses = np.zeros(PARTS * len(logs))
+    for parity in (0, 1):
+        chosen = np.flatnonzero(own % 2 == parity)
+        if not len(chosen):
+            return None
+        try:
+            beta = least_squares(seen.pick(chosen))
+        except (NoRowsError, IdentifiabilityError):
+            return None
+        unseen = other % 2 != parity
+        for motor in judged.motors:
+            T = motor.triangles[unseen]
+            e = T[:, :, -1] - T[:, :, :-1] @ beta[motor.columns]
+            np.add.at(losses, other[unseen], (e**2).sum(axis=1) / max(motor.norm**2, np.finfo(float).tiny))
+    return losses
+
+
+def _parts(observation: Observation, logs: Sequence[Log]) -> np.ndarray:
+    """The part of each block, numbered through all logs; an odd number of parts continues their parity."""
+    found = np.empty(len(observation.blocks), dtype=int)
+    names = [motion.name for motion in observation.motions]
+    for k, block in enumerate(observation.blocks):
+        which = names.index(block.log)
+        t = logs[which].t
+        share = (0.5 * (block.start + block.stop) - t[0]) / (t[-1] - t[0])
+        found[k] = which * PARTS + min(int(share * PARTS), PARTS - 1)
+    return found

@@ -1,0 +1,186 @@
+"""Spectra of position channels: motion and noise apart, the motion's bandwidth, and the filter that suits both.
+
+An encoder's noise is seldom white: quantisation of slow motion, ripple and a transmission's ratio colour it, and a
+floor measured near the Nyquist frequency then leaves much of it to be taken for motion. Two facts tell them apart at
+any colour: the power of encoder noise rises towards low frequencies no faster than f^-3, and motion of finite jerk
+falls at f^-6 or faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from haptid._internal.arrays import Array
+from haptid.log import Log
+
+# Kaiser window of the spectra: its side lobes, 105 dB down, are finer than an encoder.
+_WINDOW = ("kaiser", 14.0)
+# Length of the log over that of the segments whose spectra are averaged; fewest samples of a segment.
+_SEGMENTS, _FEWEST = 2, 256
+# Bands of the noise in an octave, and the exponent of frequency by which its power rises at most.
+_BANDS, _STEEPEST = 6, 3.0
+# Motion is where the mean power of five bins, and of half an octave, exceeds the noise by these factors.
+_ABOVE, _ABOVE_WIDE = 6.0, 3.0
+# Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
+SHARE, _END = 0.98, 0.999
+# Order of one pass of the position filter that cut-offs are chosen for.
+_ORDER = 4
+# Cut-offs tried between the lowest and the highest.
+_TRIED = 80
+# Values of a channel over its samples above which they do not recur; distance from a lattice, steps, that is rounding.
+_RECUR, _OFF_LATTICE = 0.75, 0.05
+# Longest segment, samples; longer logs are averaged over more segments.
+_LONGEST_SEGMENT = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Power density of a position channel, motion and noise apart.
+
+    Attributes:
+        f: frequencies, (bins,), Hz.
+        motion, noise: power densities, (bins,), rad^2/Hz or m^2/Hz.
+        bandwidth: below it lies a share SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
+    """
+
+    f: Array
+    motion: Array
+    noise: Array
+    bandwidth: float
+
+    @staticmethod
+    def of(channel: Array, dt: float, highest: float | None = None) -> Spectrum:
+        """Welch's spectrum of a channel, (n,), and its parts.
+
+        Args:
+            channel: positions on a uniform grid.
+            dt: its step, s.
+            highest: frequency up to which the channel has its content, Hz; the Nyquist frequency where None.
+        """
+        n = len(channel)
+        length = min(max(min(n, _FEWEST), n // _SEGMENTS), _LONGEST_SEGMENT)
+        # A line is removed first: the window of so few segments leaks a drift into its neighbours.
+        f, power = signal.welch(
+            signal.detrend(channel), 1 / dt, window=_WINDOW, nperseg=length, noverlap=length // 2, detrend="linear"
+        )
+        inner = slice(1, -1) if highest is None else (f > 0) & (f <= highest) & (f < f[-1])
+        return _apart(f[inner], power[inner], quantum(channel))
+
+    @property
+    def noise_rms(self) -> float:
+        """RMS of the noise, rad or m."""
+        return float(np.sqrt(np.sum(self.noise) * (self.f[1] - self.f[0])))
+
+    def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
+        """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
+
+        The motion's acceleration that the filter H removes balances the noise that it passes, behind the parallel
+        filter B: sum f^4 B^2 M H (1 - H) = sum f^4 B^2 N H^2. The regression of torque on the filtered acceleration has
+        slope one then to first order; a Wiener filter has it at every frequency (errors of Berkson's kind).
+        """
+        tried = np.geomspace(lowest, max(highest, lowest), _TRIED)
+        weight = self.f**4 * smoothed(self.f, parallel_hz) ** 2
+        H = np.stack([passed(self.f, cutoff) for cutoff in tried])
+        removed, left = (H * (1 - H)) @ (weight * self.motion), H**2 @ (weight * self.noise)
+        over = np.flatnonzero(left >= removed)  # what is removed falls with the cut-off, what is left rises
+        return float(tried[over[0]] if len(over) else tried[-1])
+
+    def noise_share(self, cutoff: float, parallel_hz: float) -> float:
+        """RMS of the noise in the treated acceleration over the RMS of that acceleration, 0 to 1."""
+        weight = self.f**4 * smoothed(self.f, parallel_hz) ** 2 * passed(self.f, cutoff) ** 2
+        noise, motion = float(np.sum(weight * self.noise)), float(np.sum(weight * self.motion))
+        return float(np.sqrt(noise / (noise + motion))) if noise > 0 else 0.0
+
+    def noise_like(self, n: int, dt: float, rng: np.random.Generator) -> Array:
+        """A realisation of the noise, (n,)."""
+        f = np.fft.rfftfreq(n, dt)
+        level = np.exp(np.interp(f, self.f, np.log(np.maximum(self.noise, np.finfo(float).tiny))))
+        z = np.sqrt(level * n / (4 * dt)) * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f)))
+        z[0] = 0
+        return np.fft.irfft(z, n)
+
+
+def spectra(log: Log) -> tuple[Spectrum, ...]:
+    """Of each position channel of a log."""
+    return tuple(Spectrum.of(np.asarray(channel), float(log.dt)) for channel in log.position.T)
+
+
+def bandwidth(log: Log) -> float:
+    """Bandwidth of a log's motion: the largest of its channels', Hz; 0 where nothing exceeds the noise."""
+    return max(spectrum.bandwidth for spectrum in spectra(log))
+
+
+def widest(channels: Sequence[Sequence[Spectrum]]) -> tuple[Spectrum, ...]:
+    """Of each channel, the spectrum of the log in which it has the largest bandwidth."""
+    return tuple(max(own, key=lambda s: s.bandwidth) for own in zip(*channels, strict=True))
+
+
+def passed(f: Array, cutoff: float) -> Array:
+    """Gain of the position filter: Butterworth forwards and backwards, -3 dB at the cut-off."""
+    return np.asarray(1 / (1 + (f / cutoff) ** (2 * _ORDER) * (np.sqrt(2) - 1)))
+
+
+def smoothed(f: Array, cutoff: float) -> Array:
+    """About the gain of the parallel filter: a Gaussian, -3 dB at the cut-off."""
+    return np.asarray(np.exp(-0.5 * np.log(2) * (f / cutoff) ** 2))
+
+
+def quantum(channel: Array) -> float:
+    """Resolution of a channel: the step of the lattice that its values lie on; 0 where they lie on none.
+
+    Values must recur to be those of an encoder; a channel of many digits lies on the lattice of its last digit.
+    """
+    scale = float(np.abs(channel).max())
+    values = np.unique(np.round(channel / scale, 12)) if scale > 0 else np.zeros(1)
+    if not 4 < len(values) < _RECUR * len(channel):
+        return 0.0
+    steps = np.diff(values)
+    step = float(np.median(steps[steps < 1.5 * np.percentile(steps, 10)]))
+    off = values / step - np.round(values / step)
+    on_lattice = np.percentile(np.abs(off - np.median(off)), 95) < _OFF_LATTICE
+    return step * scale if on_lattice else 0.0
+
+
+def _apart(f: Array, power: Array, step: float) -> Spectrum:
+    """Motion and noise of a power density, for a channel of a resolution."""
+    noise = _noise(f, power)
+    padded = np.pad(power, 2, mode="reflect") if len(power) > 2 else np.pad(power, 2, mode="edge")
+    five = np.convolve(padded, np.full(5, 0.2), mode="valid")
+    total, under = np.cumsum(np.append(0, power)), np.cumsum(np.append(0, noise))
+    low, high = np.searchsorted(f, f * 2**-0.25), np.searchsorted(f, f * 2**0.25, side="right")
+    half_octave = (total[high] - total[low]) / np.maximum(under[high] - under[low], np.finfo(float).tiny)
+    motion = np.where((five > _ABOVE * noise) & (half_octave > _ABOVE_WIDE), np.maximum(power - noise, 0.0), 0.0)
+    df = f[1] - f[0]
+    if noise.sum() * df < 0.5 * step**2 / 12:
+        # A nearly pure tone: the error of the encoder is in lines, and so much power on top is no motion.
+        motion[np.cumsum(motion[::-1])[::-1] * df < step**2 / 6] = 0.0
+    if not motion.any():
+        return Spectrum(f, motion, noise, 0.0)
+    velocity, acceleration = np.cumsum(motion * f**2), np.cumsum(motion * f**4)
+    edge = float(f[np.searchsorted(velocity, SHARE * velocity[-1])])
+    end = float(f[np.searchsorted(acceleration, _END * acceleration[-1])])
+    # Below the end of the motion the noise is hidden: it is taken to go on as it is just above.
+    above = (f >= end) & (f <= 1.5 * end)
+    flat = float(np.median(noise[above])) if above.any() else float(noise[-1])
+    return Spectrum(f, motion, np.where(f < end, np.minimum(noise, flat), noise), edge)
+
+
+def _noise(f: Array, power: Array) -> Array:
+    """Noise from the top down, band by band: the median of a band, and nowhere steeper than f^-STEEPEST."""
+    edges = f[-1] * 2.0 ** (-np.arange(0, np.log2(f[-1] / f[0]) * _BANDS + 1) / _BANDS)
+    starts = np.searchsorted(f, edges, side="right")
+    noise, level, at = np.empty_like(power), 0.0, 0.0
+    for stop, start, high, low in zip(starts[:-1], starts[1:], edges[:-1], edges[1:], strict=True):
+        if stop == start:
+            continue
+        near = power[np.searchsorted(f, low / 1.2, side="right") : np.searchsorted(f, high * 1.2, side="right")]
+        here = float(np.median(near)) / np.log(2) if len(near) > 2 else float(near.min())
+        centre = float(np.sqrt(high * low))
+        level, at = (min(here, level * (at / centre) ** _STEEPEST) if at else here), centre
+        noise[start:stop] = level
+    noise[: starts[-1]] = level
+    return noise
