@@ -198,7 +198,7 @@ def held_out(
     if study.holdout and unsettled(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
         rest = [motion for other in others for motion in other.motions]
-        behind = whole and whole.motions[0]
+        behind = None if whole is None else whole.motions[0]
         return (predict(model, observation.motions[0], rest, study.method, behind),)
     if study.holdout == "each-log":
         return (validate(estimate(reduce(add, others), study.method), observation, whole),)

@@ -195,7 +195,7 @@ class _Problem:
         w = np.array([weight(motor, self.beta) for motor in self.observation.motors])
         memory = residual_memory(self.model, self.motions, self.beta)
         step = self.motions[0].treatment.decimation * self.motions[0].dt
-        return w / np.sqrt(max(memory / step, 1.0))
+        return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
 
     def solve(self, off: Array, prior: Array) -> tuple[Array, Array, Array]:
         """Parameters (p,), the delays' change (channels,), and its covariance.
@@ -278,7 +278,7 @@ def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) ->
         def rate(context: ResidualContext) -> Array:
             torque = context.torque(rigid(model, context.chi)) if bodies else context.predicted
             own = to_rows[row, channel] * (to_channels[channel] @ torque)
-            return np.gradient(own, context.plan.motion.dt)[None]
+            return np.asarray(np.gradient(own, context.plan.motion.dt)[None])
 
         return CandidateColumns(np.eye(len(to_rows))[row], 1, rate)
 

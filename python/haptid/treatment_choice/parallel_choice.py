@@ -43,13 +43,14 @@ def better_cutoff(
     except (NoRowsError, MotionTooShortError):
         return usual
     parts = [_losses(model, logs, replace(treatment, block=block), judged) for treatment in tried]
-    if parts[usual] is None:
+    if parts[usual] is None:  # as with a filter longer than what the log has between its ends
         return next((k for k, loss in enumerate(parts) if loss is not None), usual)
     losses = [np.inf if loss is None else float(loss.sum()) for loss in parts]
     best = int(np.argmin(losses))
-    if best == usual or (other := parts[best]) is None:
+    before, after = parts[usual], parts[best]
+    if best == usual or before is None or after is None:
         return usual
-    gain = parts[usual] - other
+    gain = before - after
     sure = gain.sum() > _SURELY * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
     return best if sure else usual
 

@@ -102,8 +102,8 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         timed = {**given, "torque_delay_s": given.get("torque_delay_s", delays.setting if delays else 0.0)}
         reference = replace(reference, torque_delay_s=timed["torque_delay_s"])
-        times = better_cutoff(model, logs, [filters.at(k, timed) for k in TRIED], TRIED.index(USUAL), reference)
-        times = TRIED[times]
+        tried = [filters.at(k, timed) for k in TRIED]
+        times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), reference)]
         if times != USUAL:
             treatment = filters.at(times, given)
             delays = None if delays is None else _delays(model, logs, treatment, delays)
@@ -111,18 +111,24 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         treatment = replace(treatment, torque_delay_s=delays.setting)
     reference = replace(reference, torque_delay_s=treatment.torque_delay_s)
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
-    why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _NO_DELAY,)
+    why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
     reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
     return Proposal(treatment, reasons, replace(reference, block=treatment.block / 8), delays, filters.bandwidth)
 
 
-_NO_DELAY = "The torque delay could not be estimated from these logs; none is compensated. Give `torque_delay_s`."
+def _no_delay(logs: Sequence[Log]) -> str:
+    """Why there is no estimate of the delay."""
+    rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
+    why = f", which have {' and '.join(rates)} Hz" if len(rates) > 1 else ""
+    return f"The torque delay could not be estimated from the logs{why}; none is compensated. Give `torque_delay_s`."
 
 
 def _delays(
     model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None
 ) -> Delays | None:
     """Delays of the torque channels; None where the logs have no rows, or their rates differ."""
+    if len({f"{log.rate_hz:.4g}" for log in logs}) > 1:  # a hold of one sample is not one time
+        return None
     plain = treatment
     if treatment.momentum:  # the lag of a differentiator is not a delay of the torque
         cutoff = USUAL * (treatment.parallel(float(logs[0].dt)) or 1 / logs[0].dt)
@@ -209,7 +215,8 @@ class _Filters:
         rows = len(self.model.device.row_names)
         if not any(self.model.coulomb_terms(row) for row in range(rows)):
             return ()
-        speeds, power, samples = np.full(rows, np.inf), {}, 0
+        speeds, samples = np.full(rows, np.inf), 0
+        power: dict[tuple[int, int], float] = {}
         for log in self.logs:
             motion = treat(log, treatment)
             c, cd = state(self.model.device, motion, *motion.usable)

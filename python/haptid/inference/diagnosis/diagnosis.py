@@ -9,7 +9,7 @@ from functools import cached_property
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import delay_test, exogeneity, lack_of_fit, plausibility
-from haptid.inference.diagnosis.added_variable import AugmentedRows, augment
+from haptid.inference.diagnosis.added_variable import AugmentedRows, augment, device_rows
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
@@ -17,7 +17,7 @@ from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
-from haptid.observation.augmented import CandidateColumns, device_rows, torque_rates
+from haptid.observation.augmented import CandidateColumns, torque_rates
 from haptid.simulation import PID
 from haptid.validation.validation import Validation, direct
 
