@@ -1,0 +1,52 @@
+"""`python benchmarks/zoo`: score the default path on a zoo of simulated logs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(threads, "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from zoo.case import draw  # noqa: E402
+from zoo.study import CASES, RESULTS, SEED, chosen, final_seed, keep, scores  # noqa: E402
+from zoo.table import CLASSES, aggregate, table, worst  # noqa: E402
+
+
+def main() -> None:
+    """Score, print, store."""
+    parser = argparse.ArgumentParser(prog="zoo", description=__doc__)
+    parser.add_argument("--cases", type=int, default=CASES, help="how many are drawn")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
+    parser.add_argument("--final", action="store_true", help="take the seed from the hash of the commit")
+    parser.add_argument("--only", choices=CLASSES, help="score only the cases of this class")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--former", action="store_true", help="print the stored scores of the former proposal beside")
+    parser.add_argument("--fresh", action="store_true", help="compute the oracle again")
+    parser.add_argument("--worst", type=int, default=10, help="how many of the worst cases are printed")
+    parser.add_argument("--list", action="store_true", help="print the cases only")
+    parser.add_argument("--out", type=Path, default=RESULTS / "zoo-cases.json", help="where scores are stored")
+    given = parser.parse_args()
+    seed = final_seed() if given.final else given.seed
+    cases = chosen(draw(given.cases, seed), given.only)
+    if given.list:
+        print(*cases, sep="\n")
+        return
+    rows = scores(cases, given.jobs, given.fresh)
+    figures = aggregate(cases, rows)
+    former = None
+    if given.former:
+        kept = {r["case"]: r for r in json.loads((RESULTS / "zoo-former.json").read_text(encoding="utf-8"))["cases"]}
+        known = [case for case in cases if str(case) in kept]
+        former = aggregate(known, [kept[str(case)] for case in known])
+    print(table(figures, former))
+    print(worst(rows, given.worst))
+    keep(given.out, {"cases": given.cases, "seed": seed, "only": given.only}, rows, figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""A small zoo: the default path on short simulated logs with known truth, against the best of many treatments.
+
+`benchmarks/zoo` has hundreds; here is one for each thing that a recorder does to a log.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zoo.case import Case, draw
+from zoo.oracle import Unseen, oracle
+from zoo.plant import Plant
+from zoo.recording import record, undisturbed
+from zoo.score import LEAST, score
+
+# Error over the oracle's: of logs whose model fits, and of any log whose result claims to be in order.
+FAIR, WORST = 1.3, 3.0
+CASES = {
+    "clean": Case(1, "arm2", 500, 12, 2.0, 3, bits=16),
+    "coarse encoder": Case(2, "arm3", 500, 12, 1.6, 3, bits=12),
+    "coarse encoder behind a gear, AR torque": Case(3, "pendulum", 500, 8, 2.0, 4, bits=10, gear=50.0, noise="AR"),
+    "coloured encoder noise": Case(4, "arm2", 500, 12, 1.0, 3, bits=15, encoder="AR", steps=4.0),
+    "encoder ripple": Case(5, "arm2", 500, 12, 1.0, 3, bits=13, encoder="ripple", steps=2.0),
+    "stale rows": Case(6, "arm3", 200, 16, 0.8, 3, bits=16, stale=0.13),
+    "stale torques": Case(7, "arm2", 500, 10, 1.0, 3, bits=16, stale=0.13, repeats="torques"),
+    "true jitter": Case(8, "arm2", 500, 10, 1.0, 3, bits=16, jitter=0.6),
+    "false stamps": Case(9, "arm2", 500, 10, 1.0, 3, bits=16, jitter=0.3, stamps="false"),
+    "gaps": Case(10, "phantom", 500, 12, 1.5, 3, bits=16, gaps=0.03),
+    "a delay of each motor, AR torque": Case(11, "arm2", 500, 12, 2.0, 3, bits=17, noise="AR", delay=1.0, spread=0.5),
+    "slow motion, much friction": Case(12, "arm2", 100, 80, 0.15, 3, bits=14, friction=0.8, noise="AR", delay=0.5),
+    "noise inside the loop": Case(13, "arm2", 500, 6, 1.5, 3, bits=16, level=0.01, loop=True, delay=1.0),
+}
+MISFITS = {
+    name: Case(20 + k, "arm2", 500, 12, 1.0, 3, bits=16, friction=0.6, noise="AR", delay=0.5, misfit=name)
+    for k, name in enumerate(("presliding", "Stribeck", "load", "ripple", "elastic"))
+}
+
+
+@pytest.mark.parametrize("name", [*CASES, *MISFITS])
+def test_default_path_is_near_the_best_treatment(name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.kept.CACHE", tmp_path)
+    case = (CASES | MISFITS)[name]
+    made = score(case)
+    assert "refused" not in made, made["why"]
+    assert made["ratio"] <= (FAIR if name in CASES else WORST) or (name in MISFITS and made["status"] != "ok"), made
+
+
+@pytest.mark.parametrize("device", ["axis", "pendulum", "arm2", "arm3", "arm7", "phantom", "cea"])
+def test_true_parameters_give_the_torque_of_the_zoo(device: str) -> None:
+    """Without an unmodelled effect nothing but dry friction at reversals is missed."""
+    plant = Plant(Case(30, device, 500, 5, 2.0, 3, friction=0.0))
+    assert Unseen.of(plant).error(plant.beta) < 1e-6
+    rubbing = Plant(Case(30, device, 500, 5, 2.0, 3, friction=0.5))
+    assert Unseen.of(rubbing).error(rubbing.beta) < 5
+
+
+def test_the_motion_is_that_of_its_derivatives_and_its_edge_its_highest_frequency() -> None:
+    motion = Plant(Case(31, "arm3", 500, 5, 2.0, 1)).motion
+    t, h = np.linspace(0, 3, 500), 1e-5
+    for order in (0, 1):
+        slope = (motion(t + h, order) - motion(t - h, order)) / (2 * h)
+        np.testing.assert_allclose(slope, motion(t, order + 1), atol=1e-6 * np.abs(slope).max())
+    assert motion.edge_hz == pytest.approx(2.0)
+
+
+def test_each_disturbance_is_there_and_is_left_out_alone() -> None:
+    plain = Case(32, "arm2", 500, 10, 1.0, 3, bits=20, level=0.0)
+    late = record(Plant(Case(**{**plain.__dict__, "delay": 2.0})))
+    exact = record(Plant(plain))
+    # The channel is ahead of the acting torque by two samples.
+    np.testing.assert_allclose(late.command[:, :-2], exact.command[:, 2:], atol=1e-9)
+    noisy = Case(**{**plain.__dict__, "level": 0.02, "stale": 0.13, "jitter": 0.6, "gaps": 0.03, "delay": 1.0})
+    torque = record(Plant(undisturbed(noisy))).command - exact.command
+    assert np.sqrt(np.mean(torque**2) / np.mean(exact.command**2)) == pytest.approx(0.02, rel=0.2)
+    whole = record(Plant(noisy))
+    assert len(whole.t) < len(exact.t)
+    same = np.mean((np.diff(whole.q, axis=1) == 0).all(axis=0))
+    assert same == pytest.approx(0.13, abs=0.03)
+
+
+def test_the_oracle_is_not_far_above_the_floor_of_a_clean_log() -> None:
+    made = oracle(Plant(Case(33, "arm2", 500, 12, 2.0, 3, bits=20, level=0.003)))
+    assert made["oracle"] < made["floor"] + LEAST
+
+
+def test_cases_are_those_of_their_seed_and_cover_every_factor() -> None:
+    cases = draw(200, 7)
+    assert cases == draw(200, 7)
+    assert cases != draw(200, 8)
+    assert {c.device for c in cases} == {"axis", "pendulum", "arm2", "arm3", "arm7", "phantom", "cea"}
+    assert {c.noise for c in cases} == {"white", "AR", "walk"}
+    assert len({c.misfit for c in cases}) == 6
+    assert min(c.seconds for c in cases) < 7 < 500 < max(c.seconds for c in cases)
+    assert {10, 20} <= {c.bits for c in cases}
+    assert all(c.rate >= 12 * c.motion_hz for c in cases)
