@@ -340,12 +340,13 @@ class Motion:
 
 def settling(sections: Array, longest: int) -> int:
     """Samples after which less than SETTLED of the two-pass impulse response is left, at most `longest`."""
-    return max(_settling(own, longest) for own in sections)
+    return max(_settling(own.tobytes(), longest) for own in sections)
 
 
-def _settling(sections: Array, longest: int) -> int:
-    """The same for the filter of one channel, (sections, 6)."""
-    half = 256
+@lru_cache(maxsize=256)
+def _settling(one_pass: bytes, longest: int) -> int:
+    """The same for the filter of one channel: the bytes of its sections, (sections, 6)."""
+    sections, half = np.frombuffer(one_pass).reshape(-1, 6).copy(), 256
     while True:
         impulse = np.zeros(2 * half + 1)
         impulse[half] = 1.0

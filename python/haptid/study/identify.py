@@ -22,8 +22,8 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
-from haptid.treatment_choice.delay_estimate import with_delay_uncertainty
 from haptid.treatment_choice.propose import Proposal, propose
+from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
 from haptid.validation.validation import Validation, direct, pooled, validate
 
@@ -120,8 +120,7 @@ def identify(
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
-    if proposal.delays is not None:
-        final = with_delay_uncertainty(final, proposal.delays)
+    final = with_treatment_uncertainty(final, proposal)
     all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, kept)
     runs = []
     for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):

@@ -8,7 +8,8 @@ are made long enough to be independent.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,15 @@ from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
+from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
 from haptid.treatment_choice.spectrum import Spectrum, spectra, widest
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
 # behind which treatments are compared.
 USUAL, TRIED, REFERENCE = 3.0, (1.5, 3.0, 6.0, 12.0), 6.0
+# Time blocks of the reference rows in one of the treatment: to say which held-out part they lie in.
+REFERENCE_BLOCKS = 8
 # Rows per period of the parallel filter's cut-off: aliases are 60 dB down.
 ROWS_IN_PERIOD = 8
 # Highest cut-offs of the position filter and of the parallel filter, as shares of the sampling rate; the lowest of the
@@ -61,6 +65,7 @@ class Proposal:
         reference: the treatment behind which errors are compared: it depends on the motion alone, and keeps all rows.
         delays: of the torque channels as estimated; None where they were given or could not be estimated.
         bandwidth_hz: of the motion.
+        effects: standard errors of the parameters by the encoders' noise and by the position filter, (1, p) each.
     """
 
     treatment: Treatment
@@ -68,6 +73,7 @@ class Proposal:
     reference: Treatment
     delays: Delays | None
     bandwidth_hz: float
+    effects: Mapping[str, Array] = field(default_factory=dict)
 
 
 def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
@@ -85,9 +91,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     """
     if given.get("velocity") is not None:  # it takes unfiltered positions
         given = {"cutoff_hz": None, **given}
-    unknown = set(given) - {field.name for field in fields(Treatment)}
+    unknown = set(given) - {setting.name for setting in fields(Treatment)}
     if unknown or not logs:
-        wanted = f"one of {', '.join(field.name for field in fields(Treatment))}" if unknown else "one log at least"
+        wanted = f"one of {', '.join(setting.name for setting in fields(Treatment))}" if unknown else "one log at least"
         raise bad_setting("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
@@ -113,7 +119,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
     reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
-    return Proposal(treatment, reasons, replace(reference, block=treatment.block / 8), delays, filters.bandwidth)
+    effects = noise_effect(model, logs, filters.spectra, treatment)
+    reference = replace(reference, block=treatment.block / REFERENCE_BLOCKS)
+    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
 
 
 def _no_delay(logs: Sequence[Log]) -> str:
@@ -146,6 +154,7 @@ class _Filters:
 
     Attributes:
         model, logs: device and recordings.
+        spectra: of each log's position channels.
         channels: spectrum of each position channel, of the log in which it moves fastest.
         bandwidth: of the motion, Hz.
         dt: sampling period, s.
@@ -156,6 +165,7 @@ class _Filters:
 
     model: DynamicModel
     logs: tuple[Log, ...]
+    spectra: tuple[tuple[Spectrum, ...], ...]
     channels: tuple[Spectrum, ...]
     bandwidth: float
     dt: float
@@ -166,7 +176,8 @@ class _Filters:
     @staticmethod
     def of(model: DynamicModel, logs: tuple[Log, ...], given: _Given) -> _Filters:
         """From the spectra of the logs' positions."""
-        dt, channels = max(float(log.dt) for log in logs), widest([spectra(log) for log in logs])
+        dt, found = max(float(log.dt) for log in logs), tuple(spectra(log) for log in logs)
+        channels = widest(found)
         bandwidth = max(spectrum.bandwidth for spectrum in channels)
         if bandwidth == 0:
             raise IdentifiabilityError(
@@ -180,7 +191,7 @@ class _Filters:
         shortest = _SHORTEST / min(len(log.t) * float(log.dt) for log in logs)
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
-        made = _Filters(model, logs, channels, bandwidth, dt, top, lowest, ())
+        made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
         return replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
 
     def parallel(self, times: float) -> float:
@@ -196,19 +207,21 @@ class _Filters:
         follows: dict[str, Any] = {"parallel_cutoff_hz": parallel, "decimation": decimation}
         if "cutoff_hz" not in given:
             # Two digits more than the differences between cut-offs matter for.
-            follows["cutoff_hz"] = tuple(float(f"{cutoff:.3g}") for cutoff in self._position_cutoffs(parallel))
+            follows["cutoff_hz"] = self._position_cutoffs(parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
         if "guard" not in given and not all_rows:
             follows["guard"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
 
-    def _position_cutoffs(self, parallel: float) -> Array:
-        """Cut-off of each position channel's filter, Hz."""
+    @cache  # noqa: B019 - lives as long as one call of `propose`
+    def _position_cutoffs(self, parallel: float) -> tuple[float, ...]:
+        """Cut-off of each position channel's filter, Hz, to the digits that matter."""
         low = _LOWEST * self.bandwidth
         high = max(_HIGHEST * 2 * self.top, 1.1 * low)
         ceiling = 0.95 * 0.5 / self.dt
-        return np.array([min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels])
+        found = (min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels)
+        return tuple(float(f"{cutoff:.3g}") for cutoff in found)
 
     def _slow(self, treatment: Treatment) -> tuple[float, ...]:
         """The speed of each row of torque below which the sign of its dry friction is uncertain."""

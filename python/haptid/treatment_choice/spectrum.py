@@ -8,6 +8,7 @@ falls at f^-6 or faster.
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -84,10 +85,15 @@ class Spectrum:
         """
         tried = np.geomspace(lowest, max(highest, lowest), _TRIED)
         weight = self.f**4 * smoothed(self.f, parallel_hz) ** 2
-        H = np.stack([passed(self.f, cutoff) for cutoff in tried])
-        removed, left = (H * (1 - H)) @ (weight * self.motion), H**2 @ (weight * self.noise)
-        over = np.flatnonzero(left >= removed)  # what is removed falls with the cut-off, what is left rises
-        return float(tried[over[0]] if len(over) else tried[-1])
+        motion, noise = weight * self.motion, weight * self.noise
+
+        def passes_more(cutoff: float) -> bool:
+            H = passed(self.f, cutoff)
+            return bool((H * H) @ noise >= (H * (1 - H)) @ motion)
+
+        # What is removed falls with the cut-off, what is left rises.
+        at = bisect.bisect_left(range(_TRIED), True, key=lambda k: passes_more(float(tried[k])))
+        return float(tried[min(at, _TRIED - 1)])
 
     def noise_share(self, cutoff: float, parallel_hz: float) -> float:
         """RMS of the noise in the treated acceleration over the RMS of that acceleration, 0 to 1."""
