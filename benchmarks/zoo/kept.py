@@ -19,7 +19,7 @@ CACHE = HERE / ".cache"
 
 
 def kept(
-    what: str, case: Case, sources: tuple[str, ...], make: Callable[[], dict[str, Any]], fresh: bool
+    what: str, case: Case, sources: tuple[str, ...], make: Callable[[], dict[str, Any]], fresh: bool = False
 ) -> dict[str, Any]:
     """A figure of a case.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -27,12 +28,14 @@ def run() -> dict[str, float]:
 
 
 def scores(cases: Sequence[Case], jobs: int, fresh: bool = False) -> list[dict[str, Any]]:
-    """Scores of cases, in their order."""
-    one = partial(score, fresh=fresh)
-    if jobs == 1:
-        return [one(case) for case in cases]
+    """Scores of cases, in their order; how many are done goes to standard error."""
+    one, made = partial(score, fresh=fresh), []
     with ProcessPoolExecutor(jobs) as pool:
-        return list(pool.map(one, cases))
+        for row in pool.map(one, cases):
+            made.append(row)
+            print(f"\r{len(made)} of {len(cases)}", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return made
 
 
 def chosen(cases: Sequence[Case], only: str | None) -> list[Case]:

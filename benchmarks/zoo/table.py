@@ -30,6 +30,7 @@ CLASSES: dict[str, Callable[[Case], bool]] = {
     "spread": lambda c: c.spread > 0,
     "slow-friction": lambda c: c.motion_hz < 0.3 and c.friction >= 0.5,
     "loop": lambda c: c.loop,
+    "open": lambda c: not c.loop,
     "misfit": lambda c: c.misfit != "none",
     "short": lambda c: c.seconds < 15,
     "one-joint": lambda c: c.device in ("axis", "pendulum"),
