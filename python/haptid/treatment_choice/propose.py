@@ -23,7 +23,7 @@ from haptid.motion.filters import KAISER_REACH, bad_setting
 from haptid.motion.treatment import Treatment, treat
 from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
-from haptid.treatment_choice.delay_estimate import Delays, find_delays
+from haptid.treatment_choice.delay_estimate import HOLD, Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
@@ -46,6 +46,8 @@ _ROWS_PER_PARAMETER = 4.0
 SLOW, _NEAR = 0.03, 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
+# Bandwidths so far apart are two choices.
+_APART = 1.6
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
@@ -100,6 +102,8 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         check_log(model.device, log)
     logs = tuple(log.busiest(min(max(_ENOUGH, _SAMPLES * float(log.dt)), max(_LONGER, _ENOUGH))) for log in logs)
     filters = _Filters.of(model, logs, given)
+    if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
+        filters = filters.known_to_the_torque(given)
     reference = filters.at(REFERENCE, {"torque_delay_s": given.get("torque_delay_s", 0.0)}, all_rows=True)
     times, delays = USUAL, None
     treatment = filters.at(USUAL, given)
@@ -161,6 +165,7 @@ class _Filters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
+        above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
     """
 
     model: DynamicModel
@@ -172,11 +177,14 @@ class _Filters:
     top: float
     lowest: float
     reversal_speed: tuple[float, ...]
+    above: float = 0.0
 
     @staticmethod
-    def of(model: DynamicModel, logs: tuple[Log, ...], given: _Given) -> _Filters:
-        """From the spectra of the logs' positions."""
-        dt, found = max(float(log.dt) for log in logs), tuple(spectra(log) for log in logs)
+    def of(
+        model: DynamicModel, logs: tuple[Log, ...], given: _Given, found: tuple[tuple[Spectrum, ...], ...] | None = None
+    ) -> _Filters:
+        """From the spectra of the logs' positions, computed where None."""
+        dt, found = max(float(log.dt) for log in logs), found or tuple(spectra(log) for log in logs)
         channels = widest(found)
         bandwidth = max(spectrum.bandwidth for spectrum in channels)
         if bandwidth == 0:
@@ -193,6 +201,20 @@ class _Filters:
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
         return replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+
+    def known_to_the_torque(self, given: _Given) -> _Filters:
+        """Filters for the bulk of the motion alone, where that predicts the torque of unseen parts better.
+
+        Both are judged behind a filter that passes the bulk: there a model that took ripple for motion fails, and one
+        that left true motion out is no worse.
+        """
+        found = tuple(tuple(spectrum.narrowed() for spectrum in own) for own in self.spectra)
+        if max(s.bandwidth for s in widest(found)) > self.bandwidth / _APART:
+            return self
+        narrow = _Filters.of(self.model, self.logs, given, found)
+        guess = {"torque_delay_s": HOLD * self.dt, **given}
+        tried, judged = [self.at(USUAL, guess), narrow.at(USUAL, guess)], narrow.at(REFERENCE, guess, all_rows=True)
+        return replace(narrow, above=self.bandwidth) if better_cutoff(self.model, self.logs, tried, 0, judged) else self
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""
@@ -261,6 +283,11 @@ class _Filters:
         """A sentence for each filter that was chosen."""
         made, parallel = [], treatment.parallel_cutoff_hz or 0.0
         motion = f"the motion is below {self.bandwidth:.2g} Hz (98 % of the velocity's power)"
+        if self.above:
+            made.append(
+                f"What the positions show between {self.bandwidth:.2g} and {self.above:.2g} Hz is taken for ripple or "
+                f"vibration: without it the torque is predicted better on unseen parts."
+            )
         if parallel < self.bandwidth:
             made.append(
                 f"Parallel filter of torque and columns: {parallel:.3g} Hz, but {motion}: the filter removes part of "

@@ -28,6 +28,8 @@ _BANDS, _STEEPEST = 6, 3.0
 _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 # Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
 SHARE, _END = 0.98, 0.999
+# Share of the position's power that is its bulk.
+_BULK = 0.998
 # Order of one pass of the position filter that cut-offs are chosen for.
 _ORDER = 4
 # Cut-offs tried between the lowest and the highest.
@@ -75,6 +77,23 @@ class Spectrum:
     def noise_rms(self) -> float:
         """RMS of the noise, rad or m."""
         return float(np.sqrt(np.sum(self.noise) * (self.f[1] - self.f[0])))
+
+    def narrowed(self) -> Spectrum:
+        """The same with only the bulk of the position's power as motion, and all above as noise; itself without motion.
+
+        Ripple of an encoder and vibration move with the motion, and no spectrum of positions alone tells them from it;
+        but they are small.
+        """
+        if not self.bandwidth:
+            return self
+        total = np.cumsum(self.motion)
+        end = float(self.f[np.searchsorted(total, _BULK * total[-1])])
+        motion, power = np.where(self.f <= end, self.motion, 0.0), self.motion + self.noise
+        above = (self.f > end) & (self.f <= 2 * end)
+        flat = float(np.median(power[above])) if above.any() else float(power[-1])
+        noise = np.where(self.f > end, power, np.maximum(self.noise, flat))
+        velocity = np.cumsum(motion * self.f**2)
+        return Spectrum(self.f, motion, noise, float(self.f[np.searchsorted(velocity, SHARE * velocity[-1])]))
 
     def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
         """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
