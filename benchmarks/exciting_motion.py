@@ -10,7 +10,7 @@ import numpy as np
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.bench.limits import loop_openness
-from haptid.experiment.excitation import FourierSeries, Limits, Search, design, observed_motion, quality
+from haptid.experiment.excitation import FourierSeries, Limits, Search, design_excitation, observed_motion, quality
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 # What is sought: positions about a centre, rad, to either side of it, degrees; speed, rad/s; acceleration, rad/s^2.
@@ -23,7 +23,7 @@ def sought() -> dict[str, float]:
     model, half = haptid.DynamicModel(haptid.read_device("cea_medical_branch")), float(np.radians(STROKE))
     within = Limits(tuple((x - half, x + half) for x in CENTRE), (SPEED,), (ACCELERATION,))
     start = time.process_time()
-    found = design(model, FourierSeries(), within, search=Search(tries=TRIES))
+    found = design_excitation(model, FourierSeries(), within, search=Search(tries=TRIES))
     return {
         "design, condition raw": found.after.raw,
         "design, condition with unit columns": found.after.scaled,

@@ -122,7 +122,7 @@ from haptid.study.identify import Identification, Run, identify
 from haptid.treatment_choice.delay_estimate import Delay, find_delay
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.prediction import Prediction, predict
-from haptid.validation.validation import MotorError, Validation, direct, validate
+from haptid.validation.validation import MotorError, Validation, fit_errors, validate
 
 __all__ = [
     "CLIE",
@@ -246,7 +246,6 @@ __all__ = [
     "definiteness",
     "device_schema",
     "diagnose",
-    "direct",
     "drift",
     "drive_gains",
     "eliminate",
@@ -263,6 +262,7 @@ __all__ = [
     "export_rust",
     "export_urdf",
     "find_delay",
+    "fit_errors",
     "fit_load_friction",
     "friction_curve",
     "gravity_torque",

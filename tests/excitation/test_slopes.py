@@ -17,7 +17,7 @@ from haptid.experiment.excitation import (
     Search,
     Slopes,
     TrianglesWithSines,
-    design,
+    design_excitation,
     observed_motion,
     quality,
 )
@@ -108,6 +108,6 @@ def test_few_tries_come_near_the_optimum():
     """Descents along slopes reach in 120 tries what 150 tries at random miss by far."""
     wide = Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,), acceleration=(30.0,))
     family = FourierSeries(8.0, 0.2, 6)
-    found = design(PHANTOM, family, wide, beta=BETA, search=Search(tries=120))
+    found = design_excitation(PHANTOM, family, wide, beta=BETA, search=Search(tries=120))
     assert found.after.scaled < 0.5 * found.before.scaled
     assert np.abs(found.trajectory(0.01).qdd).max() < 30.0 * 1.03

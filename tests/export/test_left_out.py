@@ -117,7 +117,7 @@ def test_essential_writes_a_result(folder, study):
     assert read.estimate.method == "WLS without 2"
     found = haptid.identify(haptid.read_study(study))
     assert read.unseen[0].relative == pytest.approx(steps["error_percent"]["unseen"]["reduced"])
-    assert read.direct[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
+    assert read.fit_errors[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
     assert read.unseen[0].relative != found.unseen[0].relative
 
 

@@ -29,7 +29,7 @@ def test_without_noise_they_come_back_exactly(name):
     observation = haptid.observe(model, made)
     found = haptid.estimate(observation, haptid.OLS())
     np.testing.assert_allclose(found.beta, beta, rtol=1e-12 * observation.condition[0] + 1e-9)
-    assert haptid.direct(found).relative < 1e-9
+    assert haptid.fit_errors(found).relative < 1e-9
 
 
 @pytest.mark.parametrize(("phi", "decimation"), [(0.0, 1), (0.95, 1), (0.95, 10)])

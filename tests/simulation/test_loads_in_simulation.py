@@ -125,7 +125,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
     for name in ("FLM1", "FLM2"):
         assert found[name].value == pytest.approx(0.15, rel=0.2)
-    assert haptid.direct(found).relative < 5.0
+    assert haptid.fit_errors(found).relative < 5.0
 
 
 def test_sharp_loads_are_smoothed_and_the_filter_refuses_them(model):

@@ -161,7 +161,7 @@ def test_deviations_are_those_of_repeated_estimates():
         tau = log.tau + 0.1 * log.tau.std(axis=0) * np.random.default_rng(seed).standard_normal(log.tau.shape)
         log = haptid.Motion(1e-3, log.q, tau, PLAIN, rates=(log.qd, log.qdd))
         estimate = haptid.estimate(haptid.observe(model, log), haptid.WLS())
-        quiet = tuple(replace(m, residual=0.0) for m in haptid.direct(estimate).motors)
+        quiet = tuple(replace(m, residual=0.0) for m in haptid.fit_errors(estimate).motors)
         validation = haptid.Validation(quiet, seen=False)
         forces.append(estimate_force(estimate, unseen, validation=validation, reversal_speed=0.0))
     scatter = np.sqrt(np.var([found.force for found in forces], axis=0).mean())

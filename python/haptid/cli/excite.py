@@ -58,7 +58,7 @@ def excite(
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import Search, design, write_experiment
+    from haptid.experiment.excitation import Search, design_excitation, write_experiment
     from haptid.experiment.excitation.writing import plain_experiment, write_samples
 
     with errors_shown():
@@ -71,7 +71,7 @@ def excite(
         columns = tuple(keep) if keep else None
         with progress_bars(quiet) as progress:
             task = progress.add_task("searching", total=1.0)
-            found = design(
+            found = design_excitation(
                 model,
                 family,
                 within,

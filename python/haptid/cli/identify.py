@@ -83,7 +83,7 @@ def identify(
             for k, run in enumerate(found.runs):
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
                 tell(f"drawing {name}", 0.0)
-                kind = "rows of the fit" if run.direct else "unseen"
+                kind = "rows of the fit" if run.fit_errors else "unseen"
                 title = f"{plan.name}: {run.entry.path} ({kind})"
                 parts = predictions(found.estimate, run.motion)
                 plot_torque(parts, Plan.of(found.model, run.motion).rows, title, folder / name)

@@ -23,7 +23,7 @@ from haptid.motion.treatment import Motion
 from haptid.observation.reversals import doubt, softened
 from haptid.observation.rows import chunks
 from haptid.uncertainty.quantities import LEVEL, half_width
-from haptid.validation.validation import Validation, direct
+from haptid.validation.validation import Validation, fit_errors
 
 # Speed below which the sign of a velocity is smoothed, rad/s or m/s.
 REVERSAL_SPEED = 0.01
@@ -189,7 +189,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
     """Residual RMS of each measured torque row, (rows,), N m or N."""
-    errors = (validation or direct(estimate)).motors
+    errors = (validation or fit_errors(estimate)).motors
     expect("validation.motors", (len(errors),), (sum(estimate.model.device.measured),))
     return np.array([error.rmse for error in errors])
 

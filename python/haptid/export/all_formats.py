@@ -50,7 +50,7 @@ OTHERS: Mapping[str, Exporter] = {
 EXPORTERS = (*CODE, *OTHERS)
 
 
-def export(
+def export_model(
     identified: ExportSource,
     folder: str | Path,
     formats: Sequence[str],

@@ -29,7 +29,7 @@ from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
-from haptid.validation.validation import Validation, direct, validate
+from haptid.validation.validation import Validation, fit_errors, validate
 
 # Significance level of the F-test.
 _SIGNIFICANCE = 0.05
@@ -230,14 +230,14 @@ def eliminate(
     drops: list[Drop] = []
     while (name := least_precise(now)) is not None and not satisfied(now, how.rule):
         smaller = refit_without(full, (*(drop.name for drop in drops), name))
-        drop = Drop(name, now[name].relative_se, rao_scott_test(full, smaller.zero), direct(smaller).relative)
+        drop = Drop(name, now[name].relative_se, rao_scott_test(full, smaller.zero), fit_errors(smaller).relative)
         if drop.test.p < how.level:
             refused = drop
             break
         now, drops = smaller, [*drops, drop]
     both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
     return Elimination(
-        full, now, tuple(drops), refused, stop_reason(now, refused, how), (direct(full), direct(now)), both
+        full, now, tuple(drops), refused, stop_reason(now, refused, how), (fit_errors(full), fit_errors(now)), both
     )
 
 

@@ -184,7 +184,7 @@ def track(estimate: Estimate, run: Run) -> Track:
     t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(model, motion).rows)
     return Track(
         name=run.entry.path,
-        seen=run.direct is not None,
+        seen=run.fit_errors is not None,
         t0=float(t[0]),
         step=motion.treatment.decimation * motion.dt,
         labels=tuple(model.device.row_labels[k] for k in rows),

@@ -226,7 +226,7 @@ class Result(ResultTable):
         return tuple(Block(log.sha256, log.start, log.stop) for log in self.logs if log.role == "identify")
 
     @property
-    def direct(self) -> tuple[Validation, ...]:
+    def fit_errors(self) -> tuple[Validation, ...]:
         """Errors on the rows of the fit, log by log."""
         return tuple(_validations(self.validation, self.model, seen=True))
 
@@ -346,7 +346,7 @@ def _uses(verdict: Verdict | None) -> Iterator[ResultUse]:
 
 def _errors(run: Run) -> Iterator[ErrorTable]:
     """Errors by motor, then of all motors (whose RMSE and norms would mix units, and are null)."""
-    for validation in (run.direct, *run.unseen):
+    for validation in (run.fit_errors, *run.unseen):
         if validation is None:
             continue
         common: dict[str, Any] = {"log": run.entry.path, "rows": "fit" if validation.seen else "unseen"}

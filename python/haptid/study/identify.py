@@ -24,7 +24,7 @@ from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.cross_validation import alternate, each_log
-from haptid.validation.validation import Validation, direct, pooled, validate
+from haptid.validation.validation import Validation, fit_errors, pooled, validate
 
 _Progress = Callable[[str, float], None]
 
@@ -36,14 +36,14 @@ class Run:
     Attributes:
         entry: the study's entry.
         observation: its rows.
-        direct: errors of the final estimate on the rows of its fit; None of a validation log.
+        fit_errors: errors of the final estimate on the rows of its fit; None of a validation log.
         unseen: out-of-sample errors: of the final estimate for a validation log, of each fold's own fit in
             cross-validation.
     """
 
     entry: LogEntry
     observation: Observation
-    direct: Validation | None
+    fit_errors: Validation | None
     unseen: tuple[Validation, ...]
 
     @property
@@ -126,7 +126,7 @@ def identify(
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others)
-            runs.append(Run(entry, observation, direct(final, observation), unseen))
+            runs.append(Run(entry, observation, fit_errors(final, observation), unseen))
     tell("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
 

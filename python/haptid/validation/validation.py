@@ -94,7 +94,7 @@ def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
     return _compare(estimate, unseen, seen=False)
 
 
-def direct(estimate: Estimate, observation: Observation | None = None) -> Validation:
+def fit_errors(estimate: Estimate, observation: Observation | None = None) -> Validation:
     """In-sample fit errors, on the fitted rows or some of them; they do not bound prediction errors, see `validate`."""
     return _compare(estimate, observation or estimate.observation, seen=True)
 

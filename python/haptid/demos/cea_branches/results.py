@@ -66,7 +66,7 @@ class Identified:
         return self.reduction.reduced
 
     @property
-    def direct(self) -> Validation:
+    def fit_errors(self) -> Validation:
         """The essential parameters on the rows of the fit."""
         return self.reduction.seen[1]
 

@@ -70,7 +70,7 @@ def _identification(found: Results) -> DocumentSection:
     motors = [motor.label for motor in next(iter(found.found.values())).cross.motors]
     cells = [["branch", "comparison", *motors, "all"]]
     for one in found.found.values():
-        cells.append([one.branch.title, "direct, rows of the fit", *_errors(one.direct)])
+        cells.append([one.branch.title, "in-sample, rows of the fit", *_errors(one.fit_errors)])
         cells.append([one.branch.title, "cross-validation, unseen motion", *_errors(one.cross)])
     title = "100 norm(measured - predicted) / norm(measured) of the treated torque, per cent"
     charts = [chart for k, drawn in enumerate(found.demo.drawn) for chart in _torque(found, drawn, f"torque-{k}")]

@@ -14,7 +14,7 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Slopes
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
-from haptid.experiment.excitation.search import Excitation, Search, design
+from haptid.experiment.excitation.search import Excitation, Search, design_excitation
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
@@ -34,7 +34,7 @@ __all__ = [
     "Search",
     "Slopes",
     "TrianglesWithSines",
-    "design",
+    "design_excitation",
     "observed_motion",
     "quality",
     "write_experiment",

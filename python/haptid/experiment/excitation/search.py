@@ -108,7 +108,7 @@ def phases(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
 
 
-def design(
+def design_excitation(
     model: DynamicModel,
     family: Family,
     limits: Limits | None = None,

@@ -18,7 +18,7 @@ from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, 
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.simulation import PID
-from haptid.validation.validation import Validation, direct
+from haptid.validation.validation import Validation, fit_errors
 
 # Relative residual of every motor, per cent, below which it is rounding error.
 _EXACT = 1e-8
@@ -77,9 +77,9 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     Raises:
         HaptidError: as `observe` does where a motion no longer fits the device.
     """
-    errors = validation or direct(estimate)
+    errors = validation or fit_errors(estimate)
     motion = (excitation(estimate), collinearity(estimate))
-    if max(motor.relative for motor in direct(estimate).motors) < _EXACT:
+    if max(motor.relative for motor in fit_errors(estimate).motors) < _EXACT:
         return Diagnosis(
             estimate, errors, motion, ("The model fits to rounding error: there are no residuals to test.",)
         )

@@ -88,7 +88,7 @@ def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) 
 
 
 def _result(name: str, found: Result) -> dict[str, Any]:
-    validations = found.unseen or found.direct
+    validations = found.unseen or found.fit_errors
     return {
         "name": name,
         "study": found.study,

@@ -41,7 +41,7 @@ class ExcitationSection(Section):
         names = [made.base.names[k] for k in made.kept]
         motors = [motor.label for motor in made.observation.motors]
         charts = [_bars("motor", names, motors, by_motor)] if len(motors) > 1 else []
-        runs = [run for run in source.identification.runs if run.direct is not None]
+        runs = [run for run in source.identification.runs if run.fit_errors is not None]
         logs = [run.entry.path for run in runs]
         of = _log_of(made, [run.observation.blocks for run in runs])
         if len(logs) > 1:

@@ -115,7 +115,7 @@ class ErrorsSection(Section):
     @classmethod
     def of(cls, source: ReportSource) -> ErrorsSection:
         runs = source.identification.runs
-        pairs = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
+        pairs = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
         labels = [motor.label for motor in runs[0].observation.motors]
         return cls(charts=(), motors=labels, rows=[_errors(path, validation) for path, validation in pairs])
 
