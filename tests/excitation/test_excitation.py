@@ -139,10 +139,9 @@ def test_what_cannot_be_searched(tmp_path, found):
             FAMILIES[0],
             Limits(position=((-1.0, 1.0),) * 3),
         )
+    short = replace(SHORT, tries=20)
     with pytest.raises(errors.TrajectoryError) as raised:
-        design_excitation(
-            PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=replace(SHORT, tries=20)
-        )
+        design_excitation(PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=short)
     assert raised.value.where.startswith("the torque")
     with pytest.raises(errors.UnknownNameError, match="ZZ9R"):
         design_excitation(PHANTOM, FAMILIES[0], WITHIN, columns=("ZZ9R",))
