@@ -49,7 +49,7 @@ def works(arm: Arm) -> dict[str, Work]:
 
     return {
         "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(model, beta, q, qd, qdd), np.transpose),
-        "mass matrix": Work(MANY, lambda: haptid.mass_matrix(model, beta, q)),
+        "mass matrix": Work(MANY, lambda: haptid.dynamics.mass_matrix(model, beta, q)),
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
         "felt masses": Work(

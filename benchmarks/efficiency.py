@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.estimation import GLS, IRLS, SUR, Huber, StudentT, Tukey
+from haptid.estimation import GLS, IRLS, SUR, Huber, Method, StudentT, Tukey
 from haptid.estimation.intervals.model_based import Autoregression
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.gls import Whitening
@@ -39,7 +39,7 @@ def bound(observation: haptid.Observation, se: np.ndarray, phi: float) -> np.nda
     return np.asarray(np.linalg.norm(solve(seen, np.ones(len(se))).root, axis=1))
 
 
-def errors(method: haptid.Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def errors(method: Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Errors of every run and parameter in units of the bound, (runs, p), and stated deviations in the same."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
@@ -59,7 +59,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def wild(method: haptid.Method, one_way: bool) -> float:
+def wild(method: Method, one_way: bool) -> float:
     """Root mean square error with outliers, in units of the bound without."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))

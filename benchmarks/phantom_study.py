@@ -106,7 +106,7 @@ def by_exact_velocity(demo: PhantomDemo, recorded: BenchRecording) -> Fit:
     return fitted("exact velocity", recorded.model, motions)
 
 
-def encoders(demo: PhantomDemo, recorded: BenchRecording, method: haptid.Method | None = None) -> Fit:
+def encoders(demo: PhantomDemo, recorded: BenchRecording, method: haptid.estimation.Method | None = None) -> Fit:
     """As proposed from the first half."""
     halves = demo.stretch
     treatment = haptid.propose(recorded.model, recorded.log(halves.fit)).treatment

@@ -41,7 +41,7 @@ VELOCITY_HZ = 100.0
 ENDS = 500
 # Joints slower than this may stick, rad/s.
 STICKS = 0.02
-Makes = Callable[[PID], haptid.Method]
+Makes = Callable[[PID], haptid.estimation.Method]
 METHODS: dict[str, Makes] = {
     "OLS": lambda _: estimation.OLS(),
     "WLS": lambda _: estimation.WLS(),

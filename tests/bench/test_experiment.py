@@ -140,7 +140,7 @@ def test_many_logs_at_a_time_are_those_made_one_by_one(short, tmp_path):
     ]
     told = []
     made = bench.make_logs(
-        jobs, workers=haptid.ProcessExecutor(2), progress=lambda path, share: told.append((path, share))
+        jobs, workers=haptid.executors.ProcessExecutor(2), progress=lambda path, share: told.append((path, share))
     )
     assert made == (tmp_path / "5.parquet", tmp_path / "6.parquet")
     assert {path for path, _ in told} == set(made)

@@ -42,8 +42,8 @@ def test_mass_is_the_models(rehearsal):
     setup = setup_of(case)
     pose = (np.array(case.centre) + np.array((0.3, 0.5, 0.6)) * case.amplitude)[:, None]
     beta = setup.model.base.of(setup.chi)
-    J = np.linalg.inv(haptid.handle_motion(setup.model, pose).jacobian[0, :3])
-    wanted = np.diag(J.T @ haptid.mass_matrix(setup.model, beta, pose)[0] @ J)
+    J = np.linalg.inv(haptid.dynamics.handle_motion(setup.model, pose).jacobian[0, :3])
+    wanted = np.diag(J.T @ haptid.dynamics.mass_matrix(setup.model, beta, pose)[0] @ J)
     for side in (rehearsal.bare, rehearsal.assisted):
         np.testing.assert_allclose([felt.mass for felt in side], wanted, rtol=0.1)
 

@@ -118,7 +118,7 @@ def test_a_small_log_finds_the_branch(found):
     assert not one.missing
     true = GivenParameters(results.model, one.beta)
     for sweep in results.demo.sweeps:
-        felt = haptid.apparent_mass(true, sweep.along(results.model)).mass.values
+        felt = haptid.end_effector.apparent_mass(true, sweep.along(results.model)).mass.values
         np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.values, felt, rtol=0.02)
 
 

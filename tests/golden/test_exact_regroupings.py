@@ -10,6 +10,7 @@ import pytest
 
 import haptid
 from changed_devices import SET_B, changed
+from haptid.dynamics.symbolic import regroupings
 
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
@@ -183,6 +184,6 @@ def test_result_does_not_depend_on_the_seed(name: str) -> None:
     model = haptid.DynamicModel(haptid.read_device(name))
     first = model.regroupings
     for seed in range(1, 6):
-        again = haptid.regroupings(model, seed)
+        again = regroupings(model, seed)
         assert again.coefficients == first.coefficients
         assert again.no_effect == first.no_effect

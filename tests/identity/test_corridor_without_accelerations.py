@@ -7,7 +7,6 @@ import haptid
 from haptid.end_effector.force import estimate_force
 from haptid.end_effector.torque_decomposition import decompose_torque
 from haptid.motion.filters import Causal, HighPass
-from haptid.treatment_choice import propose as proposal
 from motions import motion, multisine, truth
 
 DT = 1e-3
@@ -46,10 +45,10 @@ def test_a_log_becomes_an_estimate_that_predicts_another(model, tmp_path, treatm
 
 def test_a_proposal_keeps_what_was_asked(model, tmp_path):
     log = recorded(model, tmp_path, 1)
-    made = proposal.propose(model, log, accelerations="momentum").treatment
+    made = haptid.propose(model, log, accelerations="momentum").treatment
     assert made.momentum
     assert made.parallel_cutoff_hz > 0
-    made = proposal.propose(model, log, cutoff_hz=None, velocity=HighPass(200.0), **CAUSAL).treatment
+    made = haptid.propose(model, log, cutoff_hz=None, velocity=HighPass(200.0), **CAUSAL).treatment
     assert made.velocity == HighPass(200.0)
     assert made.parallel_shape == Causal(2)
 

@@ -91,8 +91,8 @@ def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
         haptid.observe(model, still)
     found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
     with pytest.raises(errors.ExportError, match="load"):
-        haptid.export_c(found, tmp_path / "c")
-    assert "friction by load" in haptid.decompose_torque(found, made).parts
+        haptid.export.export_c(found, tmp_path / "c")
+    assert "friction by load" in haptid.end_effector.decompose_torque(found, made).parts
 
 
 def test_a_load_is_of_one_coordinate(tmp_path):

@@ -80,7 +80,7 @@ def test_ends_are_the_furthest_that_bodies_can_have(level):
         rows[k] = 1e6
         metric, target = np.vstack([R, rows]), found.held.free.copy()
         target = np.linalg.lstsq(metric, np.append(R @ target, 1e6 * value), rcond=None)[0]
-        near = haptid.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
+        near = haptid.estimation.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
         return np.sum((R @ (near.beta - found.held.free)) ** 2)
 
     low, high = found.conf_int(level)[k]

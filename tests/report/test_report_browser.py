@@ -125,7 +125,7 @@ def scene_of(tab):
 
 def agrees(identified, masses, pose):
     """The page's masses, three digits, are the library's at that pose."""
-    expected = haptid.apparent_mass(identified, pose[:, None]).mass.values[0]
+    expected = haptid.end_effector.apparent_mass(identified, pose[:, None]).mass.values[0]
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 
@@ -162,7 +162,7 @@ def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     assert tab.troubles == []
     _, masses, pose = scene_of(tab)
     tab.picture(folder / f"{name}.png", "#mechanism")
-    identified = haptid.GivenParameters(model, model.base.of(true_parameters(model)))
+    identified = haptid.end_effector.GivenParameters(model, model.base.of(true_parameters(model)))
     if masses:
         agrees(identified, masses, pose)
     set_joint(tab, 0, pose[0] + 0.1)

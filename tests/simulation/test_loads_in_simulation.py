@@ -92,7 +92,7 @@ def test_it_falls_as_a_solver_says(model):
 
     def slope(_t, x):
         cdd = np.zeros(2)
-        inverse = np.linalg.inv(haptid.mass_matrix(model, beta, back @ x[:2, None])[0])
+        inverse = np.linalg.inv(haptid.dynamics.mass_matrix(model, beta, back @ x[:2, None])[0])
         for _ in range(40):  # friction that is a share of the load makes each miss a share of the one before
             qa = (back @ y[:, None] for y in (x[:2], x[2:], cdd))
             cdd = cdd + inverse @ (0.5 - haptid.inverse_dynamics(model, beta, *qa)[:, 0])

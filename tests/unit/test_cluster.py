@@ -14,7 +14,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import DaskExecutor
+from haptid.executors import DaskExecutor
 from haptid.observation.batch import observe_all
 from motions import motion, truth
 
@@ -58,6 +58,6 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("haptid._internal.workers.PATIENCE", 1.0)
+    monkeypatch.setattr("haptid.executors.PATIENCE", 1.0)
     with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import haptid
 from haptid.errors import LogMismatchError, TreatmentError
 from haptid.motion.streaming import delayed
+from haptid.treatment_choice import find_delay
 from haptid.treatment_choice.propose import bandwidth
 from motions import multisine, truth
 
@@ -54,7 +55,7 @@ def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
 @given(st.floats(-0.9, 12.0), st.integers(0, 9))
 def test_the_delay_is_found(phantom, late, seed):
     made = recorded(phantom, late=late, seed=seed, noise=0.01)
-    delay = haptid.find_delay(phantom, [made], haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14))
+    delay = find_delay(phantom, [made], haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14))
     assert delay.seconds == pytest.approx(1e-3 * late, abs=5 * delay.se + 2e-5)
     assert delay.se < 5e-5
 
@@ -133,7 +134,7 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
 
 def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     made = recorded(phantom)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     treatment = haptid.propose(phantom, made, **asked).treatment
     assert treatment.cutoff_hz is None
     assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
@@ -142,7 +143,7 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
 
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=2e-5)
 
 

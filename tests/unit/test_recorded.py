@@ -10,6 +10,7 @@ import pytest
 
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
+from haptid.end_effector import apparent_mass
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultFileError
 from haptid.results.result import Result, device_file, result_schema
@@ -63,7 +64,7 @@ def test_logs_treatment_and_verdict_come_back(made):
 def test_figures_at_the_handle_come_from_the_folder_alone(made):
     found, folder = made
     pose = np.array([[0.0], [0.2], [0.3]])
-    ours, theirs = (haptid.apparent_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
+    ours, theirs = (apparent_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
     np.testing.assert_allclose(ours.values, theirs.values, rtol=1e-12)
     np.testing.assert_allclose(ours.se, theirs.se, rtol=1e-6)
     assert ours.dof == found.estimate.dof.min()

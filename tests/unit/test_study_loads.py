@@ -28,7 +28,7 @@ LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0
 def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
     """A log of the small study's device with the load; its command acts so many seconds late."""
     model = two_links()
-    beta = truth(model) + 0.1 + haptid.payload_torque(model, "2", BODY)
+    beta = truth(model) + 0.1 + haptid.observation.payload_torque(model, "2", BODY)
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
     tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
@@ -90,7 +90,7 @@ def test_a_load_is_taken_off_to_the_last_digits(tmp_path, late):
     low, high = motion.usable
     inside = slice(low + 10, high - 10)
     np.testing.assert_allclose(motion.tau[inside], exact.T[inside], atol=2e-6 * np.abs(exact).max())
-    by_motion = haptid.without_payload(model, haptid.treat(log, treatment), "2", BODY)
+    by_motion = haptid.observation.without_payload(model, haptid.treat(log, treatment), "2", BODY)
     np.testing.assert_allclose(motion.tau[inside], by_motion.tau[inside], atol=1e-9)
 
 
@@ -107,7 +107,7 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
         haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
     )
     motion = haptid.treat(opened, treatment)
-    lighter = haptid.without_payload(model, motion, "2", BODY)
+    lighter = haptid.observation.without_payload(model, motion, "2", BODY)
     assert not isinstance(lighter.tau, np.ndarray)
     third = haptid.observe(model, lighter)
     np.testing.assert_allclose(haptid.estimate(third, haptid.OLS()).beta, haptid.estimate(one, haptid.OLS()).beta)
@@ -166,7 +166,7 @@ def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
 
 def test_entropic_of_a_study(study):
     read = study(LOAD, '[estimate]\nmethod = "entropic"\nstrength = 2.0')
-    assert read.method == haptid.Entropic(2.0)
+    assert read.method == haptid.estimation.Entropic(2.0)
     with pytest.raises(StudyFileError, match=r"estimate\.passes"):
         study(LOAD, '[estimate]\nmethod = "entropic"\npasses = 2')
 

@@ -145,7 +145,7 @@ def test_it_is_viscous_friction_and_never_negative(tmp_path):
     beta = np.full(len(model.base), 0.4)
     made = motion(model, beta, noise=0.01, dt=4e-3)
     found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
-    assert "viscous" in haptid.decompose_torque(found, made).parts
-    assert "own columns" not in haptid.decompose_torque(found, made).parts
+    assert "viscous" in haptid.end_effector.decompose_torque(found, made).parts
+    assert "own columns" not in haptid.end_effector.decompose_torque(found, made).parts
     beta[model.base.names.index("FVN1")] = -0.2
-    assert not haptid.possible(model, beta).ok
+    assert not haptid.estimation.possible(model, beta).ok

@@ -87,7 +87,7 @@ def test_held_and_reduced_versions_take_the_same_rows(observation, method):
     plain = haptid.estimate(observation, method)
     np.testing.assert_allclose(haptid.estimate(observation, haptid.PhysicallyConsistent(method)).held.free, plain.beta)
     name = observation.base.names[-1]
-    less = haptid.estimate(observation, haptid.FixedAtZero((name,), method))
+    less = haptid.estimate(observation, haptid.estimation.FixedAtZero((name,), method))
     assert less[name].value == 0
     equal = haptid.estimate(observation, EqualityConstraints({name: 0.0}, method))
     np.testing.assert_allclose(equal.beta, less.beta, atol=1e-12)
@@ -450,8 +450,8 @@ def test_bounds_are_kept_and_met_only_where_they_hold(observation):
         lambda: ErrorsInVariables(resolution=0.0),
         lambda: Bounds({"FC1": (1.0, 0.0)}),
         lambda: EqualityConstraints({}, Ridge()),
-        lambda: haptid.PhysicallyConsistent(haptid.FixedAtZero(("FC1",))),
-        lambda: haptid.FixedAtZero(("FC1",), TLS()),
+        lambda: haptid.PhysicallyConsistent(haptid.estimation.FixedAtZero(("FC1",))),
+        lambda: haptid.estimation.FixedAtZero(("FC1",), TLS()),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(make):

@@ -13,7 +13,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import DaskExecutor, ProcessExecutor, SerialExecutor
+from haptid.executors import DaskExecutor, ProcessExecutor, SerialExecutor
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from motions import motion, truth

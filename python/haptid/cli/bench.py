@@ -52,7 +52,7 @@ def bench(
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler whose workers simulate the logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid._internal.workers import DaskExecutor, ProcessExecutor
+    from haptid.executors import DaskExecutor, ProcessExecutor
     from haptid.experiment.bench.run import Job, make_log, make_logs, repeated, truth_paths
 
     with errors_shown(), progress_bars(quiet) as progress:

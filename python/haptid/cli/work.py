@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
-from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
+from haptid.executors import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.observation.cache import RFactorCache
 
 

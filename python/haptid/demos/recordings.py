@@ -12,11 +12,11 @@ import numpy as np
 from pyarrow import parquet
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid._internal.workers import ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError
+from haptid.executors import ProcessExecutor
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders

@@ -119,7 +119,7 @@ class DynamicModel:
 
     @cached_property
     def regroupings(self) -> Regroupings:
-        """Base parameters with symbolic lengths; see `haptid.regroupings` for the errors raised."""
+        """Base parameters with symbolic lengths; see `haptid.dynamics.symbolic.regroupings` for the errors raised."""
         from haptid.dynamics.symbolic import regroupings
 
         return regroupings(self)

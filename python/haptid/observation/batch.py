@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
+from haptid.executors import Executor, SerialExecutor
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
 from haptid.observation.cache import CachedPart, RFactorCache

@@ -9,12 +9,12 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
-from haptid._internal.workers import Executor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import settled, unsettled
+from haptid.executors import Executor
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all

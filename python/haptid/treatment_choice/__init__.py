@@ -2,3 +2,8 @@
 
 May use log, motion, observation and estimation.
 """
+
+from haptid.treatment_choice.delay_estimate import Delay, find_delay
+from haptid.treatment_choice.propose import Proposal, propose
+
+__all__ = ["Delay", "Proposal", "find_delay", "propose"]
