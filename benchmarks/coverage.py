@@ -88,13 +88,13 @@ class Bed:
         """All rows of a clean motion."""
         motion, beta = clean_motion(name, seconds, treatment)
         observation = haptid.observe(haptid.DynamicModel(haptid.read_device(name)), motion)
-        (stretch,) = Rows(observation)
+        (rows,) = Rows(observation)
         Q, R = [], []
-        for motor, W in zip(observation.motors, stretch.W, strict=True):
-            parts = [np.linalg.qr(part[:, motor.columns]) for part in np.split(W, stretch.edges[1:-1])]
+        for motor, W in zip(observation.motors, rows.W, strict=True):
+            parts = [np.linalg.qr(part[:, motor.columns]) for part in np.split(W, rows.edges[1:-1])]
             Q.append([part[0] for part in parts])
             R.append(np.array([part[1] for part in parts]))
-        return Bed(observation, beta, Q, R, stretch.y, stretch.edges)
+        return Bed(observation, beta, Q, R, rows.y, rows.edges)
 
     def drawn(self, phi: float, shared: float, rng: np.random.Generator) -> haptid.Observation:
         """The same rows, with noise on their torque."""

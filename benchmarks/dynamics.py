@@ -17,7 +17,7 @@ from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.experiment.excitation import Limits, RawCondition, observed_motion
-from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import MotionBounds
 from haptid.observation.r_factor import condition
 from stopwatch import Work
@@ -60,7 +60,7 @@ def works(arm: Arm) -> dict[str, Work]:
 
 def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
     """What a search for a motion asks: the smooth stand-in for the condition number, and the same with its slopes."""
-    slopes = Slopes.of(
+    slopes = Gradients.of(
         MotionBounds.of(arm.model, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
         RawCondition(),
         tuple(range(len(arm.beta))),

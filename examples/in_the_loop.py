@@ -27,7 +27,7 @@ STROKE = bench.Stroke(amplitude=0.02, frequency_hz=2.0, seconds=1.0)
 STEP = 2.5e-4
 
 
-def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
+def rehearsed(device: str, path: str, folder: str) -> bench.InTheLoopResult:
     """All that is measured."""
     experiment = bench.read_experiment(path)
     setup = replace(experiment.setup(haptid.DynamicModel(haptid.read_device(device))), physics=bench.Physics(STEP))
@@ -35,10 +35,10 @@ def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     first = slice(round(TRACKED / setup.dt))
     trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
     pose = whole.q.mean(axis=0) + PLACE * np.ptp(whole.q, axis=0) / 2
-    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
+    return bench.simulate_in_the_loop(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
 
 
-def table(made: bench.Rehearsal) -> str:
+def table(made: bench.InTheLoopResult) -> str:
     """The figures as text."""
     lines = ["felt at the handle    before    after"]
     for what, unit in (("mass", "kg"), ("weight", "N"), ("friction", "N"), ("damping", "N s/m")):

@@ -10,7 +10,7 @@ from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.bench.compiled_code import prototypes
 from haptid.export import CCode, export_c
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from in_the_loop import CASES, DEVICES, rehearsed, setup_of
 from true_parameters import true_parameters
 
@@ -62,7 +62,7 @@ def test_compiled_code_is_the_python_model(tmp_path, precision):
     beta = model.base.of(true_parameters(model))
     export_c((model, beta), tmp_path, CCode("dev", precision))
     code = bench.Compiled.of(tmp_path)
-    golden = Golden.at_random(model, beta, 0.01, 3)
+    golden = ReferenceValues.at_random(model, beta, 0.01, 3)
     close = {"rtol": 1e-9, "atol": 1e-12} if precision == "double" else {"rtol": 1e-3, "atol": 1e-5}
     for name in ("inverse_dynamics", "mass_matrix", "handle_jacobian", "momentum"):
         wanted = golden.functions[name]()

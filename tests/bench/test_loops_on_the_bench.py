@@ -10,7 +10,7 @@ import haptid
 from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.bench import mjcf
-from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.mjcf import cut_sites, depth_first
 from true_parameters import put
 
@@ -107,7 +107,7 @@ def test_a_motion_near_a_flat_pose_is_refused():
     kind = bench.Multisine(0.8, (3.012, 0.13), (0.002, 0.002), ramp=0.3)
     setup = bench.Setup(model, light(model), bench.Controller((4.0,), (0.06,)))
     trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(1))
-    assert 1e-3 < loop_openness(model, model.device.closure.positions(trajectory.q.T).T).min() < 0.05
+    assert 1e-3 < loop_conditioning(model, model.device.closure.positions(trajectory.q.T).T).min() < 0.05
     with pytest.raises(errors.TrajectoryError) as raised:
         bench.simulate(setup, trajectory, np.random.default_rng(2))
     assert raised.value.found < raised.value.limit == FLAT

@@ -82,7 +82,7 @@ def test_what_passes_the_check_stays_inside_every_limit(kind, centre, size, seed
     for joint, position in zip(PHANTOM.device.joints, q, strict=True):
         if joint.position_limits:
             assert joint.position_limits[0] <= position.min() <= position.max() <= joint.position_limits[1]
-    assert bench.loop_openness(PHANTOM, q.T).min() > 0
+    assert bench.loop_conditioning(PHANTOM, q.T).min() > 0
     if kind == "multisine":
         assert np.abs(made.q - centre).max() <= size * (1 + 1e-12)
 
@@ -112,7 +112,9 @@ def test_flat_loops_are_refused():
         check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))
     assert raised.value.found < raised.value.limit
     assert (
-        bench.loop_openness(model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset]))[0]
+        bench.loop_conditioning(
+            model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset])
+        )[0]
         < 1e-9
     )
 

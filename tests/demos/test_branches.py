@@ -11,7 +11,7 @@ from haptid.demos.cea_branches.compensation import bound, without_friction
 from haptid.demos.recordings import record
 from haptid.demos.run import write_results
 from haptid.end_effector.characterisation import GivenParameters
-from haptid.estimation import possible
+from haptid.estimation import feasible_parameters
 from haptid.experiment.bench import read_experiment
 
 TABLES = {"upper": "table1.csv", "lower": "table2.csv"}
@@ -49,7 +49,7 @@ def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, model, br
     beta = model.base.of(setups[0].setup(model).chi)
     wanted = [table.figures.get((name, "identified"), 0.0) for name in model.base.names]
     np.testing.assert_allclose(beta, wanted, atol=2e-9)
-    assert possible(model, np.array(wanted)).ok
+    assert feasible_parameters(model, np.array(wanted)).ok
     first, *others = (experiment.table.model_dump() for experiment in setups)
     for other in others:
         assert {key for key in other if other[key] != first[key]} == {"name", "seed", "trajectory"}

@@ -33,7 +33,7 @@ def test_with_encoders_the_truth_comes_back(found):
 
 def test_held_models_are_possible_and_cost_nothing(found):
     _, made = found
-    assert made.possible
+    assert made.feasible
     assert made.least > 0
     assert made.above <= 0.2
 

@@ -8,6 +8,7 @@ from haptid.experiment import bench
 from haptid.experiment.excitation import (
     Coupling,
     FourierSeries,
+    Gradients,
     Information,
     LargestDeviation,
     Limits,
@@ -15,7 +16,6 @@ from haptid.experiment.excitation import (
     RawCondition,
     ScaledCondition,
     Search,
-    Slopes,
     TrianglesWithSines,
     design_excitation,
     observed_motion,
@@ -51,7 +51,7 @@ def random_states(seed: int, count: int = 80) -> np.ndarray:
 def test_slopes_are_those_of_the_cost(criterion, zero):
     beta = BETA.copy()
     beta[list(zero)] = 0.0
-    slopes = Slopes.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
+    slopes = Gradients.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
     states, way = random_states(1), random_states(2)
     cost = lambda t: slopes(states + t * way, 3.0, 10.0)[0]  # noqa: E731
     step = 1e-6
@@ -63,7 +63,7 @@ def test_slopes_are_those_of_the_cost(criterion, zero):
 def test_a_sharp_stand_in_differs_from_the_criterion_by_a_constant(criterion):
     """By none but for Information, whose stand-in leaves out the number of rows."""
     columns = tuple(range(len(BETA)))
-    slopes = Slopes.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
+    slopes = Gradients.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
     apart = []
     for seed in (3, 4):
         states = random_states(seed)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.experiment.excitation import Coupling, Limits, MotionBounds, RawCondition, ScaledCondition, Slopes
+from haptid.experiment.excitation import Coupling, Gradients, Limits, MotionBounds, RawCondition, ScaledCondition
 
 # A tree, parallelograms, coupled motors, and loops that are not linear.
 DEVICES = ("arm7", "phantom_premium_15", "cea_medical_branch", "four_bar", "slider_crank", "five_bar", "delta")
@@ -61,7 +61,7 @@ def test_slopes_of_the_criterion_are_differences_of_the_cost(name, criterion):
     bounds = limited(name)
     states, model = states_of(bounds.model), bounds.model
     some = tuple(range(0, len(model.base), 2))
-    slopes = Slopes.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
+    slopes = Gradients.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
     way, step = np.random.default_rng(2).normal(size=states.shape), 1e-6
     wanted = (slopes.cost(states + step * way, 2.0) - slopes.cost(states - step * way, 2.0)) / (2 * step)
     found = np.sum(slopes(states, 2.0, 0.0)[1] * way)

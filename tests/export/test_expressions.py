@@ -13,7 +13,7 @@ from haptid.export.expressions.graph import PARAMETER, Graph, cost, operations
 from haptid.export.expressions.polynomial import cheapest
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 
@@ -27,7 +27,7 @@ def test_every_function_is_the_python_models(mechanism):
     model = as_device(mechanism)
     beta = model.base.of(parameters(mechanism, model))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 20)
+    golden = ReferenceValues.at_random(model, beta, 0.05, 20)
     for function in code.functions:
         sound = golden.sound(function.name)
         if not sound.any():
@@ -47,7 +47,7 @@ def test_momentum_explains_the_torque(mechanism):
     model = as_device(mechanism, kinds=("rotor",))
     beta = model.base.of(parameters(mechanism, model))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 5)
+    golden = ReferenceValues.at_random(model, beta, 0.05, 5)
     step = 1e-6
 
     def at(name, q, qd, qdd):
@@ -176,7 +176,7 @@ def test_every_kind_of_term(tmp_path):
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     beta = np.random.default_rng(2).uniform(0.1, 1.0, len(model.base))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 200)
+    golden = ReferenceValues.at_random(model, beta, 0.05, 200)
     for name in ("terms", "friction"):
         outputs = list(code[name].outputs[0][1])
         made = np.array(evaluated(code.graph, outputs, named(beta, q=golden.q, qd=golden.qd)))

@@ -15,7 +15,7 @@ from haptid.advice.eliminate import with_reduced
 from haptid.cli import app
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from haptid.inference.elimination import BackwardElimination, MaxRelativeStd, eliminate, refit_without
 from motions import motion, multisine, truth
 from small_study import two_links, write_study
@@ -63,7 +63,7 @@ def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
 def test_c_is_the_reduced_model_in_python(reduced, tmp_path):
     export_c(reduced, tmp_path, CCode(NAME, reversal_speed=SPEED))
     library = Library.built(tmp_path, code_of(reduced.model, SPEED, reduced.zero), "double")
-    golden = Golden.at_random(reduced.model, reduced.beta, SPEED, 2000)
+    golden = ReferenceValues.at_random(reduced.model, reduced.beta, SPEED, 2000)
     arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
     for function in library.code.functions:
         if function.checks:

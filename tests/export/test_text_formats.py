@@ -13,7 +13,7 @@ from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
 from haptid.export.formats.latex import escaped, latex_number, unit_text
 from haptid.export.output import default_name
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from true_parameters import true_parameters
 
 DEVICES = ["phantom_premium_15", "cea_medical_branch", "kuka_kr300", "emps"]
@@ -35,7 +35,7 @@ def other_model(name):
 
 def golden_of(name, samples):
     model, beta = other_model(name)
-    golden = Golden.at_random(model, beta, REVERSAL_SPEED, samples)
+    golden = ReferenceValues.at_random(model, beta, REVERSAL_SPEED, samples)
     return golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
 
 

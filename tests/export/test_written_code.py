@@ -12,7 +12,7 @@ from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
@@ -64,10 +64,10 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
     model, beta, _ = written(tmp_path, name, precision)
     library = Library.built(tmp_path, code_of(model, SPEED), precision)
     rounded = library.real
-    golden = Golden.at_random(model, beta, SPEED, STATES)
+    golden = ReferenceValues.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
     arrays = {x: getattr(golden, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
-    golden = Golden(model, beta, SPEED, **arrays)
+    golden = ReferenceValues(model, beta, SPEED, **arrays)
     for function in library.code.functions:
         if function.checks:
             continue
@@ -81,7 +81,7 @@ def test_solutions_solve(tmp_path, name):
     """Accelerations give the torque back; mobility and force are those of a solver that pivots."""
     model, beta, _ = written(tmp_path, name)
     library = Library.built(tmp_path, code_of(model, SPEED), "double")
-    golden = Golden.at_random(model, beta, SPEED, STATES)
+    golden = ReferenceValues.at_random(model, beta, SPEED, STATES)
     golden = golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
     assert golden.q.shape[1] > 0.9 * STATES
     arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
@@ -112,7 +112,7 @@ def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     library = Library.built(tmp_path, code_of(model, SPEED), "double")
     felt = library.handle.dev_apparent_mass
     felt.restype = ctypes.c_double
-    golden = Golden.at_random(model, beta, SPEED, 20)
+    golden = ReferenceValues.at_random(model, beta, SPEED, 20)
     for mobility in golden.functions["handle_mobility"]()["mobility"]:
         A, u = np.ascontiguousarray(mobility), np.array([0.3, -0.4, 1.2])
         made = felt(A.ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p))
@@ -207,7 +207,7 @@ def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     omega = 3.0 * k
     q, qd, qdd = (0.3 * omega**d * np.sin(omega * t + k + d * np.pi / 2) for d in range(3))
     push = np.array([0.02, -0.01, 0.03])
-    golden = Golden(model, beta, SPEED, q, qd, qdd, qdd)
+    golden = ReferenceValues(model, beta, SPEED, q, qd, qdd, qdd)
     tau = sum(golden.functions[name]()["tau"].T for name in ("inverse_dynamics", "terms")) - push[:, None]
     text = "\n".join(
         " ".join(repr(float(x)) for x in row) for row in np.stack([q, qd, tau], 1).transpose(2, 0, 1).reshape(-1, 9)

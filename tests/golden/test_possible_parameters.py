@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import possible, project_to_feasible
+from haptid.estimation import feasible_parameters, project_to_feasible
 from motions import motion
 
 # Table I of Tahmasebi et al. (2005), pi_1 to pi_14, in the amplifier's torque units: 2.73 times SI.
@@ -88,14 +88,14 @@ def test_the_combinations_are_the_papers(model, to_pi):
 
 
 def test_the_column_from_measured_bodies_is_possible(model, to_pi):
-    found = possible(model, np.linalg.solve(to_pi, CAVUSOGLU))
+    found = feasible_parameters(model, np.linalg.solve(to_pi, CAVUSOGLU))
     assert found.ok
     assert 1e-3 < found.margin < 0.1
 
 
 @pytest.mark.parametrize("installation", TABLE)
 def test_no_identified_column_is_possible(model, to_pi, installation):
-    found = possible(model, np.linalg.solve(to_pi, TABLE[installation]))
+    found = feasible_parameters(model, np.linalg.solve(to_pi, TABLE[installation]))
     assert not found.ok
     assert found.margin < -1e-3
     damping = [sentence for sentence in found.failing if sentence.startswith("viscous")]
@@ -105,7 +105,7 @@ def test_no_identified_column_is_possible(model, to_pi, installation):
     # Without the negative damping the inertias still contradict one another.
     frictionless = np.array(TABLE[installation])
     frictionless[8:11] = 1e-3
-    assert len(possible(model, np.linalg.solve(to_pi, frictionless)).failing) == 1
+    assert len(feasible_parameters(model, np.linalg.solve(to_pi, frictionless)).failing) == 1
 
 
 @pytest.mark.parametrize("installation", TABLE)

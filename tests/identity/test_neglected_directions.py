@@ -18,7 +18,7 @@ MANY, CLOSE = 3000, 1e-3
 
 def largest(found, speed):
     """Largest |F_d| over many directions, (poses,), N."""
-    every = unit_directions(len(found.grasp.rows), MANY)
+    every = unit_directions(len(found.handle.rows), MANY)
     return np.max([np.linalg.norm(found.neglected_force_of(speed * d).values, axis=1) for d in every], axis=0)
 
 
@@ -38,7 +38,7 @@ CENTRES = {"phantom_premium_15": (0.0, 0.3, 0.1), "cea_medical_branch": (0.0, -0
 def test_no_direction_of_thousands_has_more(name, speed):
     qa = np.array(CENTRES[name])[:, None] + np.random.default_rng(0).uniform(-0.5, 0.5, (3, 60))
     found = characterise(shipped(name), qa, worst_condition=20.0)
-    usable = found.grasp.usable
+    usable = found.handle.usable
     assert usable.sum() > 20
     best = found.neglected_force(speed).values
     assert (best[usable] >= (1 - CLOSE) * largest(found, speed)[usable]).all()
@@ -52,6 +52,6 @@ def test_nor_of_random_arms(seed, speed):
     model = as_device(mechanism)
     identified = GivenParameters(model, model.base.of(parameters(mechanism, model)))
     found = characterise(identified, np.random.default_rng(seed).normal(size=(3, 9)), worst_condition=100.0)
-    usable = found.grasp.usable
+    usable = found.handle.usable
     assume(usable.any())
     assert (found.neglected_force(speed).values >= (1 - CLOSE) * largest(found, speed))[usable].all()

@@ -53,14 +53,16 @@ def test_reduced_estimate_is_least_squares_on_the_columns_kept(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
     W, y = explicit(model, full.observation.motions[0])
     reduced = refit_without(full, ZERO)
-    wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.kept], y, rcond=None)
-    np.testing.assert_allclose(reduced.beta[list(reduced.kept)], wanted, rtol=1e-9)
+    wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.free_parameters], y, rcond=None)
+    np.testing.assert_allclose(reduced.beta[list(reduced.free_parameters)], wanted, rtol=1e-9)
     assert (reduced.beta[list(reduced.zero)] == 0).all()
     assert (reduced.se[list(reduced.zero)] == 0).all()
     deviation = np.sqrt(
-        np.diag(np.linalg.inv(W[:, reduced.kept].T @ W[:, reduced.kept])) * rest / (len(y) - len(reduced.kept))
+        np.diag(np.linalg.inv(W[:, reduced.free_parameters].T @ W[:, reduced.free_parameters]))
+        * rest
+        / (len(y) - len(reduced.free_parameters))
     )
-    classical = np.sqrt(np.diag(reduced.classical_covariance))[list(reduced.kept)]
+    classical = np.sqrt(np.diag(reduced.classical_covariance))[list(reduced.free_parameters)]
     np.testing.assert_allclose(classical, deviation, rtol=1e-9)
 
 
@@ -85,7 +87,7 @@ def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(model, method):
         found = eliminate(full, BackwardElimination(MaxRelativeStd(30.0), level=0.01))
         carried = np.abs(full.beta) > 8 * full.se
         assert {full.base.names[k] for k in np.flatnonzero(carried)} <= set(found.essential)
-        assert set(ZERO) <= {drop.name for drop in found.drops}
+        assert set(ZERO) <= {drop.name for drop in found.steps}
         assert np.nanmax(np.abs(found.shift)) < 4
 
 
@@ -144,11 +146,11 @@ def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
 def test_gautiers_rule_ends_at_ten_times_the_smallest(model):
     full = fitted(model, noise=1e-3)
     found = eliminate(full, BackwardElimination(GautierRatio(1e9)))
-    assert not found.drops
+    assert not found.steps
     assert found.essential == full.base.names
     assert "within" in found.reason
     found = eliminate(full, BackwardElimination(GautierRatio(10.0), level=1e-300))
-    relative = [found.reduced.parameters[k].relative_se for k in found.reduced.kept]
+    relative = [found.reduced.parameters[k].relative_se for k in found.reduced.free_parameters]
     assert max(relative) <= 10 * min(relative)
 
 

@@ -18,7 +18,7 @@ def test_without_noise_they_come_back(name):
     observation = haptid.observe(model, motion(model, beta, seconds=20.0, dt=4e-3))
     found = haptid.estimate(observation, PhysicallyConsistent(haptid.OLS()))
     np.testing.assert_allclose(found.beta, beta, rtol=1e-6, atol=1e-8 * np.abs(beta).max())
-    assert found.possible.ok
+    assert found.feasible.ok
 
 
 def test_the_held_estimate_is_nearer_to_the_truth_than_the_free_one():
@@ -28,8 +28,8 @@ def test_the_held_estimate_is_nearer_to_the_truth_than_the_free_one():
     made = motion(model, beta, seconds=10.0, dt=4e-3, noise=0.3, phi=0.9)
     found = haptid.estimate(haptid.observe(model, made), PhysicallyConsistent())
     R = found.observation.stack(found.weights)[:-1, :-1]
-    far = [np.linalg.norm(R @ (guess - beta)) for guess in (found.held.free, found.beta)]
-    assert found.held.active
+    far = [np.linalg.norm(R @ (guess - beta)) for guess in (found.constrained_fit.free, found.beta)]
+    assert found.constrained_fit.active
     assert far[1] < far[0]
 
 
@@ -46,7 +46,7 @@ def test_intervals_hold_the_truth_on_the_border_too():
         found = haptid.estimate(haptid.observe(model, made), PhysicallyConsistent())
         low, high = found.conf_int().T
         inside += (low <= beta) & (beta <= high)
-        held += bool(found.held.active)
+        held += bool(found.constrained_fit.active)
         assert (low[[names.index(f"FV{k}") for k in (1, 2, 3)]] >= 0).all()
     assert held > runs / 2
     assert 0.92 < inside.sum() / (runs * len(beta)) <= 1.0

@@ -115,7 +115,7 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
         found = haptid.estimate(observation, method)
         assert haptid.fit_errors(found).relative < 1.0
         assert np.median(np.abs(found.beta / beta - 1)) < 0.02
-    assert found.possible.ok
+    assert found.feasible.ok
 
 
 def test_a_measurement_is_kalman_s():
@@ -143,7 +143,7 @@ def test_what_is_missing_is_said():
     with pytest.raises(errors.ConvergenceError) as moved:
         haptid.estimate(observation, estimation.DIDIM(law, most=1, tolerance=1e-9))
     assert moved.value.found > moved.value.limit == 1e-9
-    for wrong in ({"most": 0}, {"tolerance": -1.0}, {"stretch": float("inf")}):
+    for wrong in ({"most": 0}, {"tolerance": -1.0}, {"segment": float("inf")}):
         with pytest.raises(errors.SettingError):
             estimation.DIDIM(law, **wrong)
     for wrong in ({"widen": 0.0}, {"torque_noise": (0.0, 1.0, 1.0)}):

@@ -11,7 +11,7 @@ import haptid
 from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
-from haptid.estimation.nonlinear.load_friction import fit_load_friction, settled
+from haptid.estimation.nonlinear.load_friction import fit_load_friction, fit_nonlinear_constants
 from haptid.inference.elimination import refit_without
 from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log
@@ -80,7 +80,7 @@ def found(model, tmp_path_factory):
 
 def test_without_noise_constant_and_load_come_back(model):
     made = moved(model, noise=0.0)
-    here, projection = settled(model, [made], haptid.OLS())
+    here, projection = fit_nonlinear_constants(model, [made], haptid.OLS())
     assert projection.model is here
     assert projection["FS2.velocity"].value == pytest.approx(VELOCITY, rel=1e-3)
     beta = haptid.estimate(haptid.observe(here, made), haptid.OLS()).beta
@@ -101,7 +101,7 @@ def test_loads_are_settled_with_the_constants_that_were_found(found, model):
 def test_rows_held_out_have_seen_neither_constant_nor_load(found, model):
     motions = [run.motion for run in found.runs]
     for one, other, run in zip(motions, motions[::-1], found.runs, strict=True):
-        here, _ = settled(model, [other], haptid.WLS())
+        here, _ = fit_nonlinear_constants(model, [other], haptid.WLS())
         own = haptid.validate(haptid.estimate(haptid.observe(here, other), haptid.WLS()), haptid.observe(here, one))
         assert run.unseen[0].relative == pytest.approx(own.relative, rel=1e-9)
 

@@ -1,4 +1,4 @@
-"""The simulated model: accelerations undo the inverse model, stretches join, the closed loop is what a solver says."""
+"""The simulated model: accelerations undo the inverse model, segments join, the closed loop is what a solver says."""
 
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from haptid import errors
 from haptid.dynamics.forward import ForwardDynamics, ParametricForwardDynamics, sets_of
 from haptid.dynamics.regressor import regressor_columns
 from haptid.experiment import bench
-from haptid.simulation import PID, Stretches, closed_loop, open_loop, sensitivity, smooth
+from haptid.simulation import PID, Segments, closed_loop, open_loop, sensitivity, smooth
 from haptid.simulation.control import recorded
 from mechanisms import mechanisms, states
 from random_devices import as_device, parameters
@@ -82,11 +82,11 @@ def test_loops_too_and_every_set_for_itself(name):
 
 
 @given(st.integers(1, 60), st.integers(1, 30), st.integers(0, 30))
-def test_stretches_own_every_sample_once(samples, length, settle):
-    stretches = Stretches.of(samples, length, settle)
-    assert sorted(stretches.sample[stretches.own]) == list(range(samples))
-    values = stretches.sample[:, None, :].astype(float)
-    np.testing.assert_array_equal(stretches.joined(values)[0], np.arange(samples))
+def test_segments_own_every_sample_once(samples, length, run_in):
+    segments = Segments.of(samples, length, run_in)
+    assert sorted(segments.sample[segments.own]) == list(range(samples))
+    values = segments.sample[:, None, :].astype(float)
+    np.testing.assert_array_equal(segments.joined(values)[0], np.arange(samples))
 
 
 def slide(tmp_path):
@@ -114,7 +114,7 @@ def test_closed_loop_of_a_mass_is_the_exponential(tmp_path):
     law = PID(400.0, 40.0, 100.0, reference=(target,))
     beta = np.array([{"M1": mass, "FV1": viscous}[name] for name in model.base.names])
     motion = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
-    steps = closed_loop(ForwardDynamics(model, sets_of(model, beta)), law, motion, 0, Stretches.of(1500, 1500, 0))
+    steps = closed_loop(ForwardDynamics(model, sets_of(model, beta)), law, motion, 0, Segments.of(1500, 1500, 0))
     A = np.zeros((3, 3))
     A[0, 1], A[1, 1], A[1, 2] = 1.0, -viscous / mass, 1.0 / mass
     step = linalg.expm(A * dt)
@@ -135,7 +135,7 @@ def test_the_open_loop_of_a_mass_falls_as_it_should(tmp_path):
     motion = haptid.Motion(dt, np.zeros((100, 1)), np.ones((100, 1)), haptid.Treatment(cutoff_hz=None))
     start = np.zeros((1, 1)), np.ones((1, 1))
     steps = open_loop(
-        ForwardDynamics(model, sets_of(model, beta)), motion, np.ones((1, 100)), start, Stretches.of(100, 100, 0)
+        ForwardDynamics(model, sets_of(model, beta)), motion, np.ones((1, 100)), start, Segments.of(100, 100, 0)
     )
     t = dt * np.arange(100)
     np.testing.assert_allclose(steps.course(motion).c[0], t + t**2 / 4, atol=1e-12)
@@ -147,7 +147,7 @@ def recording(name, seconds):
     return record(CASES[name], 1, None, seconds)
 
 
-def simulated(name, share, stretch=400, settle=300, seconds=3.2):
+def simulated(name, share, segment=400, run_in=300, seconds=3.2):
     """Recording, and the model along it."""
     case = CASES[name]
     model, made = device_of(case), recording(name, seconds)
@@ -155,13 +155,13 @@ def simulated(name, share, stretch=400, settle=300, seconds=3.2):
     motion = haptid.treat(log, haptid.Treatment(cutoff_hz=60))
     law = PID(case.kp, case.kd, reference=(made.target,), velocity_cutoff_hz=100)
     forward = ForwardDynamics(smooth(model, [motion], share), sets_of(model, model.base.of(truth_of(case))))
-    stretches = Stretches.of(len(motion), stretch, settle)
-    return made, motion, law, forward, closed_loop(forward, law, motion, 0, stretches)
+    segments = Segments.of(len(motion), segment, run_in)
+    return made, motion, law, forward, closed_loop(forward, law, motion, 0, segments)
 
 
 @pytest.mark.parametrize("name", [ARM, PHANTOM])
 def test_the_closed_loop_is_that_of_the_bench(name):
-    """MuJoCo with its own friction and steps: nearer as dry friction turns over faster; whatever the stretches."""
+    """MuJoCo with its own friction and steps: nearer as dry friction turns over faster; whatever the segments."""
     away = []
     for share in (0.05, 0.01):
         made, motion, _, forward, steps = simulated(name, share)
@@ -172,7 +172,7 @@ def test_the_closed_loop_is_that_of_the_bench(name):
 
 
 def test_short_stretches_are_the_whole():
-    _, motion, _, _, whole = simulated(PHANTOM, 0.05, stretch=4000)
+    _, motion, _, _, whole = simulated(PHANTOM, 0.05, segment=4000)
     *_, parts = simulated(PHANTOM, 0.05)
     apart = whole.course(motion).c - parts.course(motion).c
     assert np.abs(apart[:, 50:-50]).max() < 2e-6
@@ -186,10 +186,8 @@ def test_sensitivities_are_differences_of_simulations():
     for k in (0, 4, 13, 17, 20):  # inertia, gravity, rotor, viscous, Coulomb
         h = 1e-5 * max(abs(beta[k]), 1e-3)
         sets = beta + h * np.array([[1.0], [-1.0]]) * np.eye(len(beta))[k]
-        both = closed_loop(
-            ForwardDynamics(model, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.stretches
-        )
-        count = steps.stretches.count
+        both = closed_loop(ForwardDynamics(model, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.segments)
+        count = steps.segments.count
         for exact, found in ((both.c, made.c[:, :, k]), (both.tau, made.tau[:, :, k])):
             slope = (exact[:, :, :count] - exact[:, :, count:]) / (2 * h)
             assert np.linalg.norm(found - slope) < 0.015 * np.linalg.norm(slope)  # half a control period's lag
@@ -221,10 +219,10 @@ def test_parameters_of_their_own_at_every_state():
 
 def test_what_is_wrong_with_a_controller_is_said():
     made, motion, _, forward, _ = simulated(ARM, 0.05)
-    stretches = Stretches.of(len(motion), 400, 0)
+    segments = Segments.of(len(motion), 400, 0)
 
     def loop(**settings):
-        return closed_loop(forward, PID(**{"kp": 300.0, "kd": 9.0, **settings}), motion, 0, stretches)
+        return closed_loop(forward, PID(**{"kp": 300.0, "kd": 9.0, **settings}), motion, 0, segments)
 
     for wrong, word in (
         ({"kp": (1.0, 2.0)}, "one for each of 1, 2, 3"),
@@ -242,7 +240,7 @@ def test_what_is_wrong_with_a_controller_is_said():
         loop(kp=-3000.0, reference=(made.target,))
     assert raised.value.found > raised.value.limit
     with pytest.raises(errors.SimulationError) as raised:
-        closed_loop(ForwardDynamics(forward.model, 0 * forward.chi), PID(1.0, 1.0), motion, 0, stretches)
+        closed_loop(ForwardDynamics(forward.model, 0 * forward.chi), PID(1.0, 1.0), motion, 0, segments)
     assert raised.value.found < raised.value.limit
 
 
@@ -250,7 +248,7 @@ def test_a_limit_holds_the_torque():
     made, motion, _, forward, free = simulated(ARM, 0.05)
     limit = 0.5 * np.abs(free.tau).max(axis=(0, 2))
     law = PID(300.0, 9.0, reference=(made.target,), saturation=tuple(limit))
-    held = closed_loop(forward, law, motion, 0, Stretches.of(len(motion), 400, 0))
+    held = closed_loop(forward, law, motion, 0, Segments.of(len(motion), 400, 0))
     assert (np.abs(held.tau).max(axis=(0, 2)) <= limit * (1 + 1e-12)).all()
     assert not held.free.all()
 
@@ -266,7 +264,7 @@ def test_the_reference_is_read_from_the_log_s_own_file(tmp_path):
         haptid.Signal(("command1", "command2", "command3"), "counts", "motor"),
         time="t",
     )
-    log = haptid.read_log(job.out, channels, stretch=(1.0, 3.0))
+    log = haptid.read_log(job.out, channels, time_range=(1.0, 3.0))
     target = recorded(log, haptid.Signal(("target1", "target2", "target3"), "rad"))
     assert target.shape == log.position.T.shape
     assert np.abs(target - log.position.T).max() < 0.05

@@ -10,7 +10,7 @@ import haptid
 from haptid import errors, estimation
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
-from haptid.simulation import PID, Stretches, closed_loop, open_loop, smooth
+from haptid.simulation import PID, Segments, closed_loop, open_loop, smooth
 from motions import multisine
 from small_study import DEVICE
 from true_parameters import true_parameters
@@ -104,7 +104,7 @@ def test_it_falls_as_a_solver_says(model):
     motion = haptid.Motion(dt, still, still, haptid.Treatment(cutoff_hz=None))
     forward = ForwardDynamics(model, sets_of(model, beta))
     begin = start[:2, None], start[2:, None]
-    steps = open_loop(forward, motion, np.full((2, 150), 0.5), begin, Stretches.of(150, 150, 0))
+    steps = open_loop(forward, motion, np.full((2, 150), 0.5), begin, Segments.of(150, 150, 0))
     np.testing.assert_allclose(steps.course(motion).c, wanted[:2], atol=1e-5)
 
 
@@ -116,7 +116,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     law = PID(60.0, 6.0, reference=(target,))
     planned = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
     forward = ForwardDynamics(model, sets_of(model, beta))
-    course = closed_loop(forward, law, planned, 0, Stretches.of(len(planned), len(planned), 0)).course(planned)
+    course = closed_loop(forward, law, planned, 0, Segments.of(len(planned), len(planned), 0)).course(planned)
     noisy = course.tau.T + 0.01 * np.random.default_rng(0).normal(size=target.shape)
     moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))
     here = fit_load_friction(model, [moved], kind(law))

@@ -15,10 +15,10 @@ from motions import motion, truth
 
 def weighted_clusters(observation, weights):
     """W and y of every time block, all motors under one another, with their weights."""
-    (stretch,) = Rows(observation)
-    parts = [slice(a, b) for a, b in zip(stretch.edges, stretch.edges[1:], strict=False)]
-    W = [np.concatenate([w * motor[part] for w, motor in zip(weights, stretch.W, strict=True)]) for part in parts]
-    y = [np.concatenate([w * motor[part] for w, motor in zip(weights, stretch.y, strict=True)]) for part in parts]
+    (rows,) = Rows(observation)
+    parts = [slice(a, b) for a, b in zip(rows.edges, rows.edges[1:], strict=False)]
+    W = [np.concatenate([w * motor[part] for w, motor in zip(weights, rows.W, strict=True)]) for part in parts]
+    y = [np.concatenate([w * motor[part] for w, motor in zip(weights, rows.y, strict=True)]) for part in parts]
     return W, y
 
 

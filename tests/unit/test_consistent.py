@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 import haptid
 from haptid.errors import ConvergenceError, IdentifiabilityError, PhysicalConsistencyError, SettingError, ShapeError
-from haptid.estimation import PhysicallyConsistent, possible, project_to_feasible, pseudo_inertia
+from haptid.estimation import PhysicallyConsistent, feasible_parameters, project_to_feasible, pseudo_inertia
 from haptid.estimation.feasibility import conic_program
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
 from haptid.report.tables import parameter_cells
@@ -55,7 +55,7 @@ def test_what_bodies_have_is_possible(mechanism):
     """Parameters of drawn bodies, open or closed chains: possible, and so are the bodies that come back with them."""
     model = as_device(mechanism)
     beta = model.base.of(parameters(mechanism, model))
-    found = possible(model, beta)
+    found = feasible_parameters(model, beta)
     assert found.ok, found.summary()
     np.testing.assert_allclose(model.base.of(found.chi), beta, atol=1e-9 * np.abs(beta).max(initial=1.0))
     assert scaled_margin(model, found) >= -ROUNDING
@@ -107,8 +107,8 @@ def test_a_possible_free_fit_stays_as_it_is(model):
     free = haptid.estimate(observation, haptid.WLS())
     held = haptid.estimate(observation, PhysicallyConsistent())
     np.testing.assert_array_equal(held.beta, free.beta)
-    np.testing.assert_allclose(model.base.of(held.possible.chi), free.beta, rtol=1e-9)
-    assert held.held.active == ()
+    np.testing.assert_allclose(model.base.of(held.feasible.chi), free.beta, rtol=1e-9)
+    assert held.constrained_fit.active == ()
     assert held.notes == free.notes
     assert held.status == free.status
     assert (held.conf_int()[:, 1] == free.conf_int()[:, 1]).all()
@@ -127,12 +127,12 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weigh
     wanted = lsq_linear(stack[:-1, :-1] / sizes, stack[:-1, -1], (low, np.inf), tol=1e-14).x / sizes
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-7, atol=1e-12)
     assert found.beta[model.base.names.index("FV1")] == 0.0
-    assert found.held.active == (
+    assert found.constrained_fit.active == (
         "viscous friction of motor 1 would be negative: constrained to 0",
         "viscous friction of motor 3 would be negative: constrained to 0",
     )
-    assert [cost.label for cost in found.held.costs] == ["motor 1", "motor 2", "motor 3"]
-    assert all(cost.held >= cost.free * (1 - 1e-6) for cost in found.held.costs[:1])
+    assert [cost.label for cost in found.constrained_fit.costs] == ["motor 1", "motor 2", "motor 3"]
+    assert all(cost.constrained >= cost.free * (1 - 1e-6) for cost in found.constrained_fit.costs[:1])
     assert found.method.name.startswith(weighting.name)
 
 
@@ -145,7 +145,7 @@ def test_what_is_far_outside_of_its_interval_is_said(model):
     assert "does not repair it" in found.notes[-1]
     low, high = found["FV1"].conf_int()
     assert low == 0.0 < high
-    np.testing.assert_allclose(found.held.free, haptid.estimate(found.observation, haptid.WLS()).beta)
+    np.testing.assert_allclose(found.constrained_fit.free, haptid.estimate(found.observation, haptid.WLS()).beta)
     held, other = found["FV1"], found["FC3"]
     assert held.constrained_outside_ci
     assert held.value == 0.0 > held.free
@@ -162,12 +162,12 @@ def test_links_on_the_border_are_named():
     model = haptid.DynamicModel(haptid.read_device("arm7"))
     beta = model.base.of(true_parameters(model))
     found = haptid.estimate(observed(model, beta, noise=0.3, phi=0.9), PhysicallyConsistent())
-    assert not possible(model, found.held.free).ok
-    assert any("its inertia is on the boundary of physical consistency" in s for s in found.held.active)
-    assert all(cost.held < 1.05 * cost.free for cost in found.held.costs)
-    for matrix, joint in zip(found.possible.pseudo_inertias, model.device.joints, strict=True):
+    assert not feasible_parameters(model, found.constrained_fit.free).ok
+    assert any("its inertia is on the boundary of physical consistency" in s for s in found.constrained_fit.active)
+    assert all(cost.constrained < 1.05 * cost.free for cost in found.constrained_fit.costs)
+    for matrix, joint in zip(found.feasible.pseudo_inertias, model.device.joints, strict=True):
         assert np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * np.trace(matrix), joint.name
-    assert found.held.active[0] in found.notes[-len(found.held.active) - 1]
+    assert found.constrained_fit.active[0] in found.notes[-len(found.constrained_fit.active) - 1]
 
 
 def test_intervals_stop_where_parameters_cannot_go(model):
@@ -218,7 +218,7 @@ def test_stribeck_friction_may_be_negative_but_not_the_sum(tmp_path):
 
     def verdict(forward, backward, more):
         chi = np.array([{"M1": 2.0, "FCP1": forward, "FCN1": backward, "FS1": more}.get(name, 0.0) for name in names])
-        return possible(table, table.base.of(chi))
+        return feasible_parameters(table, table.base.of(chi))
 
     assert verdict(1.0, 2.0, 0.5).ok
     assert verdict(1.0, 2.0, -0.5).ok
@@ -228,15 +228,15 @@ def test_stribeck_friction_may_be_negative_but_not_the_sum(tmp_path):
 
 def test_a_verdict_does_not_depend_on_units(model):
     beta = truth(model)
-    verdicts = [possible(model, size * beta) for size in (1e-4, 1.0, 1e4)]
+    verdicts = [feasible_parameters(model, size * beta) for size in (1e-4, 1.0, 1e4)]
     assert all(verdict.ok for verdict in verdicts)
     np.testing.assert_allclose([v.margin for v in verdicts], verdicts[1].margin, rtol=1e-4)
     assert "margin" in verdicts[1].summary()
-    assert "Not physically consistent" in possible(model, -beta).summary()
+    assert "Not physically consistent" in feasible_parameters(model, -beta).summary()
 
 
 def test_nothing_is_a_border_case(model):
-    assert possible(model, np.zeros(len(model.base))).ok
+    assert feasible_parameters(model, np.zeros(len(model.base))).ok
 
 
 ROD = """
@@ -256,7 +256,7 @@ def test_symmetries_that_no_body_of_volume_has(tmp_path):
     (tmp_path / "rod.toml").write_text(ROD)
     rod = haptid.DynamicModel(haptid.read_device(tmp_path / "rod.toml"))
     with pytest.raises(PhysicalConsistencyError) as raised:
-        possible(rod, np.ones(len(rod.base)))
+        feasible_parameters(rod, np.ones(len(rod.base)))
     assert raised.value.where == "link 1"
     assert raised.value.found < raised.value.limit
 
@@ -264,10 +264,10 @@ def test_symmetries_that_no_body_of_volume_has(tmp_path):
 def test_questions_that_mean_nothing(model):
     beta, p = truth(model), len(model.base)
     with pytest.raises(SettingError) as nan:
-        possible(model, np.where(np.arange(p) == 1, np.nan, beta))
+        feasible_parameters(model, np.where(np.arange(p) == 1, np.nan, beta))
     assert nan.value.where == "XXbeR"
     with pytest.raises(ShapeError):
-        possible(model, beta[:3])
+        feasible_parameters(model, beta[:3])
     with pytest.raises(ShapeError):
         project_to_feasible(model, beta, np.eye(3))
     R = np.eye(p)
@@ -291,12 +291,12 @@ def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
 
     monkeypatch.setattr(conic_program, "settings", short)
     with pytest.raises(ConvergenceError) as raised:
-        possible(model, truth(model))
+        feasible_parameters(model, truth(model))
     assert raised.value.found == "MaxIterations"
 
 
 def test_arrays_of_the_answers_are_read_only(model):
-    found = possible(model, truth(model))
+    found = feasible_parameters(model, truth(model))
     for array in (found.beta, found.chi):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0

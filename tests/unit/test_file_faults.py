@@ -36,7 +36,7 @@ WRONG_STUDIES = [
     ('path = "log.csv"', 'pth = "log.csv"', "key `logs.0.pth`", 'Did you mean "path"? Keys here: path, role'),
     ("[treatment]", "[estimate.limits.FC1]\nloww = 1\n[treatment]", "key `estimate.limits.FC1.loww`", "low, high."),
     ("[treatment]", "[estimate.relations]\na = 'b'\n[treatment]", "key `estimate.relations.a`", "relations is"),
-    ("[treatment]", "[estimate]\npossible = 'yes'\n[treatment]", "key `estimate.possible`", "Write true or false"),
+    ("[treatment]", "[estimate]\npossible = 'yes'\n[treatment]", "key `estimate.feasible`", "Write true or false"),
     ('path = "log.csv"', "path = 3", "key `logs.0.path`", "Write a text in double quotes"),
     ("cutoff_hz = 30", "order = 13", "key `treatment.order`", "12 (found 13); order is order of one pass"),
     ("schema = 1", "", "key `schema`", "this key is missing; schema is version of this format"),

@@ -11,7 +11,7 @@ import haptid
 from haptid import errors
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
-from haptid.observation.reversals import doubt, softened
+from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from mechanisms import draw
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters
@@ -182,15 +182,15 @@ def test_noise_comes_from_the_validation(phantom):
 
 def test_dry_friction_is_smoothed_and_doubted_where_a_joint_turns_back(phantom):
     model, speed = phantom.model, 0.01
-    soft = softened(model, speed)
-    assert softened(model, 0.0) is model
+    soft = smoothed_friction(model, speed)
+    assert smoothed_friction(model, 0.0) is model
     assert [t.settings[0] for t in soft.terms if t.kind == "coulomb"] == [speed] * 3
     chi = np.zeros(len(model.device.parameters.raw))
     chi[model.device.parameters.raw.index("FCM2" if "FCM2" in model.device.parameters.raw else "FC2")] = 0.02
     cd = np.array([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5]])
     c = np.zeros_like(cd)
-    np.testing.assert_allclose(doubt(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
-    assert (doubt(model, chi, c, cd, 0.0) == 0).all()
+    np.testing.assert_allclose(friction_uncertainty(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
+    assert (friction_uncertainty(model, chi, c, cd, 0.0) == 0).all()
 
 
 def test_settings_that_mean_nothing_are_errors(phantom):

@@ -72,10 +72,10 @@ def test_of_a_white_residual_all_are_about_the_textbook(model):
 def test_the_sandwich_is_the_sandwich(observation):
     """All rows in memory, with the covariance of the residual's models as Toeplitz matrices."""
     found = haptid.estimate(observation, haptid.WLS(), Sandwich())
-    (stretch,) = Rows(observation)
+    (rows,) = Rows(observation)
     middle = np.zeros((len(found.beta),) * 2)
-    e = stretch.residual(found.beta)
-    for motor, W, own, weight in zip(observation.motors, stretch.W, e, found.weights, strict=True):
+    e = rows.residual(found.beta)
+    for motor, W, own, weight in zip(observation.motors, rows.W, e, found.weights, strict=True):
         other_model, n = burg([own], 20), W.shape[0]
         gamma = np.fft.irfft(other_model.spectrum(1 << 16), 1 << 16)[:n]
         taken = n / (n - len(motor.columns))
@@ -192,7 +192,7 @@ def test_an_interval_within_bounds_is_the_free_one_cut_and_widened(observation, 
 def test_a_profile_of_what_is_not_held_is_refused(observation):
     found = haptid.estimate(observation, haptid.WLS())
     with pytest.raises(errors.SettingError) as raised:
-        Profile().limits(found.fit, found.held, found.se)
+        Profile().limits(found.fit, found.constrained_fit, found.se)
     assert raised.value.where == "method"
 
 

@@ -69,8 +69,8 @@ def disturbed(data: dict[str, np.ndarray], kind: str, seed: int) -> dict[str, np
 )
 def test_an_opened_log_is_the_log_that_is_read(tmp_path: Path, suffix: str, kind: str, seed: int, part: bool) -> None:
     path = write(tmp_path, suffix, disturbed(samples(2 * CHUNK + 999, seed), kind, seed))
-    stretch = (1.0, 120.0) if part else None
-    read, opened = (how(path, UNWRAPPED, stretch) for how in (read_log, open_log))
+    time_range = (1.0, 120.0) if part else None
+    read, opened = (how(path, UNWRAPPED, time_range) for how in (read_log, open_log))
     assert opened.notes == read.notes
     assert opened.sha256 == read.sha256
     np.testing.assert_array_equal(opened.t, read.t)

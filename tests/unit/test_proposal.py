@@ -23,11 +23,11 @@ def phantom():
     return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
-    """A log with torque that is late by so many samples; `stretch` slows the motion down."""
-    q, qd, qdd = multisine(len(model.device.active), seconds / stretch, 1e-3 / stretch, seed, size)
+def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, slowdown=1.0):
+    """A log with torque that is late by so many samples; `slowdown` slows the motion down."""
+    q, qd, qdd = multisine(len(model.device.active), seconds / slowdown, 1e-3 / slowdown, seed, size)
     q = q + CENTRE[:, None]
-    tau = haptid.inverse_dynamics(model, truth(model), q, qd / stretch, qdd / stretch**2).T
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd / slowdown, qdd / slowdown**2).T
     tau = np.asarray(delayed(tau, -late))  # recorded before it acts
     tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
     position = step * np.round(q.T / step) if step else q.T
@@ -42,9 +42,9 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
 
 @settings(max_examples=12, deadline=None)
 @given(st.sampled_from([0.5, 1.0, 2.0, 3.0]), st.integers(0, 9))
-def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
-    made = recorded(phantom, stretch=stretch, seed=seed, seconds=20.0 * stretch)
-    assert bandwidth(made) == pytest.approx(2.4 / stretch, rel=0.35)
+def test_the_filter_follows_the_speed_of_the_motion(phantom, slowdown, seed):
+    made = recorded(phantom, slowdown=slowdown, seed=seed, seconds=20.0 * slowdown)
+    assert bandwidth(made) == pytest.approx(2.4 / slowdown, rel=0.35)
     treatment = haptid.propose(phantom, made).treatment
     assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
     assert treatment.cutoff_hz == pytest.approx(3 * treatment.parallel_cutoff_hz)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.estimation.nonlinear import EveryOther, variable_projection
+from haptid.estimation.nonlinear import AlternateBlocks, variable_projection
 from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
 from small_study import DEVICE, HEAD
@@ -49,7 +49,7 @@ def moved(model, seed, velocity=0.3):
 
 def test_half_the_blocks_tell_a_constant_of_their_own(model):
     whole = moved(model, 1)
-    values = [variable_projection(model, [EveryOther(whole, k)])["FS2.velocity"].value for k in (0, 1)]
+    values = [variable_projection(model, [AlternateBlocks(whole, k)])["FS2.velocity"].value for k in (0, 1)]
     assert values[0] != values[1]
     np.testing.assert_allclose(values, 0.3, rtol=0.3)
 

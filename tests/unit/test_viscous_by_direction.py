@@ -10,7 +10,7 @@ from haptid.end_effector.characterisation.friction import viscous_matrix
 from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from motions import motion
 from small_study import DEVICE
 
@@ -116,7 +116,7 @@ def alike(tmp_path):
 def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
     torques = []
     for model, beta in alike:
-        golden = Golden.at_random(model, beta, 0.01, 200)
+        golden = ReferenceValues.at_random(model, beta, 0.01, 200)
         wanted = golden.functions["friction"]()["tau"]
         folder = tmp_path / f"c{len(torques)}"
         export_c((model, beta), folder, CCode(NAME, reversal_speed=0.01))
@@ -148,4 +148,4 @@ def test_it_is_viscous_friction_and_never_negative(tmp_path):
     assert "viscous" in haptid.end_effector.decompose_torque(found, made).parts
     assert "own columns" not in haptid.end_effector.decompose_torque(found, made).parts
     beta[model.base.names.index("FVN1")] = -0.2
-    assert not haptid.estimation.possible(model, beta).ok
+    assert not haptid.estimation.feasible(model, beta).ok

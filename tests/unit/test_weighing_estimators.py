@@ -50,8 +50,8 @@ def observation(model):
 
 def stacked(observation):
     """All rows in memory: W (motors, rows, p) and y (motors, rows)."""
-    (stretch,) = Rows(observation)
-    return stretch.W, stretch.y
+    (rows,) = Rows(observation)
+    return rows.W, rows.y
 
 
 # --- what all that weigh share ----------------------------------------------------------------------------------
@@ -85,7 +85,9 @@ def test_the_unit_of_torque_does_not_matter(model, method):
 @pytest.mark.parametrize("method", WEIGHING, ids=lambda method: method.name)
 def test_held_and_reduced_versions_take_the_same_rows(observation, method):
     plain = haptid.estimate(observation, method)
-    np.testing.assert_allclose(haptid.estimate(observation, haptid.PhysicallyConsistent(method)).held.free, plain.beta)
+    np.testing.assert_allclose(
+        haptid.estimate(observation, haptid.PhysicallyConsistent(method)).constrained_fit.free, plain.beta
+    )
     name = observation.base.names[-1]
     less = haptid.estimate(observation, haptid.estimation.FixedAtZero((name,), method))
     assert less[name].value == 0
@@ -425,7 +427,7 @@ def test_bounds_are_kept_and_met_only_where_they_hold(observation):
         rows[:-1, :-1] * size, rows[:-1, -1], (low / size, high / size), tol=1e-14, lsmr_tol="auto", method="bvls"
     )
     np.testing.assert_allclose(found.beta / size, best.x, rtol=1e-5, atol=1e-5)
-    assert any("FC2" in sentence for sentence in found.held.active)
+    assert any("FC2" in sentence for sentence in found.constrained_fit.active)
     wide = {name: (None, float(b) + 1e3) for name, b in zip(free.base.names, free.beta, strict=True)}
     inside = haptid.estimate(observation, Bounds(wide))
     np.testing.assert_array_equal(inside.beta, free.beta)

@@ -97,9 +97,9 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
     from haptid.results.result import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}
-    kept = [found.reduced.parameters[k] for k in found.reduced.kept]
+    kept = [found.reduced.parameters[k] for k in found.reduced.free_parameters]
     made = {
-        "parameters": len(found.full.kept),
+        "parameters": len(found.full.free_parameters),
         "reason": found.reason,
         "left_out": [
             {
@@ -109,7 +109,7 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "p": d.test.p,
                 "error_percent": d.error,
             }
-            for d in found.drops
+            for d in found.steps
         ],
         "refused": None if found.refused is None else {"name": found.refused.name, "p": found.refused.test.p},
         "essential": [
@@ -121,7 +121,7 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "unit": p.unit,
                 "moved_sd": m,
             }
-            for p, m in zip(kept, found.shift[list(found.reduced.kept)].tolist(), strict=True)
+            for p, m in zip(kept, found.shift[list(found.reduced.free_parameters)].tolist(), strict=True)
         ],
         "error_percent": {
             kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both

@@ -20,7 +20,7 @@ from haptid.dynamics.wrench import Lever, lever
 from haptid.errors import SettingError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.reversals import doubt, softened
+from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.observation.rows import chunks
 from haptid.uncertainty.quantities import LEVEL, half_width
 from haptid.validation.validation import Validation, fit_errors
@@ -246,7 +246,7 @@ class Torques:
 def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: float) -> Iterator[Torques]:
     """Torques of the motion's rows, chunk by chunk."""
     model = estimate.model
-    soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
+    soft, chi = smoothed_friction(model, speed), raw_parameters(model, estimate.beta)
     to_joints = np.linalg.inv(model.device.row_map)
     for hard in chunks(model, motion):
         s = replace(hard, model=soft)
@@ -263,7 +263,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             qa=to_joints @ s.centres(s.c),
             motors=motors,
             external=s.torque(chi) - motors,
-            covariance=_spread(parts, s.sizes(doubt(soft, chi, s.c, s.cd, speed))),
+            covariance=_spread(parts, s.sizes(friction_uncertainty(soft, chi, s.c, s.cd, speed))),
             moment=shown,
         )
 

@@ -6,7 +6,7 @@ and simulations; it does not use validation or inference.
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
+from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, project_to_feasible
 from haptid.estimation.intervals.bootstrap import Bootstrap
 from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
@@ -84,7 +84,7 @@ __all__ = [
     "StudentT",
     "Tukey",
     "estimate",
-    "possible",
+    "feasible_parameters",
     "project_to_feasible",
     "pseudo_inertia",
 ]

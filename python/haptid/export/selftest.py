@@ -19,14 +19,14 @@ from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
 from haptid.motion.filters import HighPass
-from haptid.observation.reversals import softened
+from haptid.observation.reversals import smoothed_friction
 
 # Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
 _WORST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Golden:
+class ReferenceValues:
     """Reference ("golden") values of the Python model at some states.
 
     Attributes:
@@ -45,13 +45,13 @@ class Golden:
     tau: Array
 
     @staticmethod
-    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
+    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> ReferenceValues:
         """Random states: positions in +-pi, rates in +-2, torques in +-1."""
         rng = np.random.default_rng(seed)
         n = len(model.device.drives)
         q = rng.uniform(-np.pi, np.pi, (n, samples))
         qd, qdd = rng.uniform(-2, 2, (2, n, samples))
-        return Golden(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
+        return ReferenceValues(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
@@ -80,7 +80,7 @@ class Golden:
             return np.asarray(sizes[:, -1] > np.sqrt(_WORST) * sizes[:, 0])
         return np.ones(self.q.shape[1], dtype=bool)
 
-    def at(self, samples: np.ndarray) -> Golden:
+    def at(self, samples: np.ndarray) -> ReferenceValues:
         """A subset of the states."""
         q, qd, qdd, tau = (x[:, samples] for x in (self.q, self.qd, self.qdd, self.tau))
         return replace(self, q=q, qd=qd, qdd=qdd, tau=tau)
@@ -121,7 +121,7 @@ class Golden:
         kept = [False] * links + [wanted(term) for term in self.model.terms]
         chi = np.where(kept, self._chi, 0.0)
         own = external(self.model, self.q, self.qd, self._none)
-        return core_torque(softened(self.model, self.speed), chi, self.q, self.qd, self._none, own)
+        return core_torque(smoothed_friction(self.model, self.speed), chi, self.q, self.qd, self._none, own)
 
     def _solved(self, torque: Array) -> Array:
         return np.asarray(np.linalg.solve(self._M, torque.T[:, :, None])[:, :, 0])
@@ -170,9 +170,9 @@ def selftest(files: Files) -> str:
     )
 
 
-def states(files: Files) -> Golden:
+def states(files: Files) -> ReferenceValues:
     """Random states, chosen so that as many functions as possible are well-conditioned."""
-    golden = Golden.at_random(files.model, files.source.beta, files.code.speed, POOL)
+    golden = ReferenceValues.at_random(files.model, files.source.beta, files.code.speed, POOL)
     unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
     return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
 

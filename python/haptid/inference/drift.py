@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
-from haptid.uncertainty.multiple_testing import deviations_to_weigh, together, two_sided
+from haptid.uncertainty.multiple_testing import se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
 
 
@@ -183,7 +183,7 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
 
 def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     """Coefficients of a slope, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
-    se = deviations_to_weigh(value, se)
+    se = se_above_rounding(value, se)
     least = se.min()
     if not np.isfinite(least):
         return np.zeros(len(t)), np.ones(len(t))

@@ -47,7 +47,7 @@ class Filtered(OnDisk):
 
 
 @dataclass(frozen=True, eq=False)
-class Late(OnDisk):
+class Delayed(OnDisk):
     """Channels on disk shifted to later samples, (n, channels); see `delayed`.
 
     Attributes:

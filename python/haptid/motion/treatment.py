@@ -34,10 +34,10 @@ from haptid.motion.filters import (
     centred,
     high_cutoff,
 )
-from haptid.motion.streaming import Late, delayed, filtered, lost
+from haptid.motion.streaming import Delayed, delayed, filtered, lost
 
 # Tail of an impulse response after which a filter counts as settled, as a share of the response.
-SETTLED = 1e-3
+TRANSIENT_LEFT = 1e-3
 # Samples to either side that a central difference requires.
 SIDE = len(DIFFERENCES) // 2
 
@@ -262,12 +262,12 @@ class Motion:
             return 0, len(self)
         shifted = lost(self.treatment.torque_delay_s / self.dt)
         if self.treatment.velocity is not None:
-            start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
+            start = shifted + self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
             if len(self) - start - shifted < 2:
                 raise too_short(len(self) * self.dt, start * self.dt, "the differentiator's start")
             return start, len(self) - shifted
         sections = self.treatment.position_filter(self.dt)
-        edge = shifted + SIDE + (0 if sections is None else settling(sections, len(self)))
+        edge = shifted + SIDE + (0 if sections is None else transient_samples(sections, len(self)))
         if len(self) - 2 * edge < 2:
             raise too_short(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
@@ -305,14 +305,14 @@ class Motion:
         return made
 
 
-def settling(sections: Array, longest: int) -> int:
+def transient_samples(sections: Array, longest: int) -> int:
     """Samples after which less than SETTLED of the two-pass impulse response is left, at most `longest`."""
     half = 256
     while True:
         impulse = np.zeros(2 * half + 1)
         impulse[half] = 1.0
         response = np.abs(signal.sosfiltfilt(sections, impulse, padlen=0))[half:]
-        settled = int(np.argmax(np.cumsum(response) > (1 - SETTLED) * response.sum()))
+        settled = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
         if settled < half // 2:
             return min(settled, longest)
         if half > longest:
@@ -352,7 +352,7 @@ def with_delay(motion: Motion, seconds: float) -> Motion:
     torque, treatment = motion.log.torque, replace(motion.treatment, torque_delay_s=seconds)
     if seconds:
         samples = seconds / motion.dt
-        torque = as_array(Late(torque, samples)) if isinstance(torque, OnDisk) else delayed(torque, samples)
+        torque = as_array(Delayed(torque, samples)) if isinstance(torque, OnDisk) else delayed(torque, samples)
     made = replace(motion, tau=torque, treatment=treatment)
     made.usable  # noqa: B018 - raises here if the log is too short for its filter
     return made

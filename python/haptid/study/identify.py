@@ -13,7 +13,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.estimation.nonlinear.load_friction import settled, unsettled
+from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
 from haptid.executors import Executor
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
@@ -99,7 +99,7 @@ def identify(
         data: where the study's relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done; details follow a colon in the name.
         workers: executor that reduces the logs to R factors; this process where None.
-        kept: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
+        free_parameters: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
 
     Raises:
         HaptidError: any error of the steps.
@@ -113,7 +113,7 @@ def identify(
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    model, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
+    model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, tell)
     intervals = projection.intervals if projection else study.intervals
     observations = observe_all(model, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
@@ -139,7 +139,7 @@ def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
     path = data / entry.path
-    log = (open_log if is_long(path) else read_log)(path, entry.channels, stretch=entry.stretch)
+    log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
     tell(f"reading {name}", 1.0)
     return log
 
@@ -186,7 +186,7 @@ def held_out(
         observation: of the log.
         others: of the other logs with the role "identify".
     """
-    if study.holdout and unsettled(model):
+    if study.holdout and has_nonlinear_constants(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
         rest = [motion for other in others for motion in other.motions]
         return (predict(model, observation.motions[0], rest, study.method),)

@@ -47,7 +47,7 @@ NOISY = 0.1
 # Length of the part of each log that is analysed, s.
 _ENOUGH = 120.0
 # Length of the segments whose spectra are averaged (Welch), s, and their fewest samples.
-STRETCH, FEWEST = 8.0, 64
+WELCH_SECONDS, FEWEST = 8.0, 64
 # Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
 HIGHEST, SHORTEST = 0.7, 10.0
 
@@ -160,7 +160,7 @@ def bandwidth(log: Log) -> float:
 
 def _spectrum(channel: Array, dt: float) -> tuple[Array, Array]:
     """Frequencies, Hz, and power density of a position, rad^2/Hz or m^2/Hz."""
-    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), max(FEWEST, round(STRETCH / dt))))
+    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), max(FEWEST, round(WELCH_SECONDS / dt))))
     return np.asarray(f), np.asarray(power)
 
 

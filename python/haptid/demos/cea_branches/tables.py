@@ -115,7 +115,7 @@ def summary(found: Results) -> str:
             f"W: {one.every.rows} x {len(one.full.beta)}, condition {one.every.condition[0]:.3g} raw and "
             f"{one.every.condition[1]:.3g} scaled; of the {len(one.table.rows)} published columns "
             f"{one.condition_of_published[0]:.3g} and {one.condition_of_published[1]:.3g}.",
-            f"{len(one.full.kept)} parameters, {len(one.reduction.essential)} essential; relative error "
+            f"{len(one.full.free_parameters)} parameters, {len(one.reduction.essential)} essential; relative error "
             f"{one.fit_errors.relative:.2f} % on the rows of the fit, {one.cross.relative:.2f} % on unseen motion.",
             "",
         ]

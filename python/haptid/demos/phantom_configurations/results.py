@@ -17,7 +17,7 @@ from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.estimation import Estimate, FeasibleParameters, possible
+from haptid.estimation import Estimate, FeasibleParameters, feasible_parameters
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
@@ -34,11 +34,11 @@ class Evaluation:
 
     Attributes:
         definite: definiteness of the mass matrix by workspace, in the plan's order.
-        possible: whether real bodies and passive terms can have the parameters.
+        feasible: whether real bodies and passive terms can have the parameters.
     """
 
     definite: tuple[Definiteness, ...]
-    possible: FeasibleParameters
+    feasible: FeasibleParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ def evaluate(demo: PhantomDemo, model: DynamicModel, parameters: Estimate | Arra
     """Definiteness of the mass matrix over all workspaces, and physical consistency."""
     beta = parameters.beta if isinstance(parameters, Estimate) else parameters
     definite = tuple(definiteness(parameters, place.of(model)) for place in demo.workspaces)
-    return Evaluation(definite, possible(model, beta))
+    return Evaluation(definite, feasible_parameters(model, beta))
 
 
 def published_beta(demo: PhantomDemo, like: Targets, column: str) -> Array:

@@ -215,7 +215,7 @@ def _evaluation(found: Results, made: Evaluation) -> dict[str, Any]:
     places = zip(found.demo.workspaces, made.definite, strict=True)
     return {
         "definite": {p.name: {"least": d.smallest, "share_failing": d.share, "at": d.at.tolist()} for p, d in places},
-        "possible": made.possible.ok,
-        "margin": made.possible.margin,
-        "failing": made.possible.failing,
+        "possible": made.feasible.ok,
+        "margin": made.feasible.margin,
+        "failing": made.feasible.failing,
     }

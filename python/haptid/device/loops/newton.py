@@ -116,13 +116,13 @@ class NewtonClosure:
         reached: np.ndarray = compiled_closure(self).reach(_rows(qa))[1]
         return reached
 
-    def openness(self, q: Array) -> Array:
+    def conditioning(self, q: Array) -> Array:
         """Distance from singular poses, (samples,): 0 where passive joints are not determined, 1 at best.
 
         Args:
             q: positions of all joints, (samples, joints).
         """
-        return openness(self.chain.residual(q)[1][:, :, list(self.unknown)])
+        return conditioning(self.chain.residual(q)[1][:, :, list(self.unknown)])
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
@@ -190,7 +190,7 @@ def _rows(x: Array) -> Array:
     return np.ascontiguousarray(np.asarray(x, dtype=float).T)
 
 
-def openness(A: Array) -> Array:
+def conditioning(A: Array) -> Array:
     """Least singular value of Jacobians whose columns are scaled to unit length, (samples,)."""
     lengths = np.linalg.norm(A, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(A / np.maximum(lengths, 1e-300), compute_uv=False)[:, -1])
@@ -219,7 +219,7 @@ def newton_closure(
     constant[unknown], constants[unknown] = 0.0, 0.0
     modes = _assembly_modes(chain, constant @ at + constants, unknown, guess, at, place)
     q = _nearest_mode(chain, modes, unknown, guess, at, place)
-    open_by = float(openness(chain.residual(q[None])[1][:, :, unknown])[0])
+    open_by = float(conditioning(chain.residual(q[None])[1][:, :, unknown])[0])
     if open_by < _SINGULAR:
         raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
     varying = np.zeros(G.shape, dtype=bool)

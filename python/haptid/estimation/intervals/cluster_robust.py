@@ -20,7 +20,7 @@ from haptid.estimation.method import ALONE, BlockMoments, Fit
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
-LEAST_FREEDOM = 2.0
+LEAST_DOF = 2.0
 # Blocks of at most this leverage (Frobenius norm) are corrected by a binomial series instead of eigenvalues.
 LOW_LEVERAGE = 0.5
 # Relative size of the terms of that series that are dropped.
@@ -115,7 +115,7 @@ def _cr2_freedom(moments: BlockMoments, adjustment: Adjustment, combinations: Ar
     squares = (own**2).sum(axis=0) + all_pairs - (diagonal**2).sum(axis=0)
     # Zero where a parameter is fixed, which has no uncertainty.
     effective = np.divide(own.sum(axis=0) ** 2, squares, out=np.full(len(squares), np.inf), where=squares > 0)
-    return np.asarray(np.maximum(effective, LEAST_FREEDOM))
+    return np.asarray(np.maximum(effective, LEAST_DOF))
 
 
 @dataclass(frozen=True)
@@ -144,4 +144,4 @@ def _cr3_freedom(moments: BlockMoments, combinations: Array) -> Array:
     squares = (shares**2).sum(axis=0)  # zero where a parameter is fixed, which has no uncertainty
     whole = shares.sum(axis=0) ** 2
     effective = np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0)
-    return np.asarray(np.maximum(effective - 1.0, LEAST_FREEDOM))
+    return np.asarray(np.maximum(effective - 1.0, LEAST_DOF))

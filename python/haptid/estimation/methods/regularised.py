@@ -179,7 +179,7 @@ class Entropic(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, entropic regularisation towards prior bodies"
 
-    def hold(self, observation: Observation, free: Solution) -> Constrained:
+    def constrain(self, observation: Observation, free: Solution) -> Constrained:
         """The regularised estimate, with the unconstrained one.
 
         Raises:

@@ -14,7 +14,7 @@ from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.estimate import estimate
 from haptid.estimation.intervals.covariance import Intervals
-from haptid.estimation.method import Method, not_converged, only_weighs
+from haptid.estimation.method import Method, not_converged, only_weights_rows
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.methods.wls import WLS
@@ -29,12 +29,12 @@ _ROUNDING = 1e-9
 _Progress = Callable[[str, float], None]
 
 
-def unsettled(model: DynamicModel) -> bool:
+def has_nonlinear_constants(model: DynamicModel) -> bool:
     """Whether columns of the model depend on what is estimated: searched constants, or friction by load."""
     return bool(model.device.searched) or model.has_loads
 
 
-def settled(
+def fit_nonlinear_constants(
     model: DynamicModel,
     motions: Sequence[RowSource],
     method: Method | None = None,
@@ -117,4 +117,4 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
 def _weighting(method: Method | None) -> Method:
     """The method, or the one it wraps, if that weights rows and nothing else, which a Kalman filter does not."""
     inner: Method | None = getattr(method, "weighting", method)
-    return inner if inner and only_weighs(inner) and not isinstance(inner, Filtering) else WLS()
+    return inner if inner and only_weights_rows(inner) and not isinstance(inner, Filtering) else WLS()

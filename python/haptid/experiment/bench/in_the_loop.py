@@ -12,7 +12,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.kinematics import handle_motion
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
-from haptid.experiment.bench.hand import Felt, Stroke, feel
+from haptid.experiment.bench.hand import HandleImpedance, Stroke, measure_impedance
 from haptid.experiment.bench.setup import Controller, Push, Recording, Setup
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
@@ -25,8 +25,8 @@ _AXES = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Rehearsal:
-    """Measured performance of exported code; see `rehearse`.
+class InTheLoopResult:
+    """Measured performance of exported code; see `simulate_in_the_loop`.
 
     Attributes:
         bare: impedance at the handle along the base axes at every pose, without compensation.
@@ -36,8 +36,8 @@ class Rehearsal:
         restless: maximum speed of an active joint in the last half second after a tap, rad/s or m/s.
     """
 
-    bare: tuple[Felt, ...]
-    assisted: tuple[Felt, ...]
+    bare: tuple[HandleImpedance, ...]
+    assisted: tuple[HandleImpedance, ...]
     tracking_pd: float
     tracking_model: float
     force_bare: float
@@ -74,7 +74,7 @@ def _norm(values: Iterable[float]) -> float:
     return float(np.linalg.norm(list(values)))
 
 
-def rehearse(
+def simulate_in_the_loop(
     setup: Setup,
     code: Compiled,
     trajectory: Trajectory,
@@ -83,7 +83,7 @@ def rehearse(
     friction: float = 0.9,
     tap: float = 0.05,
     stroke: Stroke | None = None,
-) -> Rehearsal:
+) -> InTheLoopResult:
     """Run exported code as the controller of a device on the bench, and measure its performance.
 
     Args:
@@ -102,9 +102,9 @@ def rehearse(
     assistance = Assistance(setup.model, code, friction=friction)
     lines = [(pose, axis) for pose in poses for axis in _AXES]
     force_bare, force_model = _force_errors(setup, code, trajectory, push)
-    return Rehearsal(
-        bare=tuple(feel(setup, pose, axis, stroke=stroke) for pose, axis in lines),
-        assisted=tuple(feel(setup, pose, axis, assistance, stroke) for pose, axis in lines),
+    return InTheLoopResult(
+        bare=tuple(measure_impedance(setup, pose, axis, stroke=stroke) for pose, axis in lines),
+        assisted=tuple(measure_impedance(setup, pose, axis, assistance, stroke) for pose, axis in lines),
         tracking_pd=_tracking_error(setup, code, trajectory, 0.0),
         tracking_model=_tracking_error(setup, code, trajectory, 1.0),
         force_bare=force_bare,

@@ -15,7 +15,7 @@ from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.errors import IncompleteDeviceError
-from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate
 
 T = TypeVar("T")
@@ -211,7 +211,7 @@ class MotionBounds:
     def flatness(self, q: Array) -> Array:
         """Relative violation of the openness limit at every sample, (n,), from active joint positions, (active, n)."""
         return np.asarray(
-            1 - loop_openness(self.model, self.model.device.closure.positions(q).T) / self.limits.openness
+            1 - loop_conditioning(self.model, self.model.device.closure.positions(q).T) / self.limits.openness
         )
 
 

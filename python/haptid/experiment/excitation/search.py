@@ -16,7 +16,7 @@ from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
 from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed_motion, quality
 from haptid.experiment.excitation.families import Family
-from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
@@ -223,9 +223,9 @@ class _Search:
             return
 
     @cached_property
-    def slopes(self) -> Slopes:
+    def slopes(self) -> Gradients:
         """Gradients of the criterion and the limits."""
-        return Slopes.of(self.bounds, self.criterion, self.columns, self.noise)
+        return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
 
     def _start(self, rng: np.random.Generator) -> _Start:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))

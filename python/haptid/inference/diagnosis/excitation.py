@@ -78,7 +78,7 @@ def advice(made: Estimate, k: int) -> str:
 
 def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
     """Belsley's table of the parameters that were not eliminated, and their names."""
-    kept = list(made.kept)
+    kept = list(made.free_parameters)
     R = triangle(made.observation.stack(made.weights)[:-1, kept])
     return dependencies(R), tuple(made.base.names[k] for k in kept)
 
@@ -86,7 +86,7 @@ def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
 def excitation(made: Estimate) -> Finding:
     """Which parameters are not significantly different from zero, and what motion would excite them."""
     carried, half = torque_shares(made), np.diff(made.conf_int(), axis=1)[:, 0] / 2
-    poor = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
+    poor = [int(k) for k in np.argsort(carried) if k in made.free_parameters and not half[k] < abs(made.beta[k])]
     table, names = _table(made)
     weakest = table.directions[-1]
     parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
@@ -130,6 +130,6 @@ def collinearity(made: Estimate) -> Finding:
     text = (
         f"{names} are nearly collinear ({int(strong.sum())} condition indices above {STRONG:g}, the largest "
         f"{largest:.3g}; above {WELL_CONDITIONED:g} no single one is reliable): their joint torque is reliable; to "
-        f"separate them, {advice(made, made.kept[int(involved[0])])}."
+        f"separate them, {advice(made, made.free_parameters[int(involved[0])])}."
     )
     return Finding("collinearity", status, figures, text)

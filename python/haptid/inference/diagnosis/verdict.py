@@ -149,7 +149,7 @@ def _size(errors: Validation) -> Reason:
 
 def _precision(made: Estimate) -> Reason:
     """How many parameters have a small standard error."""
-    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.kept)
+    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.free_parameters)
     if len(good) == many:
         return Reason("ok", f"all {many} have standard errors below {QUOTABLE:g} %")
     if not good:

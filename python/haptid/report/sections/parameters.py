@@ -81,7 +81,7 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     """Indices of the parameters that can be eliminated, and the rule; None where it was not computed."""
     if made.zero:
         return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
-    if made.held or len(made.beta) > MOST_SEARCHED:
+    if made.constrained_fit or len(made.beta) > MOST_SEARCHED:
         return None, "Essential parameters were not computed; use `haptid.essential`."
     try:
         found = search(made)

@@ -16,7 +16,7 @@ from haptid.report.source import ReportSource, Track
 # Points of a scatter plot, and bins for the mean.
 CLOUD, BINS = 1200, 40
 # Segment length of Welch's method, and frequencies that are drawn.
-STRETCH, FREQUENCIES = 1024, 300
+WELCH_SAMPLES, FREQUENCIES = 1024, 300
 # Least number of rows of a bin.
 _FEWEST = 5
 
@@ -112,6 +112,6 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
 
 def density(y: Array, step: float) -> tuple[Array, Array]:
     """Frequencies, Hz, logarithmically spaced where there are many, and the amplitude spectral density at each."""
-    f, power = signal.welch(y, 1 / step, nperseg=min(STRETCH, len(y)), detrend="constant")
+    f, power = signal.welch(y, 1 / step, nperseg=min(WELCH_SAMPLES, len(y)), detrend="constant")
     picks = np.unique(np.geomspace(1, len(f) - 1, FREQUENCIES).astype(int)) if len(f) > 1 else np.array([0])
     return np.asarray(f[picks]), np.sqrt(np.maximum(power[picks], np.finfo(np.float32).tiny))
