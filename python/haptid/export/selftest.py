@@ -132,12 +132,12 @@ class ReferenceValues:
 
 
 # Compared states, and random states of which the best-conditioned are taken.
-SAMPLES = 12
+_SAMPLES = 12
 POOL = 200
 # Relative tolerances, with a margin for ill-conditioned linear systems.
 TOLERANCES = {"double": "1e-9", "float": "2e-3"}
 # Motion of the observer and the differentiator: amplitude, rad or m, and lowest frequency, rad/s.
-AMPLITUDE, SLOWEST = 0.2, 20.0
+AMPLITUDE, _SLOWEST = 0.2, 20.0
 
 
 def selftest(files: Files) -> str:
@@ -161,7 +161,7 @@ def selftest(files: Files) -> str:
     parts.append(_table("differentiator_wanted", differentiated, DOUBLE))
     return files.filled(
         "selftest.c",
-        samples=SAMPLES,
+        samples=_SAMPLES,
         tolerance=TOLERANCES[files.dialect.real],
         values="\n\n".join(parts),
         calls="\n".join(f"        {line}" for line in calls),
@@ -174,13 +174,13 @@ def states(files: Files) -> ReferenceValues:
     """Random states, chosen so that as many functions as possible are well-conditioned."""
     golden = ReferenceValues.at_random(files.model, files.source.beta, files.code.speed, POOL)
     unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
-    return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
+    return golden.at(np.argsort(unsound, kind="stable")[:_SAMPLES])
 
 
 def path(active: int) -> tuple[Array, Array, Array]:
     """Positions, rates and torques of a short motion, each (active, samples)."""
-    t = STEP * np.arange(SAMPLES)
-    omega = SLOWEST * (1 + np.arange(active))[:, None]
+    t = STEP * np.arange(_SAMPLES)
+    omega = _SLOWEST * (1 + np.arange(active))[:, None]
     q, qd = AMPLITUDE * np.sin(omega * t + 0.5), AMPLITUDE * omega * np.cos(omega * t + 0.5)
     return np.asarray(q), np.asarray(qd), np.asarray(np.cos(omega * t))
 

@@ -25,7 +25,7 @@ UNIFORM = 1e-4
 _GAP = 1.5
 LONGEST_GAP = 10.0
 # Longest sampling period, s; a longer one almost certainly means stamps in another unit.
-SLOWEST = 0.5
+_SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
 # Steps above which the median is estimated from every second one, every third one, ...
@@ -149,17 +149,17 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
     Raises:
         LogDataError: a stamp is missing.
         LogTimeError: a stamp is earlier than the one before, or too many equal the one before; a gap of more than
-            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `SLOWEST`.
+            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `_SLOWEST`.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
     step = float(np.median(np.diff(seconds[:SAMPLES_RESAMPLED])))
-    if step > SLOWEST:
+    if step > _SLOWEST:
         raise LogTimeError(
-            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {SLOWEST:g} s).",
+            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {_SLOWEST:g} s).",
             where=name,
             found=step,
-            limit=SLOWEST,
+            limit=_SLOWEST,
             advice="Give the channel's `time_unit`: 'ms', 'us' or 'ns'.",
         )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1

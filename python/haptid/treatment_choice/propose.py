@@ -37,7 +37,7 @@ SLOW = 0.05
 KEPT, WIDER, WIDENINGS = 0.25, 1.25, 6
 # Largest standard error of a known delay, and distance from zero or half a period below which it is taken as that (plus
 # two standard errors), as shares of the sampling period.
-KNOWN, NEAR = 0.1, 0.02
+KNOWN, _NEAR = 0.1, 0.02
 # Frequencies without motion, as shares of half the sampling rate, where a position's noise is measured.
 NOISE_BAND = (0.5, 0.9)
 # A channel moves where its spectrum exceeds that noise by this factor.
@@ -281,7 +281,7 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given
     if delay is None or delay.se > KNOWN * dt:
         return treatment, ("The torque delay is not identifiable from the logs; none is assumed.",)
     found = f"{1e3 * delay.seconds:.3g} ms (standard error {1e3 * delay.se:.1g} ms)"
-    near = NEAR * dt + 2 * delay.se
+    near = _NEAR * dt + 2 * delay.se
     if abs(delay.seconds) < near:
         return treatment, (f"The torque delay is zero within its uncertainty: {found}.",)
     if abs(delay.seconds - dt / 2) < near:

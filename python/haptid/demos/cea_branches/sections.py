@@ -104,8 +104,8 @@ def _elimination(found: Results) -> DocumentSection:
         before, after = made.unseen
         text.append(
             f"{one.branch.title} branch: {len(one.full.free_parameters)} parameters, {len(names)} essential: "
-            f"{', '.join(names)}. {made.reason} The essential parameters move by at most {np.nanmax(np.abs(made.shift)):.1f} of their "
-            f"standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
+            f"{', '.join(names)}. {made.reason} The essential parameters move by at most "
+            f"{np.nanmax(np.abs(made.shift)):.1f} of their standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
             f"{after.relative:.3f} %."
         )
         text += differences(one)

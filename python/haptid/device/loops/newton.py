@@ -33,7 +33,7 @@ _STARTS = 256
 # Two assembly modes are one if no joint differs by more, rad (or mechanism sizes).
 _SAME = 1e-3
 # Poses at which rates are tested for being zero, and the largest rate that counts as zero.
-POSES, EFFECT = 24, 1e-9
+_POSES, EFFECT = 24, 1e-9
 
 # Guessed positions of passive joints, and the active joints' start pose, (active,).
 Start = tuple[Mapping[int, float], Array]
@@ -234,7 +234,7 @@ def newton_closure(
 def _measured(made: NewtonClosure) -> NewtonClosure:
     """With the closure error, and rates that are zero everywhere not marked as varying."""
     rng = np.random.default_rng(0)
-    followed = made.follow(made.draw(rng, POSES))
+    followed = made.follow(made.draw(rng, _POSES))
     gap = float(np.abs(made.chain.residual(followed.q.T)[0]).max())
     varying = made.varying & (np.abs(followed.G).max(axis=0) > EFFECT * made.chain.units.min())
     return replace(made, varying=varying, error=gap)

@@ -35,7 +35,7 @@ FIT_PENALTY = 1e-10
 _PASSES = 2
 # Newton steps to the analytic centre, and the decrement at which it is reached.
 _MOST_STEPS = 200
-CENTRED = 1e-9
+_CENTRED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +305,7 @@ def analytic_centre(cone: Cone, part: ConePart, x: Array) -> Array:
         step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
         decrement = float(np.linalg.norm(step @ gradient)) ** 0.5
         y += step / (1.0 + decrement)
-        if decrement < CENTRED:
+        if decrement < _CENTRED:
             break
     return np.asarray(part.null @ y)
 

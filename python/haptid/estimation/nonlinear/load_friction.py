@@ -22,7 +22,7 @@ from haptid.estimation.nonlinear.candidate_columns import RowSource, observed_ca
 from haptid.estimation.nonlinear.variable_projection import VariableProjection, variable_projection
 
 # Largest number of passes, and convergence: largest move of a parameter, in standard errors.
-MOST_PASSES, CONVERGED = 20, 0.01
+MOST_PASSES, _CONVERGED = 20, 0.01
 # Least standard error in that criterion, relative to the largest parameter, for rows without noise.
 _ROUNDING = 1e-9
 
@@ -106,12 +106,12 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
         here = model.loaded(beta)
         found = estimate(observed_candidates(here, motions), weighting)
         moved = np.abs(found.beta - beta) / np.maximum(found.se, _ROUNDING * np.abs(found.beta).max())
-        if moved.max() <= CONVERGED:
+        if moved.max() <= _CONVERGED:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
     name = model.base.names[worst]
-    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), CONVERGED)
+    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), _CONVERGED)
 
 
 def _weighting(method: Method | None) -> Method:

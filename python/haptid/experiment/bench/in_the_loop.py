@@ -18,7 +18,7 @@ from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
 
 # Gain of the momentum observer, rad/s, and its settling time, s.
-GAIN, SETTLING_TIME = 40.0, 0.3
+_GAIN, SETTLING_TIME = 40.0, 0.3
 # Duration of a tap on the handle, and of the free response after it, s.
 TAP, FREE_RESPONSE = 0.03, 2.0
 _AXES = np.eye(3)
@@ -124,7 +124,7 @@ def _tracked(setup: Setup, trajectory: Trajectory, law: Tracking, hand: tuple[Pu
 
 
 def _law(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> Tracking:
-    return Tracking(setup.model, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=GAIN)
+    return Tracking(setup.model, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=_GAIN)
 
 
 def _tracking_error(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> float:
@@ -144,7 +144,7 @@ def _force_errors(
     observed: list[Array] = []
     law = replace(_law(setup, code, trajectory, 1.0), report=observed.append)
     made = _tracked(setup, trajectory, law, hand)
-    keep = np.exp(-GAIN * setup.dt)
+    keep = np.exp(-_GAIN * setup.dt)
     model = setup.model
     motors = made.command * np.array([drive.gear * drive.gain for drive in model.device.motors])
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]

@@ -11,7 +11,7 @@ from haptid.inference.diagnosis.finding import Finding, Status, joined_names, wo
 from haptid.validation.validation import Validation
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
-CLOSE, ROUGH = 5.0, 20.0
+_CLOSE, ROUGH = 5.0, 20.0
 # A parameter with a smaller relative standard error, per cent, can be quoted by itself.
 QUOTABLE = 10.0
 # What a finding that is not "ok" means for the user.
@@ -141,9 +141,9 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 def _size(errors: Validation) -> Reason:
     """The largest relative torque error."""
     largest = max(errors.motors, key=lambda motor: motor.relative)
-    size: Status = "ok" if largest.relative <= CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
+    size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
-    limits = f"limits {CLOSE:g} and {ROUGH:g} %"
+    limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
     return Reason(size, f"the torque error of {largest.label} is {largest.relative:.2g} % ({kind}; {limits})")
 
 

@@ -13,7 +13,7 @@ from haptid.report.source import ReportSource, Track
 from haptid.validation.validation import MotorError, Validation
 
 # Bins of all curves together, and the limits for one curve: a file stays well below 15 MB.
-ALL_BINS, MOST_BINS, LEAST_BINS = 60_000, 6000, 400
+ALL_BINS, MOST_BINS, _LEAST_BINS = 60_000, 6000, 400
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class TorqueSection(Section):
     @classmethod
     def of(cls, source: ReportSource) -> TorqueSection:
         curves = sum(len(track.labels) for track in source.tracks)
-        bins = int(np.clip(ALL_BINS // curves, LEAST_BINS, MOST_BINS))
+        bins = int(np.clip(ALL_BINS // curves, _LEAST_BINS, MOST_BINS))
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
