@@ -149,7 +149,7 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
     Raises:
         LogDataError: a stamp is missing.
         LogTimeError: a stamp is earlier than the one before, or too many equal the one before; a gap of more than
-            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `_SLOWEST`.
+            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; too long a sampling period.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)

@@ -113,9 +113,11 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             table.intervals,
             "Use another method than entropic, or other intervals, such as clustered.",
         )
-    given = [key for key in CONSTRAINTS if getattr(table, key)]
-    if len(given) > 1:
-        raise fault(study, f"estimate.{given[1]}", f"together with {given[0]}: give one of {', '.join(CONSTRAINTS)}")
+    constraints = [key for key in CONSTRAINTS if getattr(table, key)]
+    if len(constraints) > 1:
+        raise fault(
+            study, f"estimate.{constraints[1]}", f"together with {constraints[0]}: give one of {', '.join(CONSTRAINTS)}"
+        )
     try:
         return _constrained(table, make(**given))
     except SettingError as error:

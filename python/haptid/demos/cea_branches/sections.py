@@ -105,8 +105,8 @@ def _elimination(found: Results) -> DocumentSection:
         text.append(
             f"{one.branch.title} branch: {len(one.full.free_parameters)} parameters, {len(names)} essential: "
             f"{', '.join(names)}. {made.reason} The essential parameters move by at most "
-            f"{np.nanmax(np.abs(made.shift)):.1f} of their standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
-            f"{after.relative:.3f} %."
+            f"{np.nanmax(np.abs(made.shift)):.1f} of their standard errors in the full model; the error on "
+            f"unseen motion changes from {before.relative:.3f} % to {after.relative:.3f} %."
         )
         text += differences(one)
         for motor in one.by_motor:

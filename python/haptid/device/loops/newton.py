@@ -24,7 +24,7 @@ _CLOSED = 1e-12
 _SINGULAR = 1e-3
 # The core's continuation goes no further from the start pose, rad or mechanism sizes.
 FARTHEST = 1e4
-# Least openness of random poses, so that rounding errors do not grow.
+# Least conditioning of random poses, so that rounding errors do not grow.
 _ROOMY = 0.1
 # Draws of random poses, each from half the range about the start of the one before.
 _DRAWS = 8
@@ -132,7 +132,7 @@ class NewtonClosure:
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
             q, closed = compiled_closure(self).reach(qa)
-            kept = np.concatenate([kept, qa[closed][self.openness(q[closed]) > _ROOMY]])
+            kept = np.concatenate([kept, qa[closed][self.conditioning(q[closed]) > _ROOMY]])
             if len(kept) >= count:
                 break
         return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)
@@ -165,7 +165,7 @@ class NewtonClosure:
                 advice="Keep the motion within the mechanism's reach; if the device did move there, check the lengths, "
                 "and the zeros and signs of the positions.",
             )
-        raise _singular(f"up to sample {sample}", pose, float(self.openness(q[None])[0]), sample)
+        raise _singular(f"up to sample {sample}", pose, float(self.conditioning(q[None])[0]), sample)
 
 
 def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:

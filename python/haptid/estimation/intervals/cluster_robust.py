@@ -3,7 +3,7 @@
 Residuals of robots are serially correlated, and motors share the errors of the model, so standard errors that take the
 rows as independent are far too small. The covariance is built from the score of each block instead. CR2 corrects each
 block for its leverage (bias-reduced linearisation); Satterthwaite degrees of freedom account for the small number of
-effective blocks. Fixed-b (`FixedB`) takes the scores as a time series instead. All need only the R factors of the blocks.
+effective blocks. Fixed-b (`FixedB`) takes the scores as a time series instead. All need only the R factors.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import SettingError
 from haptid.estimation.feasibility.conic_program import (
     ENOUGH,
+    REGULARISATIONS,
     SOLVED,
     TIGHT,
     ConeCondition,
@@ -194,7 +195,7 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
     cones = [*cones_of(feasible.conditions), clarabel.SecondOrderConeT(k + 1)]
     problem = (P, q, sparse.csc_matrix(A), b, cones)
     for relaxed, equilibrate in product(RELAXED, (True, False)):
-        how = settings(equilibrate)
+        how = settings(equilibrate, REGULARISATIONS[0])
         how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * relaxed
         how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, relaxed / 100)
         answer = clarabel.DefaultSolver(*problem, how).solve()

@@ -95,7 +95,7 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
     cuts = [cut for cut in model.device.closure.cuts if not cut.prismatic]
     passive = [j for j in range(len(model.device.joints)) if j not in model.device.active]
     if isinstance(model.device.closure, NewtonClosure):
-        return model.device.closure.openness(q)
+        return model.device.closure.conditioning(q)
     if not cuts or not passive:
         return np.ones(len(q))
     at = poses(model.device, q)

@@ -14,7 +14,7 @@ import pinocchio as pin
 from pyarrow import parquet
 from scipy import linalg, signal
 
-from roads.setting import CUTOFF_HZ, DECIMATION, JOINTS, RATE_HZ
+from pipelines.setting import CUTOFF_HZ, DECIMATION, JOINTS, RATE_HZ
 
 CHUNK, WIDTH = 20_000, 11 * JOINTS
 # Of the largest pivot: below, it is rounding and noise.
@@ -32,7 +32,7 @@ def model_of(case: Case) -> pin.Model:
     return model
 
 
-def road(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
+def pipeline(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
     """The work on a log, and the torque of its last model on the other motion."""
     model = model_of(case)
     data, found = model.createData(), np.zeros(WIDTH)

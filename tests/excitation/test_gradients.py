@@ -32,7 +32,7 @@ NARROW = Limits(
     acceleration=(3.0,),
     torque=(0.05,),
     couplings=(Coupling((0.0, 1.0, -1.0), -0.2, 0.2),),
-    openness=0.9,
+    conditioning=0.9,
 )
 CRITERIA = [ScaledCondition(), RawCondition(), Information(), LargestDeviation()]
 NOISE = np.array([0.001, 0.002, 0.004])

@@ -1,8 +1,8 @@
-"""One road from a log to a result, in its own environment: `python follow.py ROAD PATH SHORT`, beside PATH the robot.
+"""One pipeline from log to result in its own environment: `python run_pipeline.py NAME PATH SHORT`, robot next to PATH.
 
 Prints as JSON the seconds of the processor from the file to the result, the peak memory, GiB, and the relative error of
-the torque of its model on another motion, %. The road is walked once before on a short log, so that all is imported.
-A road that is not installed ends with the status `LEFT_OUT`.
+the torque of its model on another motion, %. A first run on a short log imports everything.
+A pipeline that is not installed ends with the status `LEFT_OUT`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ask import LEFT_OUT
+from run_peer import LEFT_OUT
 
 
 def main() -> None:
@@ -24,7 +24,7 @@ def main() -> None:
     name, path, short = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     case = dict(np.load(path.with_suffix(".npz")))
     try:
-        work, torque = importlib.import_module(f"roads.{name}").road(case)
+        work, torque = importlib.import_module(f"pipelines.{name}").pipeline(case)
     except ImportError as error:
         print(error, file=sys.stderr)
         raise SystemExit(LEFT_OUT) from None

@@ -1,4 +1,4 @@
-"""Our work beside that of the peers: the same robot, the same samples; first the numbers, then the times."""
+"""Comparison with other packages on the same robot and samples: first agreement of the values, then times."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ask import LEFT_OUT
+from run_peer import LEFT_OUT
 from stopwatch import Work
 
 HERE = Path(__file__).parent
@@ -31,18 +31,18 @@ PEERS = {
 }
 # A peer that takes longer than this, s, is left out.
 LIMIT = {"values": 120.0, "times": 60.0}
-# Largest disagreement with ours that is rounding, beside the largest value.
+# Largest disagreement with ours that is rounding, relative to the largest value.
 ROUNDING = 1e-9
 
 
-def beside(case: Mapping[str, object], ours: Mapping[str, Work], peers: Sequence[str]) -> dict[str, float]:
-    """Microseconds per sample of ours and of every peer that is there, how far they disagree, and the ratios."""
+def compared(case: Mapping[str, object], ours: Mapping[str, Work], peers: Sequence[str]) -> dict[str, float]:
+    """Microseconds per sample of haptid and of every installed peer, disagreement of values, ratios of times."""
     figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         np.savez(folder / "case.npz", **case)
         values = {work: one.values() for work, one in ours.items()}
-        there = [peer for peer in peers if ask(folder, peer, "values", ours)]
+        there = [peer for peer in peers if run_peer(folder, peer, "values", ours)]
         for peer in there:
             figures |= disagreement(peer, values, dict(np.load(folder / f"{PEERS[peer]}.npz")))
         counts = folder / "counts.json"
@@ -50,7 +50,7 @@ def beside(case: Mapping[str, object], ours: Mapping[str, Work], peers: Sequence
         times = {work: one.microseconds() for work, one in ours.items()}
         figures |= {f"{work}: haptid, us": time for work, time in times.items()}
         for peer in there:
-            if ask(folder, peer, "times", ours):
+            if run_peer(folder, peer, "times", ours):
                 found = json.loads((folder / f"{PEERS[peer]}.json").read_text(encoding="utf-8"))
                 figures |= {f"{work}: {peer}, us": time for work, time in found.items()}
                 figures |= {f"{work}: {peer} over haptid": time / times[work] for work, time in found.items()}
@@ -58,7 +58,7 @@ def beside(case: Mapping[str, object], ours: Mapping[str, Work], peers: Sequence
 
 
 def disagreement(peer: str, ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> dict[str, float]:
-    """Largest difference of each work, beside its largest value; it has to be rounding."""
+    """Largest difference of each task relative to its largest value; an error above rounding."""
     found = {}
     for work, values in theirs.items():
         assert values.shape == ours[work].shape, (peer, work, values.shape, ours[work].shape)
@@ -67,9 +67,9 @@ def disagreement(peer: str, ours: dict[str, np.ndarray], theirs: dict[str, np.nd
     return {f"{work}: {peer}, disagreement": x for work, x in found.items()}
 
 
-def ask(folder: Path, peer: str, what: str, works: Mapping[str, Work]) -> bool:
+def run_peer(folder: Path, peer: str, what: str, works: Mapping[str, Work]) -> bool:
     """Run a peer; false, and why on standard error, where it is not there or takes too long."""
-    call = [str(PYTHON), str(HERE / "ask.py"), str(folder), PEERS[peer], what, *works]
+    call = [str(PYTHON), str(HERE / "run_peer.py"), str(folder), PEERS[peer], what, *works]
     try:
         done = subprocess.run(call, cwd=folder, timeout=LIMIT[what], capture_output=True, text=True, check=False)
     except FileNotFoundError:

@@ -1,31 +1,31 @@
-"""What is measured beside peers is first compared: rounding passes, all else is refused, a missing peer is left out."""
+"""The comparison with peers: values must agree to rounding, and a missing peer is left out."""
 
 import time
 
 import numpy as np
 import pytest
 
-import beside
+import compare_peers
 from stopwatch import Work, fastest
 
 
 def test_rounding_agrees_and_a_difference_does_not():
     ours = {"work": np.array([1.0, -4.0])}
-    found = beside.disagreement("peer", ours, {"work": np.array([1.0, -4.0 + 4e-12])})
+    found = compare_peers.disagreement("peer", ours, {"work": np.array([1.0, -4.0 + 4e-12])})
     assert found == {"work: peer, disagreement": pytest.approx(1e-12, rel=1e-3)}
     with pytest.raises(AssertionError, match="peer disagrees on work"):
-        beside.disagreement("peer", ours, {"work": np.array([1.0, -4.1])})
+        compare_peers.disagreement("peer", ours, {"work": np.array([1.0, -4.1])})
 
 
 def test_values_that_are_no_numbers_do_not_agree():
     with pytest.raises(AssertionError, match="disagrees"):
-        beside.disagreement("peer", {"work": np.ones(2)}, {"work": np.array([1.0, np.nan])})
+        compare_peers.disagreement("peer", {"work": np.ones(2)}, {"work": np.array([1.0, np.nan])})
 
 
 def test_without_an_environment_of_peers_only_ours_is_measured(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(beside, "PYTHON", tmp_path / "python")
+    monkeypatch.setattr(compare_peers, "PYTHON", tmp_path / "python")
     work = Work(10, lambda: np.zeros(3))
-    figures = beside.beside({"q": np.zeros(3)}, {"work": work}, ("Pinocchio C++", "NumPy"))
+    figures = compare_peers.compared({"q": np.zeros(3)}, {"work": work}, ("Pinocchio C++", "NumPy"))
     assert [*figures] == ["work: haptid, us"]
     assert "Pinocchio C++ is left out: there is no environment of peers" in capsys.readouterr().err
 

@@ -17,8 +17,8 @@ from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduc
 from pyarrow import parquet
 from scipy import signal
 
-from roads.script import model_of
-from roads.setting import CUTOFF_HZ, DECIMATION, JOINTS, RATE_HZ
+from pipelines.script import model_of
+from pipelines.setting import CUTOFF_HZ, DECIMATION, JOINTS, RATE_HZ
 
 Case = dict[str, np.ndarray]
 # Its filter divides the frequency by twice the sampling rate, and Nyquist's is half of that.
@@ -32,7 +32,7 @@ SETTINGS = {
 NAMES = {f"column{k}": 0.0 for k in range(11 * JOINTS)}
 
 
-def road(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
+def pipeline(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
     """The work on a log, and the torque of its last model on the other motion."""
     model = model_of(case)
     # Bodies need no mass here; all ten columns of each are made.

@@ -10,12 +10,12 @@ import numpy as np
 
 import haptid
 from haptid.log import is_long
-from roads.setting import CUTOFF_HZ, DECIMATION, JOINTS
+from pipelines.setting import CUTOFF_HZ, DECIMATION, JOINTS
 
 Case = dict[str, np.ndarray]
 
 
-def road(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
+def pipeline(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
     """The work on a log, and the torque of its last model on the other motion."""
     device = haptid.read_device("arm7")
     names = ([f"{kind}{k + 1}" for k in range(JOINTS)] for kind in ("q", "tau"))
