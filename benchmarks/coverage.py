@@ -129,7 +129,7 @@ def classical_holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
 def shares(
     bed: Bed, phi: float, shared: float, runs: int, others: tuple[Intervals, ...] = ()
 ) -> tuple[np.ndarray, ...]:
-    """Share of runs whose interval holds the truth, by parameter: the default, the classical one, and each other one."""
+    """Share of runs whose interval holds the truth, by parameter: default, classical and each other kind."""
     rng = np.random.default_rng(1)
     made = np.zeros((2 + len(others), len(bed.beta)))
     for _ in range(runs):
@@ -148,7 +148,7 @@ def coverage_of(what: str, default: np.ndarray, classical: np.ndarray) -> Iterat
     yield f"{what}: default, mean", 100 * float(default.mean())
     yield f"{what}: default, worst", 100 * float(default.min())
     yield f"{what}: default, best", 100 * float(default.max())
-    yield f"{what}: textbook, mean", 100 * float(classical.mean())
+    yield f"{what}: classical, mean", 100 * float(classical.mean())
 
 
 def other_kinds() -> Iterator[tuple[str, float]]:
@@ -181,7 +181,7 @@ def sandwiched() -> Iterator[tuple[str, float]]:
 
 
 def quantised(runs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Encoders of 4000 counts, each run its own motion: share of default and textbook intervals with the truth."""
+    """Encoders of 4000 counts, each run its own motion: share of default and classical intervals with the truth."""
     beta = truth(phantom())
     made = np.zeros((2, len(beta)))
     for seed in range(runs):

@@ -4,6 +4,7 @@ Treatment: positions through a Butterworth filter both ways, 40 Hz; torque and c
 of ten kept. Each pipeline (`pipelines/`) runs in a process of its own, one thread, from the file to the estimate with
 its intervals, all imported before; its time is that of the processor, its memory what the system reports. Filters
 differ in detail, so agreement is that of the torque of all models on another motion, without noise.
+"""
 
 from __future__ import annotations
 
