@@ -1,5 +1,4 @@
-"""A map of the handle's dynamics over a million poses: the mass matrix and Jacobian, and apparent masses with
-standard errors.
+"""A map of the handle's dynamics over a million poses: mass matrix, Jacobian, apparent masses with standard errors.
 
 Agreement with the plain method, unit accelerations through the inverse dynamics and NumPy's eigenvalues, is checked
 before any time is taken. One thread is a process of its own, since threads are counted once; its time, and the

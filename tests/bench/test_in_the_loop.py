@@ -62,16 +62,16 @@ def test_compiled_code_is_the_python_model(tmp_path, precision):
     beta = model.base.of(true_parameters(model))
     export_c((model, beta), tmp_path, CCode("dev", precision))
     code = bench.Compiled.of(tmp_path)
-    golden = ReferenceValues.at_random(model, beta, 0.01, 3)
+    reference = ReferenceValues.at_random(model, beta, 0.01, 3)
     close = {"rtol": 1e-9, "atol": 1e-12} if precision == "double" else {"rtol": 1e-3, "atol": 1e-5}
     for name in ("inverse_dynamics", "mass_matrix", "handle_jacobian", "momentum"):
-        wanted = golden.functions[name]()
+        wanted = reference.functions[name]()
         for k in range(3):
-            made = code(name, *(getattr(golden, x)[:, k] for x in code.functions[name].inputs))
+            made = code(name, *(getattr(reference, x)[:, k] for x in code.functions[name].inputs))
             for output, values in wanted.items():
                 np.testing.assert_allclose(made[output], values[k], **close)
-    half = code.friction_compensation(golden.qd[:, 0], 0.5)
-    np.testing.assert_allclose(half, 0.5 * golden.functions["friction"]()["tau"][0], **close)
+    half = code.friction_compensation(reference.qd[:, 0], 0.5)
+    np.testing.assert_allclose(half, 0.5 * reference.functions["friction"]()["tau"][0], **close)
     assert code.coordinates == 3
 
 

@@ -51,25 +51,25 @@ def random_states(seed: int, count: int = 80) -> np.ndarray:
 def test_slopes_are_those_of_the_cost(criterion, zero):
     beta = BETA.copy()
     beta[list(zero)] = 0.0
-    slopes = Gradients.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
+    gradients = Gradients.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
     states, way = random_states(1), random_states(2)
-    cost = lambda t: slopes(states + t * way, 3.0, 10.0)[0]  # noqa: E731
+    cost = lambda t: gradients(states + t * way, 3.0, 10.0)[0]  # noqa: E731
     step = 1e-6
     slope = (cost(step) - cost(-step)) / (2 * step)
-    assert np.sum(slopes(states, 3.0, 10.0)[1] * way) == pytest.approx(slope, rel=1e-3)
+    assert np.sum(gradients(states, 3.0, 10.0)[1] * way) == pytest.approx(slope, rel=1e-3)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA, ids=lambda one: type(one).__name__)
 def test_a_sharp_stand_in_differs_from_the_criterion_by_a_constant(criterion):
     """By none but for Information, whose stand-in leaves out the number of rows."""
     columns = tuple(range(len(BETA)))
-    slopes = Gradients.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
+    gradients = Gradients.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
     apart = []
     for seed in (3, 4):
         states = random_states(seed)
         made = bench.Trajectory(0.04, *(np.ascontiguousarray(x.T) for x in states))
         found = quality(observed_motion(PHANTOM, made), columns, BETA, NOISE)
-        apart.append(slopes.cost(states, power=200.0) - criterion.cost(found) - _left_out(criterion, found))
+        apart.append(gradients.cost(states, power=200.0) - criterion.cost(found) - _left_out(criterion, found))
     np.testing.assert_allclose(apart, 0.0, atol=0.02)
 
 

@@ -50,7 +50,7 @@ def test_slopes_of_limits_are_differences_of_the_excesses(name):
     rng, step = np.random.default_rng(2), 1e-6
     weights, way = rng.normal(size=excesses(states).shape), rng.normal(size=states.shape)
     wanted = (weights * (excesses(states + step * way) - excesses(states - step * way))).sum(axis=0) / (2 * step)
-    found = (bounds.slopes(states, weights) * way).sum(axis=(0, 1))
+    found = (bounds.gradients(states, weights) * way).sum(axis=(0, 1))
     # A sample at a corner of a limit is no sample to compare.
     assert np.quantile(np.abs(found - wanted) / np.abs(wanted).max(), 0.95) < 1e-5
 
@@ -61,8 +61,8 @@ def test_slopes_of_the_criterion_are_differences_of_the_cost(name, criterion):
     bounds = limited(name)
     states, model = states_of(bounds.model), bounds.model
     some = tuple(range(0, len(model.base), 2))
-    slopes = Gradients.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
+    gradients = Gradients.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
     way, step = np.random.default_rng(2).normal(size=states.shape), 1e-6
-    wanted = (slopes.cost(states + step * way, 2.0) - slopes.cost(states - step * way, 2.0)) / (2 * step)
-    found = np.sum(slopes(states, 2.0, 0.0)[1] * way)
+    wanted = (gradients.cost(states + step * way, 2.0) - gradients.cost(states - step * way, 2.0)) / (2 * step)
+    found = np.sum(gradients(states, 2.0, 0.0)[1] * way)
     assert found == pytest.approx(wanted, rel=1e-5, abs=1e-7)

@@ -63,13 +63,13 @@ def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
 def test_c_is_the_reduced_model_in_python(reduced, tmp_path):
     export_c(reduced, tmp_path, CCode(NAME, reversal_speed=SPEED))
     library = Library.built(tmp_path, code_of(reduced.model, SPEED, reduced.zero), "double")
-    golden = ReferenceValues.at_random(reduced.model, reduced.beta, SPEED, 2000)
-    arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
+    reference = ReferenceValues.at_random(reduced.model, reduced.beta, SPEED, 2000)
+    arrays = {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")}
     for function in library.code.functions:
         if function.checks:
             continue
         got = library(function.name, arrays)
-        for output, wanted in golden.functions[function.name]().items():
+        for output, wanted in reference.functions[function.name]().items():
             assert relative(got[output], wanted) < 1e-12, (function.name, output)
     run([compiler("gcc"), *STRICT, f"{NAME}.c", f"{NAME}_selftest.c", "-lm", "-o", "selftest"], tmp_path)
     run(["./selftest"], tmp_path)

@@ -66,8 +66,8 @@ def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(model):
     found = rows @ np.nan_to_num(model.device.chi_prior)
     np.testing.assert_allclose(found, equation_4(MASS, MOMENTS, BASE_YY), rtol=1e-13)
     np.testing.assert_allclose(ALPHA * found, TABLE1, atol=2e-4)
-    golden = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
-    np.testing.assert_allclose(found, golden, atol=5e-9)
+    reference = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
+    np.testing.assert_allclose(found, reference, atol=5e-9)
 
 
 def test_targets_of_any_bodies_are_equation_4(model):

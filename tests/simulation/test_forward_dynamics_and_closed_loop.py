@@ -52,7 +52,7 @@ def test_slopes_are_those_of_differences(name):
     )
     cd, cdd = rng.normal(size=(2, *c.shape))
     forward = ForwardDynamics(model, np.abs(rng.normal(size=model.mechanism.columns)))
-    found = forward.slopes(c, cd, cdd)
+    found = forward.gradients(c, cd, cdd)
     for k, move in enumerate(step * np.eye(len(c))[:, :, None]):
         by_c = forward.inverse(c + move, cd, cdd) - forward.inverse(c - move, cd, cdd)
         by_cd = forward.inverse(c, cd + move, cdd) - forward.inverse(c, cd - move, cdd)

@@ -48,7 +48,7 @@ def model(request, tmp_path_factory):
 def test_slopes_of_the_inverse_model_are_those_of_differences(model):
     _, (c, cd, cdd) = states_of(model, 20)
     forward, step = ForwardDynamics(model, sets_of(model, truth(model))), 1e-6
-    found = forward.slopes(c, cd, cdd)
+    found = forward.gradients(c, cd, cdd)
     for k, move in enumerate(step * np.eye(2)[:, :, None]):
         by_c = forward.inverse(c + move, cd, cdd) - forward.inverse(c - move, cd, cdd)
         by_cd = forward.inverse(c, cd + move, cdd) - forward.inverse(c, cd - move, cdd)

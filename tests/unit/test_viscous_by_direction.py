@@ -116,12 +116,12 @@ def alike(tmp_path):
 def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
     torques = []
     for model, beta in alike:
-        golden = ReferenceValues.at_random(model, beta, 0.01, 200)
-        wanted = golden.functions["friction"]()["tau"]
+        reference = ReferenceValues.at_random(model, beta, 0.01, 200)
+        wanted = reference.functions["friction"]()["tau"]
         folder = tmp_path / f"c{len(torques)}"
         export_c((model, beta), folder, CCode(NAME, reversal_speed=0.01))
         library = Library.built(folder, code_of(model, 0.01), "double")
-        got = library("friction", {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
+        got = library("friction", {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
         assert relative(got, wanted) < 1e-12
         torques.append(wanted)
     np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12)

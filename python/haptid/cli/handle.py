@@ -62,7 +62,7 @@ def chosen(
     return Poses(where.grid(grid or POSES), where=where)
 
 
-def asked(
+def table_request(
     device: Device, along: str | None, speed: float | None, stiffness: str | None, torque: Sequence[str]
 ) -> TableRequest:
     """Inputs of the figures in addition to the model.
@@ -84,11 +84,11 @@ def asked(
     )
 
 
-def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str, float], None]) -> None:
+def draw(poses: Poses, found: Characterisation, path: Path, progress: Callable[[str, float], None]) -> None:
     """Plot the masses along a sweep, or the largest one over two joints of a grid; nothing for single poses."""
     if poses.path is None and (poses.where is None or len(poses.where.limits) < 2):
         return
-    tell("drawing", 0.0)
+    progress("drawing", 0.0)
     if poses.path is not None:
         label = "from the first pose (0) to the second (1)"
         plot_sweeps(
@@ -96,7 +96,7 @@ def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str,
         )
     elif poses.where is not None:
         _draw_map(poses.where, found, path)
-    tell("drawing", 1.0)
+    progress("drawing", 1.0)
 
 
 def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:

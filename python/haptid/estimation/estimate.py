@@ -87,6 +87,9 @@ class Parameter:
 class Estimate:
     """Base parameters estimated from an observation.
 
+    `beta` is the symbol of the base parameters throughout, as in y = W beta + rho: of an estimate it is
+    `quantities.values`, of a function's argument a vector in the order of `model.base`.
+
     With inequality constraints, covariance, standard errors and degrees of freedom are those of the unconstrained fit.
 
     Attributes:

@@ -27,7 +27,7 @@ _WORST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ReferenceValues:
-    """Reference ("golden") values of the Python model at some states.
+    """Reference values of the Python model at some states.
 
     Attributes:
         model: the dynamic model.
@@ -142,15 +142,15 @@ AMPLITUDE, _SLOWEST = 0.2, 20.0
 
 def selftest(files: Files) -> str:
     """Source of the self-test program."""
-    golden = states(files)
+    reference = states(files)
     parts, calls = [], []
     for name in ("q", "qd", "qdd", "tau"):
-        parts.append(_table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
+        parts.append(_table(f"in_{name}", getattr(reference, name).T, files.dialect, inputs=True))
     for function in files.code.functions:
-        if not golden.sound(function.name).all():
+        if not reference.sound(function.name).all():
             calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
             continue
-        wanted = golden.functions[function.name]()
+        wanted = reference.functions[function.name]()
         parts += [_table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
     q, qd, tau = path(len(files.model.device.drives))
@@ -172,9 +172,9 @@ def selftest(files: Files) -> str:
 
 def states(files: Files) -> ReferenceValues:
     """Random states, chosen so that as many functions as possible are well-conditioned."""
-    golden = ReferenceValues.at_random(files.model, files.source.beta, files.code.speed, POOL)
-    unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
-    return golden.at(np.argsort(unsound, kind="stable")[:_SAMPLES])
+    reference = ReferenceValues.at_random(files.model, files.source.beta, files.code.speed, POOL)
+    unsound = np.sum([~reference.sound(function.name) for function in files.code.functions], axis=0)
+    return reference.at(np.argsort(unsound, kind="stable")[:_SAMPLES])
 
 
 def path(active: int) -> tuple[Array, Array, Array]:

@@ -261,9 +261,9 @@ class Series:
         """What differs, in order of significance; then the notes."""
         order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
         at = family_wise(self.confidence, len(self.names))
-        said = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
+        sentences = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
         rest = len(self.names) - len(order)
-        return (*said, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
+        return (*sentences, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
 
     def _sentence(self, k: int) -> str:
         low, high = int(np.argmin(self.value[:, k])), int(np.argmax(self.value[:, k]))

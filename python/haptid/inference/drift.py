@@ -125,10 +125,10 @@ class Drift:
         """What drifts, in order of significance; then what is not linear in time."""
         order = sorted((self.names.index(name) for name in self.drifts), key=lambda k: self.p[k])
         at = family_wise(self.series.confidence, len(self.names))
-        said = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
+        sentences = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
         if self.bent:
-            said.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
-        return tuple(said)
+            sentences.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
+        return tuple(sentences)
 
     def _sentence(self, k: int) -> str:
         size, unit = abs(self.series.common[k]), f"{self.series.units[k]} in a {self.unit}"

@@ -137,7 +137,7 @@ class Elimination:
         full: the estimate at the start.
         reduced: the estimate at the end, with zero for the eliminated parameters.
         steps: the steps, in order.
-        refused: the step that the F-test rejected, None where there was none.
+        rejected: the step that the F-test rejected, None where there was none.
         reason: the stopping criterion that was met, a sentence.
         seen: errors of both on the rows of the fit, full and reduced.
         unseen: the same on unseen rows, None without them.
@@ -146,7 +146,7 @@ class Elimination:
     full: Estimate
     reduced: Estimate
     steps: tuple[EliminationStep, ...]
-    refused: EliminationStep | None
+    rejected: EliminationStep | None
     reason: str
     seen: tuple[Validation, Validation]
     unseen: tuple[Validation, Validation] | None
@@ -168,8 +168,8 @@ class Elimination:
         lines = [f"{len(self.full.free_parameters)} parameters, {len(self.essential)} essential. {self.reason}"]
         for k, step in enumerate(self.steps, 1):
             lines.append(f"  {k:2d} without {_line(step)}")
-        if self.refused:
-            lines.append(f"     refused {_line(self.refused)}")
+        if self.rejected:
+            lines.append(f"     rejected {_line(self.rejected)}")
         for k in self.reduced.free_parameters:
             p = self.reduced.parameters[k]
             lines.append(
@@ -226,7 +226,7 @@ def eliminate(
     how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
-    now, refused = full, None
+    now, rejected = full, None
     steps: list[EliminationStep] = []
     while (name := least_precise(now)) is not None and not satisfied(now, how.rule):
         smaller = refit_without(full, (*(step.name for step in steps), name))
@@ -234,12 +234,12 @@ def eliminate(
             name, now[name].relative_se, rao_scott_test(full, smaller.zero), fit_errors(smaller).relative
         )
         if step.test.p < how.level:
-            refused = step
+            rejected = step
             break
         now, steps = smaller, [*steps, step]
     both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
     return Elimination(
-        full, now, tuple(steps), refused, stop_reason(now, refused, how), (fit_errors(full), fit_errors(now)), both
+        full, now, tuple(steps), rejected, stop_reason(now, rejected, how), (fit_errors(full), fit_errors(now)), both
     )
 
 
@@ -333,12 +333,12 @@ def rao_scott_test(full: Estimate, zero: tuple[int, ...]) -> FTest:
     return FTest(F, (above, below), float(stats.f.sf(F, above, below)))
 
 
-def stop_reason(now: Estimate, refused: EliminationStep | None, how: BackwardElimination) -> str:
+def stop_reason(now: Estimate, rejected: EliminationStep | None, how: BackwardElimination) -> str:
     """Which stopping criterion was met."""
-    if refused is not None:
+    if rejected is not None:
         return (
-            f"The F-test rejects the elimination of {refused.name}, whose relative standard error is "
-            f"{refused.relative_se:.3g} %: p = {refused.test.p:.2g}, below {how.level:g}."
+            f"The F-test rejects the elimination of {rejected.name}, whose relative standard error is "
+            f"{rejected.relative_se:.3g} %: p = {rejected.test.p:.2g}, below {how.level:g}."
         )
     if len(now.free_parameters) < 2:
         return "Only one parameter is left."

@@ -36,7 +36,7 @@ from haptid.motion.filters import (
 )
 from haptid.motion.streaming import Delayed, delayed, filtered, lost
 
-# Tail of an impulse response after which a filter counts as settled, as a share of the response.
+# Tail of an impulse response after which a transient counts as over, as a share of the response.
 TRANSIENT_LEFT = 1e-3
 # Samples to either side that a central difference requires.
 SIDE = len(DIFFERENCES) // 2
@@ -306,15 +306,15 @@ class Motion:
 
 
 def transient_samples(sections: Array, longest: int) -> int:
-    """Samples after which less than SETTLED of the two-pass impulse response is left, at most `longest`."""
+    """Samples after which less than TRANSIENT_LEFT of the two-pass impulse response is left, at most `longest`."""
     half = 256
     while True:
         impulse = np.zeros(2 * half + 1)
         impulse[half] = 1.0
         response = np.abs(signal.sosfiltfilt(sections, impulse, padlen=0))[half:]
-        settled = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
-        if settled < half // 2:
-            return min(settled, longest)
+        reached = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
+        if reached < half // 2:
+            return min(reached, longest)
         if half > longest:
             return longest
         half *= 2

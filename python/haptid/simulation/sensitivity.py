@@ -109,7 +109,7 @@ def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array
     n, count = steps.c.shape[1], steps.segments.count
     c, cd, cdd = (_flat(x[part, :, :count]) for x in (steps.c, steps.cd, steps.cdd))
     inverse = np.linalg.inv(ForwardDynamics(forward.model, forward.chi[:1]).inertia(c, cd, cdd))
-    by_c, by_cd = forward.slopes(c, cd, cdd)
+    by_c, by_cd = forward.gradients(c, cd, cdd)
     states = len(inverse)
     F = np.zeros((states, 2 * n, 2 * n))
     F[:, :n, n:] = np.eye(n)

@@ -90,7 +90,7 @@ def identify(
     data: str | Path | None = None,
     progress: _Progress | None = None,
     workers: Executor | None = None,
-    kept: RFactorCache | None = None,
+    cache: RFactorCache | None = None,
 ) -> Identification:
     """Read and treat the logs of a study, observe, estimate and validate.
 
@@ -104,20 +104,20 @@ def identify(
     Raises:
         HaptidError: any error of the steps.
     """
-    tell = progress or _silent
+    progress = progress or _silent
     as_filed = DynamicModel(read_device(study.device))
-    logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
-    tell("choosing a treatment", 0.0)
+    logs = [_read(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    progress("choosing a treatment", 0.0)
     proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
-    tell("choosing a treatment", 1.0)
+    progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
-    motions = [_treat(log, proposal.treatment, tell) for log in logs]
+    motions = [_treat(log, proposal.treatment, progress) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, tell)
+    model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, progress)
     intervals = projection.intervals if projection else study.intervals
-    observations = observe_all(model, motions, workers, kept, _pace(tell))
+    observations = observe_all(model, motions, workers, cache, _pace(progress))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
-    tell("estimating", 0.0)
+    progress("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
     runs = []
     for entry, observation in zip(study.logs, observations, strict=True):
@@ -127,7 +127,7 @@ def identify(
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others)
             runs.append(Run(entry, observation, fit_errors(final, observation), unseen))
-    tell("estimating", 1.0)
+    progress("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
 
 
@@ -135,12 +135,12 @@ def _silent(_what: str, _share: float) -> None:
     """No progress report."""
 
 
-def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
+def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
-    tell(f"reading {name}", 0.0)
+    progress(f"reading {name}", 0.0)
     path = data / entry.path
     log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
-    tell(f"reading {name}", 1.0)
+    progress(f"reading {name}", 1.0)
     return log
 
 
@@ -155,14 +155,14 @@ def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEnt
     return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
 
 
-def _treat(log: Log, treatment: Treatment, tell: _Progress) -> Motion:
-    tell(f"treating {log.path.name}", 0.0)
+def _treat(log: Log, treatment: Treatment, progress: _Progress) -> Motion:
+    progress(f"treating {log.path.name}", 0.0)
     motion = treat(log, treatment)
-    tell(f"treating {log.path.name}", 1.0)
+    progress(f"treating {log.path.name}", 1.0)
     return motion
 
 
-def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
+def _pace(progress: _Progress) -> Callable[[Motion, float], None]:
     """Progress of observing, with samples per second."""
     begin, done = time.perf_counter(), dict[Motion, float]()
 
@@ -170,7 +170,7 @@ def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
         done[motion] = share * len(motion)
         rate = sum(done.values()) / max(time.perf_counter() - begin, 1e-9)
         assert motion.log is not None  # a study's motions all come from logs
-        tell(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
+        progress(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
 
     return observing
 

@@ -49,8 +49,8 @@ def misfit(value: Array, se: Array, dof: Array, columns: Array) -> float:
         dof: degrees of freedom of each deviation, (n,).
         columns: of full rank, (n, c).
     """
-    told = np.isfinite(se)
-    value, se, dof, columns = value[told], se[told], dof[told], columns[told]
+    finite = np.isfinite(se)
+    value, se, dof, columns = value[finite], se[finite], dof[finite], columns[finite]
     free = len(value) - columns.shape[1]
     if free < 1 or not value.any():
         return 1.0

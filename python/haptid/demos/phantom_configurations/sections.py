@@ -238,8 +238,8 @@ def _hand(found: Results) -> DocumentSection:
         "with the model": ("blue", curve(hand.modelled - hand.measured)),
     }
     fine = {
-        "with the model": ("blue", curve(hand.modelled_late - hand.true_late)),
-        "momentum observer": ("green", curve(hand.observed - hand.true_late)),
+        "with the model": ("blue", curve(hand.modelled_delayed - hand.true_delayed)),
+        "momentum observer": ("green", curve(hand.observed - hand.true_delayed)),
     }
     title, charts = f"Fig. {number}: force along {'xyz'[along]}", []
     for key, label, curves in (

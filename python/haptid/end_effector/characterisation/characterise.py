@@ -99,7 +99,7 @@ class Characterisation:
         Its component along d is the force lost to dry friction; `backdrive_force` adds the weight.
         """
         rates = self.handle.all_rates(self._rates(self._unit(direction)))
-        return linear(self.identified, lambda beta: self._felt(friction.dry_torque(self.model, beta, rates)), "N")
+        return linear(self.identified, lambda beta: self._at_handle(friction.dry_torque(self.model, beta, rates)), "N")
 
     @cached_property
     def coulomb_by_axis(self) -> Field:
@@ -107,14 +107,14 @@ class Characterisation:
 
         def of(beta: Array) -> Array:
             level = friction.coulomb_level(self.model, beta)
-            return self._felt(np.repeat(level[:, None], len(self.handle), axis=1))
+            return self._at_handle(np.repeat(level[:, None], len(self.handle), axis=1))
 
         return linear(self.identified, of, "N")
 
     @cached_property
     def weight(self) -> Field:
         """Force of the hand that supports the device, without friction, (poses, m), N."""
-        return linear(self.identified, lambda beta: self._felt(self._static(beta)), "N")
+        return linear(self.identified, lambda beta: self._at_handle(self._static(beta)), "N")
 
     def backdrive_force(self, direction: ArrayLike) -> Field:
         """Back-drive force along d: moves the device slowly that way, motors off; friction and weight, (poses,), N."""
@@ -122,7 +122,7 @@ class Characterisation:
         rates = self.handle.all_rates(self._rates(d))
 
         def of(beta: Array) -> Array:
-            return np.asarray(self._felt(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
+            return np.asarray(self._at_handle(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
 
         return linear(self.identified, of, "N")
 
@@ -224,8 +224,8 @@ class Characterisation:
         D = friction.viscous_matrix(self.model, beta)[inner][:, inner]
         return np.asarray(self.inverse.mT @ D @ self.inverse)
 
-    def _felt(self, torque: Array) -> Array:
-        return friction.felt(self.handle, self.inverse, torque)
+    def _at_handle(self, torque: Array) -> Array:
+        return friction.force_at_handle(self.handle, self.inverse, torque)
 
     def _static(self, beta: Array) -> Array:
         """Static torque, (active, poses): gravity, springs, offsets."""

@@ -61,6 +61,6 @@ def _terms(model: DynamicModel, beta: Array, kinds: tuple[str, ...]) -> list[tup
     return [(term, float(value)) for term, value in pairs if term.nature in kinds and value]
 
 
-def felt(handle: HandleJacobian, inverse: Array, torque: Array) -> Array:
+def force_at_handle(handle: HandleJacobian, inverse: Array, torque: Array) -> Array:
     """Force at the handle, (poses, m), in equilibrium with torques of all coordinates, (active, poses)."""
     return np.asarray(np.einsum("pnm,np->pm", inverse, torque[list(handle.moving)]))

@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of, link_poses
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.friction import felt
+from haptid.end_effector.characterisation.friction import force_at_handle
 from haptid.end_effector.characterisation.jacobian import HandleJacobian
 
 # Directions of the grid search for a largest force, and steps from the best of them: within 0.1 % of a search over
@@ -70,7 +70,7 @@ def neglected_force(handle: HandleJacobian, inverse: Array, beta: Array, velocit
     bias = velocity_product_acceleration(model, handle.qa, to_joints @ cd)[:, list(handle.rows)]
     cdd = -handle.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), bias))
     chi = rigid(model, raw_parameters(model, beta))
-    return felt(handle, inverse, core_torque(model, chi, model.device.row_map @ handle.qa, cd, cdd))
+    return force_at_handle(handle, inverse, core_torque(model, chi, model.device.row_map @ handle.qa, cd, cdd))
 
 
 def worst_directions(handle: HandleJacobian, inverse: Array, beta: Array, speed: float) -> Array:

@@ -77,7 +77,7 @@ def indices(known: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class EqualityConstraints(Wrapper):
-    """Another method with equality constraints on parameters: a link that was weighed, links of equal inertia.
+    """Another method with equality constraints on parameters: a link of known mass, links of equal inertia.
 
     Solved on the R factor in the null space of the constraints.
 

@@ -39,7 +39,7 @@ def fit_nonlinear_constants(
     motions: Sequence[RowSource],
     method: Method | None = None,
     intervals: Intervals | None = None,
-    tell: _Progress | None = None,
+    progress: _Progress | None = None,
 ) -> tuple[DynamicModel, VariableProjection | None]:
     """The model with its searched constants and loads estimated, linear in all other parameters.
 
@@ -51,30 +51,32 @@ def fit_nonlinear_constants(
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None.
         intervals: of the constants, `ClusterRobust()` where None.
-        tell: called with the present step and the share of it done.
+        progress: called with the present step and the share of it done.
 
     Raises:
         HaptidError: as `fit_load_friction` and `variable_projection`.
     """
-    tell = tell or (lambda _what, _share: None)
-    model = _loaded(model, motions, method, tell)
+    progress = progress or (lambda _what, _share: None)
+    model = _loaded(model, motions, method, progress)
     if not model.device.searched:
         return model, None
-    tell("searching constants", 0.0)
+    progress("searching constants", 0.0)
     projection = variable_projection(
-        model, motions, method, intervals, lambda share: tell("searching constants", share)
+        model, motions, method, intervals, lambda share: progress("searching constants", share)
     )
-    model = _loaded(projection.model, motions, method, tell)
+    model = _loaded(projection.model, motions, method, progress)
     return model, replace(projection, model=model)
 
 
-def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | None, tell: _Progress) -> DynamicModel:
+def _loaded(
+    model: DynamicModel, motions: Sequence[RowSource], method: Method | None, progress: _Progress
+) -> DynamicModel:
     """With its loads estimated, where it has friction by load."""
     if not model.has_loads:
         return model
-    tell("estimating loads", 0.0)
+    progress("estimating loads", 0.0)
     model = fit_load_friction(model, motions, method)
-    tell("estimating loads", 1.0)
+    progress("estimating loads", 1.0)
     return model
 
 

@@ -47,17 +47,17 @@ class InTheLoopResult:
     @property
     def weight_left(self) -> float:
         """Weight that remains under gravity compensation, relative to that without, over all poses and axes."""
-        return _norm(felt.weight for felt in self.assisted) / _norm(felt.weight for felt in self.bare)
+        return _norm(at.weight for at in self.assisted) / _norm(impedance.weight for impedance in self.bare)
 
     @property
     def friction_taken(self) -> float:
         """Share of the dry friction that is compensated, over all poses and axes."""
-        return 1 - _norm(felt.friction for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
+        return 1 - _norm(at.friction for at in self.assisted) / _norm(impedance.friction for impedance in self.bare)
 
     @property
     def roughness(self) -> float:
         """Vibration caused by friction compensation, relative to the dry friction, over all poses and axes."""
-        return _norm(felt.roughness for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
+        return _norm(at.roughness for at in self.assisted) / _norm(impedance.friction for impedance in self.bare)
 
     @property
     def better_tracking(self) -> float:

@@ -106,7 +106,7 @@ class Gradients:
         violated = over.any(axis=0)
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
-            by_state[:, :, violated] = self.bounds.slopes(there, 2 / n * over[:, violated])
+            by_state[:, :, violated] = self.bounds.gradients(there, 2 / n * over[:, violated])
         flat, by_position = self._flatness(states)
         by_state[0] += by_position
         return weight * (float((over**2).sum()) / n + flat), weight * by_state

@@ -142,7 +142,7 @@ class MotionBounds:
             for label, most, x in zip(self.model.device.row_labels, self.torque, tau, strict=True):
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
-    def slopes(self, states: Array, weights: Array) -> Array:
+    def gradients(self, states: Array, weights: Array) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of all violations of `by_sample`.
 
         Args:

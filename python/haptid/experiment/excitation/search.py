@@ -223,7 +223,7 @@ class _Search:
             return
 
     @cached_property
-    def slopes(self) -> Gradients:
+    def gradients(self) -> Gradients:
         """Gradients of the criterion and the limits."""
         return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
 
@@ -244,7 +244,7 @@ class _Search:
     def _gradient(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,)."""
         states = self.evaluate(x, seed)[0]
-        cost, by_state = self.slopes(states, power, weight)
+        cost, by_state = self.gradients(states, power, weight)
         return cost, np.tensordot(self._jacobian(x, seed), by_state, axes=3)
 
     def _jacobian(self, x: Array, seed: int) -> Array:
@@ -270,7 +270,7 @@ class _Search:
     def _penalised(self, start: _Start) -> float:
         """Cost of a motion plus penalties of all violated limits."""
         states, excess = self.evaluate(start.x, start.seed)
-        return self.slopes.cost(states) + _PENALTY * excess
+        return self.gradients.cost(states) + _PENALTY * excess
 
     def evaluate(self, x: Array, seed: int) -> tuple[Array, float]:
         """States of the motion at a point of the unit cube, (3, active, n), and its summed violation of limits."""

@@ -87,8 +87,8 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     # A long log is not simulated as a whole.
     by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
     findings = (*motion, *_on_rows(part, by), influence(estimate), parameter_drift(estimate))
-    said = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, by)))
+    sentences = () if part is estimate else (sentence(estimate, part),)
+    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)))
 
 
 def _on_rows(estimate: Estimate, by: Instruments) -> Iterator[Finding]:

@@ -102,13 +102,13 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     torque = [size, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
-    said = (
+    parts = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
         (_use("It is", "quoting single parameters", single, precise), _looks(single)),
         *_next(findings, errors),
     )
-    sentences, looks = zip(*said, strict=True)
+    sentences, looks = zip(*parts, strict=True)
     return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
 
 
