@@ -101,7 +101,7 @@ def test_a_loop_of_a_plane_has_one_pin_and_a_loop_in_space_a_hinge():
     assert len(cut_sites(haptid.DynamicModel(haptid.read_device("delta")))) == 4
 
 
-def test_a_motion_near_a_flat_pose_is_refused():
+def test_a_motion_near_a_flat_pose_is_rejected():
     """At 2.356 and 0.785 the handle is in the middle; inwards the outer bars come to lie on one line."""
     model = haptid.DynamicModel(haptid.read_device("five_bar"))
     kind = bench.Multisine(0.8, (3.012, 0.13), (0.002, 0.002), ramp=0.3)

@@ -37,7 +37,7 @@ def test_rates_are_derivatives_and_both_ends_are_at_rest(kind):
     bench.check_trajectory(PHANTOM, made, CHI)
 
 
-def test_sweep_runs_at_the_speeds_that_were_asked_for():
+def test_sweep_runs_at_the_speeds_that_were_requested():
     made = bench.plan(bench.Sweep(CENTRE, (0.4,), (0.2, 1.0)), PHANTOM, 1e-3, np.random.default_rng(0))
     for joint in range(3):
         for speed in (0.2, 1.0, -0.2, -1.0):
@@ -106,7 +106,7 @@ def test_motors_must_be_strong_enough():
     assert raised.value.where[0] == "motor 2"
 
 
-def test_flat_loops_are_refused():
+def test_flat_loops_are_rejected():
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     with pytest.raises(errors.TrajectoryError) as raised:
         check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))

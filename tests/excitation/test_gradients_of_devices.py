@@ -43,7 +43,7 @@ def states_of(model: haptid.Device, count: int = 60) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", DEVICES)
-def test_slopes_of_limits_are_differences_of_the_excesses(name):
+def test_gradients_of_limits_are_differences_of_the_excesses(name):
     bounds = limited(name)
     states = states_of(bounds.model)
     excesses = lambda x: np.array([excess for excess, _ in bounds.by_sample(x)])  # noqa: E731
@@ -57,7 +57,7 @@ def test_slopes_of_limits_are_differences_of_the_excesses(name):
 
 @pytest.mark.parametrize("criterion", [ScaledCondition(), RawCondition()], ids=lambda one: type(one).__name__)
 @pytest.mark.parametrize("name", DEVICES)
-def test_slopes_of_the_criterion_are_differences_of_the_cost(name, criterion):
+def test_gradients_of_the_criterion_are_differences_of_the_cost(name, criterion):
     bounds = limited(name)
     states, model = states_of(bounds.model), bounds.model
     some = tuple(range(0, len(model.base), 2))

@@ -35,7 +35,7 @@ def test_header_says_what_the_model_is_and_how_it_was_validated(tmp_path, identi
     assert made.verdict in (made.folder / "README.md").read_text()
 
 
-def test_a_failed_validation_is_refused_and_told(tmp_path, identification):
+def test_a_failed_validation_is_rejected_with_a_reason(tmp_path, identification):
     out = tmp_path / "out"
     with pytest.raises(errors.UnvalidatedModelError) as raised:
         export_c(identification, out, largest_error=1e-6)
@@ -45,7 +45,7 @@ def test_a_failed_validation_is_refused_and_told(tmp_path, identification):
     assert "VALIDATION FAILED" in header(out)
 
 
-def test_a_criterion_asks_for_a_validation(tmp_path, identification):
+def test_a_criterion_requires_a_validation(tmp_path, identification):
     estimate = identification.estimate
     with pytest.raises(errors.UnvalidatedModelError) as raised:
         export_c(estimate, tmp_path / "out", largest_error=5.0)

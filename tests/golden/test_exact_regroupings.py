@@ -52,7 +52,7 @@ def table_of_regroupings(path: Path, kind: str) -> dict[tuple[str, str], str]:
 
 
 @pytest.mark.parametrize("kind", ["A", "B"])
-def test_all_86_regroupings_of_the_cea_branch_by_both_roads(kind: str, tmp_path: Path) -> None:
+def test_all_86_regroupings_of_the_cea_branch_by_both_methods(kind: str, tmp_path: Path) -> None:
     """70 inertial parameters, and friction of 5 passive and 3 cut joints, viscous and dry.
 
     The table has two rows for a parameter in two base parameters; a pair that it does not have has coefficient zero.

@@ -109,7 +109,7 @@ def test_no_identified_column_is_possible(model, to_pi, installation):
 
 
 @pytest.mark.parametrize("installation", TABLE)
-def test_the_nearest_possible_obey_the_necessary_conditions(model, to_pi, installation):
+def test_the_nearest_feasible_satisfy_the_necessary_conditions(model, to_pi, installation):
     """Conditions on pi that any bodies fulfil, derived by hand from the mass matrix; torque changes by per cents."""
     R = metric(model, to_pi, installation)
     beta = np.linalg.solve(to_pi, TABLE[installation])

@@ -108,7 +108,7 @@ def test_the_groupings_of_equation_4_are_found_in_link_frames(model):
     assert found["pi_8"] == "9.81 MXdfR + 9.81 MXaR"
 
 
-def test_torque_of_the_targets_is_the_golden_one(model):
+def test_torque_of_the_targets_is_the_reference_one(model):
     """All fourteen of Table I, Normal, in units of command, against the closed form at one state."""
     normal = [0.0039, 0.0037, -0.0011, 0.0019, 0.0057, 0.0026, -0.0525, -0.3002,
               -0.0057, -0.0035, -0.0005, 0.0707, 0.0251, 0.0248]  # fmt: skip

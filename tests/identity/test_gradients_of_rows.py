@@ -132,7 +132,7 @@ def test_a_long_motion_in_parts_is_a_short_one():
     np.testing.assert_array_equal(core.form_slopes(*part, columns, forms), form[:, some])
 
 
-def test_wrong_shapes_are_refused():
+def test_wrong_shapes_are_rejected():
     mechanism = tree(1)
     core = mechanism.core()
     c, cd, cdd = states(mechanism, 4)

@@ -43,7 +43,7 @@ def test_a_log_becomes_an_estimate_that_predicts_another(model, tmp_path, treatm
     assert haptid.validate(found, unseen).relative < percent
 
 
-def test_a_proposal_keeps_what_was_asked(model, tmp_path):
+def test_a_proposal_keeps_what_was_requested(model, tmp_path):
     log = recorded(model, tmp_path, 1)
     made = haptid.propose(model, log, accelerations="momentum").treatment
     assert made.momentum

@@ -14,7 +14,7 @@ from test_regressor_against_pinocchio import pinocchio_model  # noqa: E402
 
 @settings(max_examples=60, deadline=None)
 @given(mechanisms(), st.integers(1, 10), st.sampled_from(_core.backends()))
-def test_slopes_of_torques_are_pinocchios(mechanism, samples, backend):
+def test_gradients_of_torques_are_pinocchios(mechanism, samples, backend):
     motion = states(mechanism, samples)
     columns, none = list(range(10 * len(mechanism.parent))), np.zeros((0, samples))
     found = mechanism.core(backend).torque_slopes(*motion, none, columns, mechanism.chi.tolist())

@@ -44,7 +44,7 @@ def test_emps_errors_are_the_published_ones(emps):
     assert pulses.unseen[0].relative == pytest.approx(5.982, abs=0.05)
 
 
-def test_emps_textbook_deviations_are_the_published_ones_and_the_honest_ones_are_larger(emps):
+def test_emps_classical_deviations_are_the_published_ones_and_the_cluster_robust_ones_are_larger(emps):
     for name, (_, se) in EMPS.items():
         assert emps.estimate[name].classical_se == pytest.approx(se, rel=0.1)
         assert emps.estimate[name].se > emps.estimate[name].classical_se

@@ -105,7 +105,7 @@ def test_reduced_estimate_validates_and_predicts_unchanged(model):
     assert all(name in text for name in found.essential)
 
 
-def test_of_one_parameter_the_test_is_the_honest_t(model):
+def test_of_one_parameter_the_test_is_the_cluster_robust_t(model):
     full = fitted(model, noise=0.05, phi=0.8)
     k = full.base.names.index("FV1")
     test = rao_scott_test(full, (k,))
@@ -114,7 +114,7 @@ def test_of_one_parameter_the_test_is_the_honest_t(model):
     assert test.p == pytest.approx(2 * stats.t.sf(np.sqrt(test.F), full.dof[k]), rel=1e-6)
 
 
-def test_with_white_residuals_it_is_the_textbook_f(model):
+def test_with_white_residuals_it_is_the_classical_f(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
     dof = full.observation.rows - len(full.beta)
     size = np.full(len(full.beta), dof / len(ZERO))
@@ -165,7 +165,7 @@ def test_by_motor_each_has_its_own(model):
         assert one.seen[0].relative <= one.seen[1].relative
 
 
-def test_a_held_estimate_is_refused(model):
+def test_a_constrained_estimate_is_rejected(model):
     with pytest.raises(errors.SettingError):
         eliminate(fitted(model, method=haptid.PhysicallyConsistent(), noise=0.02))
 

@@ -55,7 +55,7 @@ def _noisy(model, beta, run, phi, treatment):
     return replace(clean, tau=clean.tau + 0.1 * clean.tau.std(axis=0) * noise)
 
 
-def test_textbook_intervals_do_not_hold_it_when_residuals_are_correlated():
+def test_classical_intervals_do_not_hold_it_when_residuals_are_correlated():
     """What the honest interval is for: with correlated residuals the textbook's is far too narrow."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     found = haptid.estimate(

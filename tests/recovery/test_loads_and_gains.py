@@ -109,7 +109,7 @@ def test_gains_are_inside_their_intervals(model):
     assert "of the file's gain" in found.summary()
 
 
-def test_what_cannot_be_is_refused(model, tmp_path, monkeypatch):
+def test_what_cannot_be_is_rejected(model, tmp_path, monkeypatch):
     with pytest.raises(errors.UnknownNameError):
         haptid.observation.payload_torque(model, "9", LOAD)
     flat = device_of(tmp_path, DEVICE + '[[symmetry]]\nreason = "flat"\nzero = ["MZ3"]\n')

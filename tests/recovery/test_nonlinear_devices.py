@@ -87,7 +87,7 @@ def test_without_noise_constant_and_load_come_back(model):
     np.testing.assert_allclose(beta, truth(model), rtol=1e-3, atol=1e-5)
 
 
-def test_loads_are_settled_with_the_constants_that_were_found(found, model):
+def test_loads_are_fitted_with_the_constants_that_were_found(found, model):
     motions = [run.motion for run in found.runs]
     velocity = found.projection["FS2.velocity"].value
     assert velocity == pytest.approx(VELOCITY, rel=0.3)
@@ -106,7 +106,7 @@ def test_rows_held_out_have_seen_neither_constant_nor_load(found, model):
         assert run.unseen[0].relative == pytest.approx(own.relative, rel=1e-9)
 
 
-def test_loads_alone_are_settled_by_every_fold(tmp_path):
+def test_loads_alone_are_fitted_by_every_fold(tmp_path):
     """The other log is of a device that carries twice as much: whoever had seen it would come nearer."""
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
@@ -140,7 +140,7 @@ def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
         np.testing.assert_array_equal(Result.load(folder).model.load, found.model.load)
 
 
-def test_a_result_without_the_bodies_is_refused(found, tmp_path):
+def test_a_result_without_the_bodies_is_rejected(found, tmp_path):
     Result.of(found).save(tmp_path)
     path = tmp_path / "result.json"
     for change in ('"load_friction_parameters": null', '"load_friction_parameters": [1.0]'):
@@ -156,7 +156,7 @@ def test_a_result_without_the_bodies_is_refused(found, tmp_path):
     "method",
     [e.TLS(), e.ErrorsInVariables(1e-4), e.Ridge(), e.EKF(), e.EqualityConstraints({"FC1 - FC2": 0.0}, e.OLS())],
 )
-def test_loads_settle_with_any_method(tmp_path, method):
+def test_loads_are_fitted_with_any_method(tmp_path, method):
     """Of a method that does more than weigh rows, what is around; of one that is no weighting at all, WLS."""
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))

@@ -91,7 +91,7 @@ def test_ends_are_the_furthest_that_bodies_can_have(level):
     assert cost(high - step) < most < cost(high + step)
 
 
-def test_it_holds_the_truth_as_often_as_it_says():
+def test_it_covers_the_truth_as_often_as_stated():
     model = two_links()
     beta = truth(model, 0.0)
     inside, widths = [], []

@@ -85,7 +85,7 @@ def test_instruments_that_are_the_columns_change_nothing():
     np.testing.assert_allclose(solve(rows, weights).beta, free.beta, rtol=1e-8, atol=1e-10)
 
 
-def test_two_stages_are_the_textbook_s_one():
+def test_two_stages_are_the_classical_one():
     """(Z'W)^-1 Z'y, instruments of another filter."""
     log = made(ARM)[1]
     calm = haptid.treat(log, haptid.Treatment(cutoff_hz=12, decimation=10, torque_delay_s=5e-4, reversal_speed=0.05))
@@ -131,7 +131,7 @@ def test_a_measurement_is_kalman_s():
     np.testing.assert_allclose(rows[:2, :2].T @ rows[:2, :2], more, rtol=1e-6, atol=1e-9)
 
 
-def test_what_is_missing_is_said():
+def test_what_is_missing_is_reported():
     observation = observed(ARM, 30, 10)
     for kind in (estimation.IV, estimation.DIDIM, estimation.CLIE, estimation.CLOE):
         with pytest.raises(errors.SettingError) as raised:

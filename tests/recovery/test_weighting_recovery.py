@@ -61,6 +61,6 @@ def test_it_is_inside_the_others_too(intervals):
     assert inside(haptid.WLS(), intervals) > 0.8
 
 
-def test_of_whitened_rows_the_textbook_is_right_and_of_weighted_ones_far_too_narrow():
+def test_of_whitened_rows_the_classical_is_right_and_of_weighted_ones_far_too_narrow():
     assert inside(GLS(), Classical()) > 0.8
     assert inside(haptid.WLS(), Classical()) < 0.75

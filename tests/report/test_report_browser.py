@@ -129,7 +129,7 @@ def agrees(identified, masses, pose):
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 
-def test_the_device_moves_with_its_sliders_and_weighs_what_the_library_says(report):
+def test_the_device_moves_with_its_sliders_and_has_the_masses_the_library_states(report):
     before, masses, pose = scene_of(report)
     agrees(found().estimate, masses, pose)
     set_joint(report, 1, pose[1] + 0.3)

@@ -171,7 +171,7 @@ def test_the_closed_loop_is_that_of_the_bench(name):
     assert away[1] < 2e-4  # 1.1e-4 rad of the arm: what friction that turns over within 1 % of the speed leaves
 
 
-def test_short_stretches_are_the_whole():
+def test_short_segments_are_the_whole():
     _, motion, _, _, whole = simulated(PHANTOM, 0.05, segment=4000)
     *_, parts = simulated(PHANTOM, 0.05)
     apart = whole.course(motion).c - parts.course(motion).c
@@ -217,7 +217,7 @@ def test_parameters_of_their_own_at_every_state():
     assert by_state.shape == (3, 6)
 
 
-def test_what_is_wrong_with_a_controller_is_said():
+def test_what_is_wrong_with_a_controller_is_reported():
     made, motion, _, forward, _ = simulated(ARM, 0.05)
     segments = Segments.of(len(motion), 400, 0)
 

@@ -45,7 +45,7 @@ def model(request, tmp_path_factory):
     return made(tmp_path_factory.mktemp("device"), request.param)
 
 
-def test_slopes_of_the_inverse_model_are_those_of_differences(model):
+def test_gradients_of_the_inverse_model_are_those_of_differences(model):
     _, (c, cd, cdd) = states_of(model, 20)
     forward, step = ForwardDynamics(model, sets_of(model, truth(model))), 1e-6
     found = forward.gradients(c, cd, cdd)
@@ -86,7 +86,7 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
         np.testing.assert_allclose(found[:, :, k], (ahead - behind).T / (2 * step), rtol=1e-6, atol=1e-7)
 
 
-def test_it_falls_as_a_solver_says(model):
+def test_it_falls_as_a_solver_finds(model):
     """Oracle: accelerations from the inverse model by fixed point, along a solver with steps of its own."""
     beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.device.row_map)
 
@@ -128,7 +128,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     assert haptid.fit_errors(found).relative < 5.0
 
 
-def test_sharp_loads_are_smoothed_and_the_filter_refuses_them(model):
+def test_sharp_loads_are_smoothed_and_the_filter_rejects_them(model):
     sharp = [t.with_constant("width", 0.0) if t.name.startswith("FL") else t for t in model.terms]
     harsh = replace(model, terms=tuple(sharp))
     q, qd, qdd = multisine(2, 2.0, 4e-3, 1)

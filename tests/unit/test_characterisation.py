@@ -81,7 +81,7 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
         assert ((low - margin <= wanted) & (wanted <= high + margin)).mean() > 0.8, name
 
 
-def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
+def test_an_estimate_that_depends_on_one_block_has_infinite_deviations(estimate):
     single_block = replace(estimate, quantities=replace(estimate.quantities, unbounded=(0,)))
     found = characterise(single_block, POSES)
     assert np.isinf(found.apparent_mass.se).all()

@@ -37,14 +37,14 @@ def test_what_is_no_number_does_not_become_one():
     assert np.isnan(triangle(rows)[0]).all()
 
 
-def test_positions_in_another_unit_are_told_at_once():
+def test_positions_in_another_unit_are_reported_at_once():
     """Encoder counts for radians: the way there would be walked for hours."""
     with pytest.raises(errors.LoopClosureError) as raised:
         haptid.DynamicModel(haptid.read_device("four_bar")).device.closure.positions(np.array([[0.1, 1e9]]))
     assert (raised.value.where, raised.value.limit) == (1, 1e4)
 
 
-def test_signals_that_lie_on_their_side_are_refused():
+def test_signals_that_lie_on_their_side_are_rejected():
     core = link(1, *(("external", np.ones(1), 0.0, 0.0, 0.0, 0.0),) * 2)
     q, own = np.zeros((1, 6)), np.arange(12.0).reshape(2, 6)
     assert core.torque(q, q, q, own, np.ones(12)).shape == (1, 6)

@@ -174,7 +174,7 @@ def test_name_that_is_taken(name: str, first: str, tmp_path: Path) -> None:
         changed("cea_medical_branch", tmp_path, (f'name = "{old}"', f'name = "{name}"'))
 
 
-def test_other_refusals(tmp_path: Path) -> None:
+def test_other_rejections(tmp_path: Path) -> None:
     term = '[[terms]]\nkind = "viscous"\nprefix = "D"\njoints = ["13"]\n[handle]'
     with pytest.raises(DeviceFileError, match='no joint is named "13"'):
         changed("cea_medical_branch", tmp_path, ("[handle]", term))

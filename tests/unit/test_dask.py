@@ -57,7 +57,7 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_respond_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptid.executors.PATIENCE", 1.0)
     with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

@@ -137,7 +137,7 @@ def test_there_is_no_profile_of_what_is_pulled(model):
     assert not haptid.estimate(observation, PhysicallyConsistent()).constrained_fit.pulled
 
 
-def test_what_cannot_be_pulled_is_refused(model, tmp_path):
+def test_what_cannot_be_pulled_is_rejected(model, tmp_path):
     assert prior_links(model) == ["1", "2", "3"]
     with pytest.raises(errors.SettingError):
         Entropic(-1.0)

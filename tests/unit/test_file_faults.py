@@ -111,7 +111,7 @@ JUNK = st.one_of(
 )
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_whatever_stands_there_is_told_where_it_stands(model, text, data):
+def test_a_fault_names_its_place(model, text, data):
     """A fault's steps lead to something in the data, or to one key that it lacks."""
     tables = copy.deepcopy(tomllib.loads(text))
     here = tables

@@ -107,7 +107,7 @@ def test_filters_are_those_of_the_prediction(phantom):
     np.testing.assert_allclose(found.external, seen.predicted - seen.measured, atol=1e-12)
 
 
-def test_an_unknown_moment_is_taken_for_no_more_force_than_said(phantom):
+def test_an_unknown_moment_is_taken_for_no_more_force_than_stated(phantom):
     wrench = np.random.default_rng(3).normal(size=(400, 6))
     found = estimate_force(phantom, pushed(phantom, wrench), reversal_speed=0.0)
     error = np.linalg.norm(found.force - wrench[:, :3], axis=1)
@@ -216,7 +216,7 @@ def test_a_device_without_handle_has_no_force():
     assert raised.value.where == model.device.name
 
 
-def test_without_a_usable_pose_nothing_is_said_to_be_known(phantom):
+def test_without_a_usable_pose_nothing_is_reported_to_be_known(phantom):
     found = estimate_force(phantom, pushed(phantom, np.zeros((400, 6))), worst_condition=1.0001)
     assert not found.usable.any()
     assert found.lever.sure == 0

@@ -183,7 +183,7 @@ guess = { rod = -1.3, rocker = 1.2 }
 """
 
 
-def test_linear_loops_stay_linear_beside_others(tmp_path: Path) -> None:
+def test_linear_loops_stay_linear_next_to_others(tmp_path: Path) -> None:
     (tmp_path / "mixed.toml").write_text(MIXED)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "mixed.toml"))
     closure = model.device.closure

@@ -202,7 +202,7 @@ def test_a_rate_in_place_of_stamps(tmp_path: Path) -> None:
     assert error(log) < (1e-12, 1e-12)
 
 
-def test_stretch(tmp_path: Path) -> None:
+def test_time_range(tmp_path: Path) -> None:
     t = 3 + np.arange(1000) / 100
     log = record(tmp_path, t, time_range=(2, 5))
     assert (log.t[0], log.t[-1]) == pytest.approx((2, 5))

@@ -48,7 +48,7 @@ def test_a_motion_may_begin_where_the_start_does_not_lead_straight() -> None:
     )
 
 
-def test_what_is_told_of_poses_out_of_reach_is_what_the_links_are_short_of() -> None:
+def test_unreachable_poses_report_the_missing_length() -> None:
     model = haptid.DynamicModel(haptid.read_device("five_bar"))
     outer, inner = model.device.lengths["outer"], model.device.lengths["inner"]
     for samples in (50, 5000):

@@ -136,7 +136,7 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weigh
     assert found.method.name.startswith(weighting.name)
 
 
-def test_what_is_far_outside_of_its_interval_is_said(model):
+def test_what_is_far_outside_of_its_interval_is_reported(model):
     beta = truth(model)
     beta[model.base.names.index("FV1")] = -1e-2
     found = haptid.estimate(observed(model, beta, noise=0.01), PhysicallyConsistent())

@@ -86,7 +86,7 @@ def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
         assert estimate[name].relative_se < 2
 
 
-def test_what_is_asked_for_stays(phantom):
+def test_what_is_requested_stays(phantom):
     made = recorded(phantom, late=0.5)
     asked = {"cutoff_hz": 60.0, "decimation": 5, "reversal_speed": 0.2, "torque_delay_s": 1e-3, "order": 2}
     proposal = haptid.propose(phantom, made, **asked)
@@ -147,7 +147,7 @@ def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=2e-5)
 
 
-def test_the_stretch_that_moves_is_looked_at(phantom):
+def test_the_part_that_moves_is_used(phantom):
     made = recorded(phantom, seconds=30.0)
     rest = np.full((150_000, 3), made.position[-1])
     still = np.zeros((150_000, 3))
@@ -156,7 +156,7 @@ def test_the_stretch_that_moves_is_looked_at(phantom):
     assert haptid.propose(phantom, long).treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.1)
 
 
-def test_logs_at_different_rates_are_not_asked_for_one_delay(phantom):
+def test_logs_at_different_rates_are_not_searched_for_one_delay(phantom):
     made = recorded(phantom, late=0.5)
     thin = haptid.Log(made.path, "t", made.t[::4], made.position[::4], made.torque[::4], made.channels)
     proposal = haptid.propose(phantom, made, thin)

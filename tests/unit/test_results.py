@@ -103,7 +103,7 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
     assert dof(read.identified, np.eye(14)) == read.unconstrained.dof.min()
 
 
-def test_what_is_no_result_is_refused(made, tmp_path):
+def test_what_is_no_result_is_rejected(made, tmp_path):
     _, folder = made
     with pytest.raises(ResultFileError, match="no such file"):
         Result.load(tmp_path)
@@ -123,7 +123,7 @@ def test_what_is_no_result_is_refused(made, tmp_path):
             Result.load(tmp_path)
 
 
-def test_parameters_that_are_not_the_devices_are_refused(made, tmp_path):
+def test_parameters_that_are_not_the_devices_are_rejected(made, tmp_path):
     _, folder = made
     path = changed(folder, tmp_path, lambda v: v["estimate"]["parameters"][0].update(name="ZZ99"))
     with pytest.raises(ResultFileError) as raised:

@@ -114,7 +114,7 @@ def test_a_line_is_numpys_and_does_not_know_its_clock(rows, scale, shift):
     np.testing.assert_allclose(other.p, made.p, rtol=1e-6)
 
 
-def test_slopes_have_their_interval_as_often_as_they_say():
+def test_slopes_have_their_interval_as_often_as_stated():
     """Deviations with ten degrees of freedom each, as drawn; the truth inside in 95 of 100, means and lines not
     found wanting in more than 5."""
     rng, runs, n, dof = np.random.default_rng(1), 3000, 5, 10
@@ -147,13 +147,13 @@ def test_a_drift_of_one_parameter_is_found_and_no_other(model):
     assert f"The other {len(made.names) - 1} do not differ" in made.summary()
 
 
-def test_a_step_is_told_from_a_drift():
+def test_a_step_is_distinguished_from_a_drift():
     made = drift(series([0.0, 0.1, 10.0, 10.1], 0.2), [0, 1, 2, 3])
     assert made.bent == made.drifts == ("p0",)
     assert "Not linear in time at 95 % confidence for all 1 together: p0." in made.summary()
 
 
-def test_what_one_stretch_alone_tells_counts_for_nothing():
+def test_what_one_block_alone_determines_counts_for_nothing():
     made = series([0.0, 0.1, 50.0, 0.2], [1.0, 1.0, np.inf, 1.0])
     assert not made.differs
     assert made.common[0] == pytest.approx(0.1)
@@ -186,7 +186,7 @@ def test_targets_are_compared_with_targets():
         compare(fits[0], fits[2], targets(fits[1]))
 
 
-def test_what_cannot_be_compared_is_refused(model):
+def test_what_cannot_be_compared_is_rejected(model):
     a, b = fitted(model, 1), fitted(model, 2)
     for arguments, where, found in [
         (((a,), {}), "estimates", 1),
@@ -275,7 +275,7 @@ def test_a_wrong_option_is_one_line(folders, arguments, said):
     assert said in " ".join(done.output.split())
 
 
-def test_one_result_alone_is_refused(folders):
+def test_one_result_alone_is_rejected(folders):
     done = call(folders[0])
     assert done.exit_code == 2
     assert "give 2 or more" in " ".join(done.output.split())

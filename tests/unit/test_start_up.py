@@ -67,6 +67,6 @@ def test_a_room_is_loaded_at_its_first_use() -> None:
     assert run.stdout.split() == ["Bounds", "drift"]
 
 
-def test_a_name_that_is_not_there_is_refused() -> None:
+def test_a_name_that_is_not_there_is_rejected() -> None:
     with pytest.raises(AttributeError, match="no attribute 'identifier'"):
         haptid.identifier  # noqa: B018

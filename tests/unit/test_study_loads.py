@@ -54,7 +54,7 @@ def study(tmp_path):
     return write
 
 
-def test_a_log_with_a_known_load_tells_the_device_without(study):
+def test_a_log_with_a_known_load_determines_the_device_without(study):
     made = haptid.identify(study(LOAD))
     alone = haptid.identify(replace(made.study, logs=made.study.logs[:2]))
     wanted = truth(made.model) + 0.1
@@ -132,12 +132,12 @@ def test_kept_triangles_are_of_one_load(study, tmp_path):
         ("load = { mass = 1.0, com = [0, 0, 0] }", "logs.2.load.link"),
     ],
 )
-def test_a_load_that_is_none_is_refused(study, text, where):
+def test_a_load_that_is_none_is_rejected(study, text, where):
     with pytest.raises(StudyFileError, match=where):
         study(text)
 
 
-def test_a_load_on_no_link_is_refused(study):
+def test_a_load_on_no_link_is_rejected(study):
     with pytest.raises(UnknownNameError):
         haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
 

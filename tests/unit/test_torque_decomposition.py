@@ -65,7 +65,7 @@ def test_parts_sum_to_the_predicted_torque(name):
 
 @settings(max_examples=15, deadline=None)
 @given(mechanisms(most=5, closed=False))
-def test_each_part_is_what_its_name_says(mechanism):
+def test_each_part_is_what_its_name_states(mechanism):
     """Against the mass matrix, the bias and the gravity torque, and the terms' own formulas."""
     model = as_device(mechanism, ("rotor", "viscous", "coulomb", "spring"))
     chi = parameters(mechanism, model)

@@ -142,13 +142,13 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"parallel_cutoff_hz": 0.0},
     ],
 )
-def test_settings_that_mean_nothing_are_refused(settings_):
+def test_settings_out_of_range_are_rejected(settings_):
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(**settings_)
     assert raised.value.where == next(iter(settings_))
 
 
-def test_a_cutoff_the_rate_cannot_carry_is_refused():
+def test_a_cutoff_the_rate_cannot_carry_is_rejected():
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=600.0).position_filter(1e-3)
     assert (raised.value.where, raised.value.found, raised.value.limit) == ("cutoff_hz", 600, 500)
@@ -157,7 +157,7 @@ def test_a_cutoff_the_rate_cannot_carry_is_refused():
     assert (raised.value.where, raised.value.limit) == ("parallel_cutoff_hz", 50)
 
 
-def test_a_motion_shorter_than_its_filter_is_refused():
+def test_a_motion_shorter_than_its_filter_is_rejected():
     motion = haptid.Motion(1e-3, np.zeros((100, 1)), np.zeros((100, 1)), haptid.Treatment(cutoff_hz=1.0))
     with pytest.raises(MotionTooShortError) as raised:
         motion.usable  # noqa: B018
@@ -165,7 +165,7 @@ def test_a_motion_shorter_than_its_filter_is_refused():
     assert raised.value.found < raised.value.limit
 
 
-def test_a_cutoff_that_drowns_in_rounding_is_refused():
+def test_a_cutoff_that_is_below_rounding_is_rejected():
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=1e-6, order=12).position_filter(1e-3)
     assert raised.value.where == "cutoff_hz"

@@ -54,7 +54,7 @@ def test_columns_are_the_halves_of_the_velocity(tmp_path):
     np.testing.assert_allclose(tau, [[0.0, 0.0], [3.0, -4.5]], atol=1e-12)
 
 
-def test_both_halves_together_are_viscous_friction_by_both_roads(tmp_path):
+def test_both_halves_together_are_viscous_friction_by_both_methods(tmp_path):
     """Where a file declares both kinds, one of three is regrouped, with lengths as symbols too."""
     model = read(tmp_path, COUPLED + '[[terms]]\nkind = "viscous"\nmotors = "all"\n')
     found = dict(zip(model.regroupings.names, model.regroupings.formulas, strict=True))

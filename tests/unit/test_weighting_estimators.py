@@ -83,7 +83,7 @@ def test_the_unit_of_torque_does_not_matter(model, method):
 
 
 @pytest.mark.parametrize("method", WEIGHING, ids=lambda method: method.name)
-def test_held_and_reduced_versions_take_the_same_rows(observation, method):
+def test_constrained_and_reduced_versions_take_the_same_rows(observation, method):
     plain = haptid.estimate(observation, method)
     np.testing.assert_allclose(
         haptid.estimate(observation, haptid.PhysicallyConsistent(method)).constrained_fit.free, plain.beta
@@ -97,7 +97,7 @@ def test_held_and_reduced_versions_take_the_same_rows(observation, method):
 
 
 @pytest.mark.parametrize("method", [*WEIGHING, TLS()], ids=lambda method: method.name)
-def test_a_motor_without_torque_is_refused(model, method):
+def test_a_motor_without_torque_is_rejected(model, method):
     made = motion(model, truth(model), seconds=4.0, dt=2e-3)
     with pytest.raises(errors.IdentifiabilityError):
         haptid.estimate(haptid.observe(model, replace(made, tau=made.tau * [1.0, 1.0, 0.0])), method)
@@ -191,7 +191,7 @@ def test_what_is_no_correlation_matrix_becomes_one():
 
 
 @pytest.mark.parametrize("loss", [Huber(), Tukey(), StudentT()], ids=lambda loss: loss.name)
-def test_losses_have_the_slopes_of_their_influence(loss):
+def test_losses_have_the_gradients_of_their_influence(loss):
     u = np.array([-6.0, -3.1, -1.0, -0.2, 0.0, 0.7, 1.2, 2.5, 4.4])
     h = 1e-6
     slope = (loss.weight(u + h) * (u + h) - loss.weight(u - h) * (u - h)) / (2 * h)
@@ -313,7 +313,7 @@ def test_noise_of_encoders_is_taken_off_the_columns():
     assert abs(np.mean(bias["corrected"])) < 0.05 * abs(np.mean(bias["WLS"]))
 
 
-def test_what_encoders_cannot_say_is_refused():
+def test_what_encoders_cannot_resolve_is_rejected():
     model = haptid.DynamicModel(haptid.read_device("emps"))
     exact = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
     with pytest.raises(errors.SettingError, match="no log"):
@@ -402,7 +402,7 @@ def test_relations_hold_and_the_rest_is_the_best_under_them(observation):
     assert found.se[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_relations_told_twice_are_told_once_and_others_are_refused(observation):
+def test_relations_given_twice_are_used_once_and_others_are_rejected(observation):
     once = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0}))
     twice = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 0.0}))
     np.testing.assert_allclose(twice.beta, once.beta, rtol=1e-9)
@@ -456,6 +456,6 @@ def test_bounds_are_kept_and_met_only_where_they_hold(observation):
         lambda: haptid.estimation.FixedAtZero(("FC1",), TLS()),
     ],
 )
-def test_settings_that_mean_nothing_are_refused(make):
+def test_settings_out_of_range_are_rejected(make):
     with pytest.raises(errors.SettingError):
         make()

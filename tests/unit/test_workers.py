@@ -176,7 +176,7 @@ def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_lo
     assert not (tmp_path / "short").exists()
 
 
-def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(errors.MissingDependencyError, match=r"haptid\[cluster\]"):
         list(DaskExecutor("tcp://127.0.0.1:1").map(doubled, [1]))

@@ -68,9 +68,7 @@ def characterise(
         with progress_bars(quiet) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             progress("figures", 0.0)
-            found = characterised(
-                read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst
-            )
+            found = compute(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
             made = table_columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")
             progress("figures", 1.0)
