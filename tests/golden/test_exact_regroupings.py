@@ -1,4 +1,4 @@
-"""Published regroupings with the lengths as symbols, by both roads."""
+"""Published regroupings with the lengths as symbols, by exact and by numeric elimination."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The law of the two roads: base parameters with lengths as symbols are those of the numbers, put in afterwards."""
+"""Base parameters with symbolic lengths equal the numeric ones once the lengths are substituted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows without accelerations are the filtered rows with them, on smooth motion; and the corridor does not notice."""
+"""Rows without accelerations are the filtered rows with them, on smooth motion, throughout the pipeline."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Laws of loops that are not linear: closure, rates, energy, momentum, and linear loops by the general road."""
+"""Laws of loops that are not linear: closure, rates, energy, momentum, and linear loops by the general method."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Base parameters of loops that are not linear, by another road: a hundred digits, from Newton's law in the base frame.
+"""Base parameters of general loops by an independent method: a hundred digits, from Newton's law in the base frame.
 
 Loops are closed by Newton's method, torques are the projected rates of the links' momenta, and the rank is that of an
 elimination whose dropped columns are forty orders of magnitude below those kept. Nothing is shared with the library

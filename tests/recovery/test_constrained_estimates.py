@@ -1,4 +1,4 @@
-"""Known bodies come back through the held estimate, and its intervals hold them."""
+"""Recovery of known bodies by constrained estimates, inside their intervals."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Essential parameters: what is zero is left out, what is needed stays, and the test means what it says."""
+"""Elimination: zero parameters are eliminated, needed ones stay, and the F-test has its level."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The friction test gives back the friction that was put in, and asks for no more model than that needs."""
+"""The friction test recovers the simulated friction, with the smallest model that describes it."""
 
 from dataclasses import replace
 

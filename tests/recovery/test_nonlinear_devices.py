@@ -1,4 +1,4 @@
-"""Searched constants beside friction by load: each is settled with the other, by every fit anew; results keep both."""
+"""Searched constants together with friction by load: both are estimated in every fit, and results have both."""
 
 from dataclasses import replace
 

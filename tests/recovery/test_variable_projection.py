@@ -1,4 +1,4 @@
-"""Constants that the torque is not linear in are found, beside all other parameters, and their intervals hold them."""
+"""Constants in which the torque is nonlinear are recovered with all other parameters, inside their intervals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Known parameters lie inside the intervals of every estimator that weighs rows: a small version of the benchmarks."""
+"""Known parameters lie inside the intervals of every estimator that weights rows: a small version of the benchmarks."""
 
 from dataclasses import replace
 

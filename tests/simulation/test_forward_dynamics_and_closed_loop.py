@@ -1,4 +1,4 @@
-"""The simulated model: accelerations undo the inverse model, segments join, the closed loop is what a solver says."""
+"""The simulated model: accelerations undo the inverse model, segments join, the closed loop agrees with a solver."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Friction by load in the direct model: it undoes the inverse model, falls as a solver says, and is found again."""
+"""Friction by load in forward dynamics: inverse of the inverse model, agreement with a solver, recovery."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Triangles that an interrupted run has kept are of one motion and of one device as it is at present, or of no use."""
+"""Cached R factors of an interrupted run are used only for the same motion and the same device."""
 
 from dataclasses import replace
 

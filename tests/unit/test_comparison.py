@@ -1,4 +1,4 @@
-"""Comparison of two estimates: nothing is found where nothing is, what is there is found, and it is said plainly."""
+"""Comparison of two estimates: no false difference, a true one is found, and the sentences state it."""
 
 from dataclasses import replace
 

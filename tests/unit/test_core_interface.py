@@ -1,4 +1,4 @@
-"""What the compiled core does with what it should not be given, and where it is called from."""
+"""Interface of the compiled core: invalid arguments, threads and forked processes."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Walks that come back to where they began: passive joints go on turning, in every piece of a long motion."""
+"""Closed paths of loops: passive joints keep turning continuously, in every chunk of a long motion."""
 
 from __future__ import annotations
 

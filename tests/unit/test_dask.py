@@ -1,4 +1,4 @@
-"""A Dask cluster of processes on this machine: the same work, and a worker killed in the middle of it."""
+"""A Dask cluster of processes on this machine: the same results, also with a worker killed in the middle."""
 
 from __future__ import annotations
 

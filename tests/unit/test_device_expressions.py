@@ -1,4 +1,4 @@
-"""Arithmetic in device files: it means what it says, and nothing in it is ever run."""
+"""Arithmetic in device files: values as written, and nothing is executed."""
 
 from __future__ import annotations
 

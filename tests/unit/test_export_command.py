@@ -1,4 +1,4 @@
-"""`haptid export`: folders by format, what is refused, and what is said."""
+"""`haptid export`: folders by format, rejected models, and messages."""
 
 import json
 

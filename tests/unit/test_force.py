@@ -1,4 +1,4 @@
-"""The hand's wrench is given back from the torques it makes; what cannot be known is said; settings are checked."""
+"""The hand's wrench is recovered from its torques; undetermined components are reported; settings are checked."""
 
 from dataclasses import replace
 

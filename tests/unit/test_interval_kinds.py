@@ -1,4 +1,4 @@
-"""Intervals beside the default: what they are made of, and what they share."""
+"""Covariance estimators other than the default: their definitions, and what they share."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Estimates held to what bodies can have: the conditions hold, no possible parameters fit better, free ones stay."""
+"""Physically consistent estimates: the conditions hold, no feasible parameters fit better, consistent fits stay."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A proposed treatment follows the motion, keeps rows, finds the delay, and says why."""
+"""A proposed treatment follows the motion, keeps rows, finds the delay, and states reasons."""
 
 from pathlib import Path
 

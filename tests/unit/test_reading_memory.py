@@ -1,4 +1,4 @@
-"""What keeps the road from file to motion short: no channel is copied, filters go piece by piece."""
+"""Memory from file to motion: no channel is copied, filters work chunk by chunk."""
 
 from __future__ import annotations
 

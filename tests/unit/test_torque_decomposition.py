@@ -1,4 +1,4 @@
-"""Parts of the model's torque: they sum to it, each is what its name says, and each kind of term has its own."""
+"""Parts of the model's torque: they sum to it, each is the torque of its name, and each kind of term has its own."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The verdict says what stands in the way in plain words, and what to do first."""
+"""The verdict names the obstacle in plain words, and what to do first."""
 
 from types import SimpleNamespace
 

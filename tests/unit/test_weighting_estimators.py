@@ -1,4 +1,4 @@
-"""Laws and oracles of the estimators that weigh rows, know relations, or take noise off the columns."""
+"""Laws and oracles of estimators with weights, equality constraints or errors in the columns."""
 
 from dataclasses import replace
 
