@@ -70,6 +70,6 @@ def test_signals_that_differ_late_have_another_name(model, motion, what, where):
 def test_a_run_does_not_take_what_another_load_left(model, motion, tmp_path):
     kept = RFactorCache(tmp_path / "kept", least=1)
     heavy = model.loaded(np.ones(len(model.base)))
-    observe_all(model, [motion], kept=kept)
-    (found,) = observe_all(heavy, [motion], kept=kept)
+    observe_all(model, [motion], cache=kept)
+    (found,) = observe_all(heavy, [motion], cache=kept)
     np.testing.assert_array_equal(found.stack(), haptid.observe(heavy, motion).stack())

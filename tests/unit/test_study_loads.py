@@ -117,9 +117,9 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
 def test_kept_triangles_are_of_one_load(study, tmp_path):
     """A run that goes on does not take triangles that were made with another load."""
     kept = RFactorCache(tmp_path / "kept", least=1)
-    with_load = haptid.identify(study(LOAD), kept=kept).estimate.beta
-    without = haptid.identify(study(""), kept=kept).estimate.beta
-    np.testing.assert_allclose(haptid.identify(study(""), kept=None).estimate.beta, without, rtol=1e-12)
+    with_load = haptid.identify(study(LOAD), cache=kept).estimate.beta
+    without = haptid.identify(study(""), cache=kept).estimate.beta
+    np.testing.assert_allclose(haptid.identify(study(""), cache=None).estimate.beta, without, rtol=1e-12)
     assert np.abs(with_load - without).max() > 1e-3
 
 

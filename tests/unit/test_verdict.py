@@ -15,7 +15,7 @@ def given(relative, statuses, told=4, seen=False):
     parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
     errors = SimpleNamespace(motors=[SimpleNamespace(relative=relative, label="motor 1")], seen=seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
-    return verdict(SimpleNamespace(parameters=parameters, kept=range(4)), errors, findings)
+    return verdict(SimpleNamespace(parameters=parameters, free_parameters=range(4)), errors, findings)
 
 
 def test_every_look_that_counts_has_plain_words():

@@ -166,13 +166,13 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, model: haptid.Device, from_l
 
 def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
     kept = RFactorCache(tmp_path / "partial", least=1)
-    plain = observe_all(model, [from_log], kept=kept)[0]
+    plain = observe_all(model, [from_log], cache=kept)[0]
     torn = next(kept.folder.glob("*.npz"))
     torn.write_bytes(torn.read_bytes()[:1000])
-    same(observe_all(model, [from_log], kept=kept)[0], plain)
+    same(observe_all(model, [from_log], cache=kept)[0], plain)
     kept.forget()
     assert kept.count() == 0
-    assert observe_all(model, [from_log], kept=RFactorCache(tmp_path / "short"))  # too short to be kept
+    assert observe_all(model, [from_log], cache=RFactorCache(tmp_path / "short"))  # too short to be kept
     assert not (tmp_path / "short").exists()
 
 
