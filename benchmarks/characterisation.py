@@ -1,8 +1,8 @@
-"""A map of the handle's dynamics over a million poses: the mass matrix and Jacobian, and felt masses with deviations.
+"""A map of the handle's dynamics over a million poses: mass matrix, Jacobian, apparent masses with standard errors.
 
-Agreement with the plain road, unit accelerations through the inverse dynamics and NumPy's eigenvalues, is checked
+Agreement with the plain method, unit accelerations through the inverse dynamics and NumPy's eigenvalues, is checked
 before any time is taken. One thread is a process of its own, since threads are counted once; its time, and the
-plain road's, is the processor's, which others on the machine disturb less.
+plain method's, is the processor's, which others on the machine disturb less.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def best_of(work: Callable[[], object], times: int = 3) -> float:
 
 
 def check(identified: GivenParameters, qa: np.ndarray) -> None:
-    """The kernel's masses are those of the plain road."""
+    """The kernel's masses are those of the plain method."""
     A, J = mass_matrix(identified.model, identified.beta, qa), handle_motion(identified.model, qa).row_jacobian[:, :3]
     wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.mT)))[:, ::-1]
     found = apparent_mass(identified, qa)
@@ -83,7 +83,7 @@ def timed() -> dict[str, float]:
 
 
 def run() -> dict[str, float]:
-    """Seconds for a million poses on one thread and on all, and the plain road's, scaled from fewer poses."""
+    """Seconds for a million poses on one thread and on all, and the plain method's, scaled from fewer poses."""
     found = {}
     for threads in ("1", str(os.cpu_count())):
         environment = {**os.environ, "RAYON_NUM_THREADS": threads}
@@ -96,7 +96,7 @@ def run() -> dict[str, float]:
         plain = best_of(
             lambda m=identified, qa=qa: (mass_matrix(m.model, m.beta, qa), handle_motion(m.model, qa).row_jacobian)
         )
-        found[f"{label}: Jacobian and mass matrix, plain road, s per million"] = plain * POSES / few
+        found[f"{label}: Jacobian and mass matrix, plain method, s per million"] = plain * POSES / few
     return found
 
 

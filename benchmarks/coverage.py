@@ -4,7 +4,7 @@ Three devices with friction, 20 s of multisine at 1 kHz, exact motion, many draw
 AR(1) 0.95 and 0.99, and AR(1) 0.95 shared by the motors, as it is and with parallel filter and decimation by 10. Then
 the PHANToM with encoders of 4000 counts, treated as proposed, a new motion in each run; and how often a Stribeck effect
 that the model lacks is seen by the misfit test. Shares of intervals that hold the truth, per cent, over all parameters
-and for the worst and best one: the default interval's, the textbook's beside it, and, of one device, the others'.
+and for the worst and best one: the default interval's, the classical one, and, of one device, the others'.
 """
 
 from __future__ import annotations
@@ -88,13 +88,13 @@ class Bed:
         """All rows of a clean motion."""
         motion, beta = clean_motion(name, seconds, treatment)
         observation = haptid.observe(haptid.DynamicModel(haptid.read_device(name)), motion)
-        (stretch,) = Rows(observation)
+        (rows,) = Rows(observation)
         Q, R = [], []
-        for motor, W in zip(observation.motors, stretch.W, strict=True):
-            parts = [np.linalg.qr(part[:, motor.columns]) for part in np.split(W, stretch.edges[1:-1])]
+        for motor, W in zip(observation.motors, rows.W, strict=True):
+            parts = [np.linalg.qr(part[:, motor.columns]) for part in np.split(W, rows.edges[1:-1])]
             Q.append([part[0] for part in parts])
             R.append(np.array([part[1] for part in parts]))
-        return Bed(observation, beta, Q, R, stretch.y, stretch.edges)
+        return Bed(observation, beta, Q, R, rows.y, rows.edges)
 
     def drawn(self, phi: float, shared: float, rng: np.random.Generator) -> haptid.Observation:
         """The same rows, with noise on their torque."""
@@ -120,8 +120,8 @@ def holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
     return np.asarray((low <= beta) & (beta <= high))
 
 
-def textbook_holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
-    """The same of the textbook's."""
+def classical_holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
+    """The same of the classical interval."""
     wide = stats.norm.ppf(0.975) * np.sqrt(np.diag(found.classical_covariance))
     return np.asarray(np.abs(found.beta - beta) <= wide)
 
@@ -129,13 +129,13 @@ def textbook_holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
 def shares(
     bed: Bed, phi: float, shared: float, runs: int, others: tuple[Intervals, ...] = ()
 ) -> tuple[np.ndarray, ...]:
-    """Share of runs whose interval holds the truth, by parameter: the default's, the textbook's, and each other's."""
+    """Share of runs whose interval holds the truth, by parameter: default, classical and each other kind."""
     rng = np.random.default_rng(1)
     made = np.zeros((2 + len(others), len(bed.beta)))
     for _ in range(runs):
         found = haptid.estimate(bed.drawn(phi, shared, rng), haptid.WLS())
         made[0] += holds(found, bed.beta)
-        made[1] += textbook_holds(found, bed.beta)
+        made[1] += classical_holds(found, bed.beta)
         for k, intervals in enumerate(others):
             spread = intervals.spread(found.fit)
             half = stats.t.ppf(0.975, spread.dof) * np.sqrt(np.diag(spread.covariance))
@@ -143,15 +143,15 @@ def shares(
     return tuple(made / runs)
 
 
-def told(what: str, default: np.ndarray, classical: np.ndarray) -> Iterator[tuple[str, float]]:
+def coverage_of(what: str, default: np.ndarray, classical: np.ndarray) -> Iterator[tuple[str, float]]:
     """Figures of one case, per cent."""
     yield f"{what}: default, mean", 100 * float(default.mean())
     yield f"{what}: default, worst", 100 * float(default.min())
     yield f"{what}: default, best", 100 * float(default.max())
-    yield f"{what}: textbook, mean", 100 * float(classical.mean())
+    yield f"{what}: classical, mean", 100 * float(classical.mean())
 
 
-def beside() -> Iterator[tuple[str, float]]:
+def other_kinds() -> Iterator[tuple[str, float]]:
     """Other intervals, of the first device."""
     kinds = {"jackknife": BlockJackknife(), "fixed-b": FixedB(), "block bootstrap": Bootstrap(99)}
     for (treated, treatment), (sort, (phi, shared)) in product(TREATMENTS.items(), NOISES.items()):
@@ -163,7 +163,7 @@ def beside() -> Iterator[tuple[str, float]]:
 
 
 def sandwiched() -> Iterator[tuple[str, float]]:
-    """The AR(bic) sandwich beside the default, of the first device: it walks through the rows of each run."""
+    """The AR(bic) sandwich relative to the default, of the first device: it walks through the rows of each run."""
     motion, beta = clean_motion(DEVICES[0], SECONDS, TREATMENTS["as it is"])
     rng, model = np.random.default_rng(2), haptid.DynamicModel(haptid.read_device(DEVICES[0]))
     for sort in ("AR(1) 0.95", "AR(1) 0.99"):
@@ -177,16 +177,16 @@ def sandwiched() -> Iterator[tuple[str, float]]:
             half = stats.t.ppf(0.975, wide.dof) * np.sqrt(np.diag(wide.covariance))
             width.append(np.median((found.conf_int()[:, 1] - found.beta) / half))
         yield f"{sort}, as it is: AR(bic) sandwich, mean", 100 * float(inside.mean()) / SANDWICHES
-        yield f"{sort}, as it is: AR(bic) sandwich, width beside the default's", float(np.median(width))
+        yield f"{sort}, as it is: AR(bic) sandwich, width relative to the default's", float(np.median(width))
 
 
 def quantised(runs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Encoders of 4000 counts, each run its own motion: share of default and textbook intervals with the truth."""
+    """Encoders of 4000 counts, each run its own motion: share of default and classical intervals with the truth."""
     beta = truth(phantom())
     made = np.zeros((2, len(beta)))
     for seed in range(runs):
         found = estimated(log(seed))
-        made += [holds(found, beta), textbook_holds(found, beta)]
+        made += [holds(found, beta), classical_holds(found, beta)]
     return made[0] / runs, made[1] / runs
 
 
@@ -197,9 +197,9 @@ def run() -> dict[str, float]:
         bed = Bed.of(name, SECONDS, treatment)
         for sort, (phi, shared) in NOISES.items():
             default, classical = shares(bed, phi, shared, RUNS)
-            figures |= told(f"{name}, {sort}, {treated}", default, classical)
-    figures |= told("encoders of 4000 counts, treated as proposed", *quantised(ENCODER_RUNS))
-    figures |= {**dict(beside()), **dict(sandwiched())}
+            figures |= coverage_of(f"{name}, {sort}, {treated}", default, classical)
+    figures |= coverage_of("encoders of 4000 counts, treated as proposed", *quantised(ENCODER_RUNS))
+    figures |= {**dict(other_kinds()), **dict(sandwiched())}
     seen = [diagnose(estimated(log(k, stribeck=0.25)))["friction near standstill"].status != "ok" for k in range(LOGS)]
     figures["Stribeck effect that the model lacks: seen"] = 100 * float(np.mean(seen))
     return figures

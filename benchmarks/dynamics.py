@@ -12,12 +12,12 @@ import numpy as np
 
 import haptid
 from arm import Arm
-from beside import alone, beside
+from compare_peers import alone, compared
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.experiment.excitation import Limits, RawCondition, observed_motion
-from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import MotionBounds
 from haptid.observation.r_factor import condition
 from stopwatch import Work
@@ -49,10 +49,10 @@ def works(arm: Arm) -> dict[str, Work]:
 
     return {
         "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(model, beta, q, qd, qdd), np.transpose),
-        "mass matrix": Work(MANY, lambda: haptid.mass_matrix(model, beta, q)),
+        "mass matrix": Work(MANY, lambda: haptid.dynamics.mass_matrix(model, beta, q)),
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
-        "felt masses": Work(
+        "apparent masses": Work(
             MANY, lambda: apparent_mass(identified, q, worst_condition=1e9), lambda found: found.mass.values
         ),
     }
@@ -60,7 +60,7 @@ def works(arm: Arm) -> dict[str, Work]:
 
 def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
     """What a search for a motion asks: the smooth stand-in for the condition number, and the same with its slopes."""
-    slopes = Slopes.of(
+    slopes = Gradients.of(
         MotionBounds.of(arm.model, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
         RawCondition(),
         tuple(range(len(arm.beta))),
@@ -87,7 +87,7 @@ def main() -> None:
     motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
     ours = works(arm)
     ours["condition number of a motion"] = Work(1, lambda: condition(observed_motion(arm.model, motion).stack()[:-1]))
-    figures = beside(arm.case(), ours, PEERS)
+    figures = compared(arm.case(), ours, PEERS)
     figures |= searched(*(work.microseconds() for work in search(arm, motion)), figures)
     print(json.dumps(figures))
 

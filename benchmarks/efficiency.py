@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.estimation import GLS, IRLS, SUR, Huber, StudentT, Tukey
+from haptid.estimation import GLS, IRLS, SUR, Huber, Method, StudentT, Tukey
 from haptid.estimation.intervals.model_based import Autoregression
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.gls import Whitening
@@ -39,7 +39,7 @@ def bound(observation: haptid.Observation, se: np.ndarray, phi: float) -> np.nda
     return np.asarray(np.linalg.norm(solve(seen, np.ones(len(se))).root, axis=1))
 
 
-def errors(method: haptid.Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def errors(method: Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Errors of every run and parameter in units of the bound, (runs, p), and stated deviations in the same."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
@@ -59,7 +59,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def wild(method: haptid.Method, one_way: bool) -> float:
+def wild(method: Method, one_way: bool) -> float:
     """Root mean square error with outliers, in units of the bound without."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
@@ -80,15 +80,15 @@ def run() -> dict[str, float]:
     for name, phi in (("white", 0.0), ("AR(1) 0.95", 0.95), ("AR(1) 0.99", 0.99)):
         for method in (haptid.WLS(), GLS()):
             found, stated = errors(method, phi, MANY if isinstance(method, GLS) == bool(phi) else RUNS)
-            figures[f"{name}: {method.name}, error beside the Cramer-Rao bound"] = rms(found)
+            figures[f"{name}: {method.name}, error relative to the Cramer-Rao bound"] = rms(found)
             figures[f"{name}: {method.name}, worst parameter"] = float(np.sqrt((found**2).mean(axis=0)).max())
-            figures[f"{name}: {method.name}, stated deviation beside its error"] = rms(stated) / rms(found)
+            figures[f"{name}: {method.name}, stated standard error relative to its error"] = rms(stated) / rms(found)
     alone, _ = errors(haptid.WLS(), 0.0, FEW, 0.9)
     together, _ = errors(SUR(), 0.0, FEW, 0.9)
-    figures["white, motors correlated by 0.9: SUR error beside WLS"] = rms(together) / rms(alone)
+    figures["white, motors correlated by 0.9: SUR error relative to WLS"] = rms(together) / rms(alone)
     for way, one_way in (("both ways", False), ("one way", True)):
         plain = wild(haptid.OLS(), one_way)
-        figures[f"a fifth outliers, {way}: OLS, error beside the bound without"] = plain
+        figures[f"a fifth outliers, {way}: OLS, error relative to the bound without"] = plain
         for robust in (IRLS(Huber()), IRLS(Tukey()), IRLS(StudentT())):
-            figures[f"a fifth outliers, {way}: OLS error beside {robust.name}"] = plain / wild(robust, one_way)
+            figures[f"a fifth outliers, {way}: OLS error relative to {robust.name}"] = plain / wild(robust, one_way)
     return figures

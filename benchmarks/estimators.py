@@ -36,7 +36,7 @@ HERE = Path(__file__).resolve().parents[1]
 ROBOTS = ("emps", "kuka_kr300", "staubli_tx40")
 
 
-def methods(model: haptid.Device) -> Mapping[str, haptid.Method]:
+def methods(model: haptid.Device) -> Mapping[str, haptid.estimation.Method]:
     """Those that need no controller."""
     friction = {name: (0.0, None) for name in model.base.names if name.startswith(("FV", "FC"))}
     return {

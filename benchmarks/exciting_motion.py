@@ -9,8 +9,8 @@ import numpy as np
 
 import haptid
 from haptid.experiment import bench
-from haptid.experiment.bench.limits import loop_openness
-from haptid.experiment.excitation import FourierSeries, Limits, Search, design, observed_motion, quality
+from haptid.experiment.bench.limits import loop_conditioning
+from haptid.experiment.excitation import FourierSeries, Limits, Search, design_excitation, observed_motion, quality
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 # What is sought: positions about a centre, rad, to either side of it, degrees; speed, rad/s; acceleration, rad/s^2.
@@ -23,7 +23,7 @@ def sought() -> dict[str, float]:
     model, half = haptid.DynamicModel(haptid.read_device("cea_medical_branch")), float(np.radians(STROKE))
     within = Limits(tuple((x - half, x + half) for x in CENTRE), (SPEED,), (ACCELERATION,))
     start = time.process_time()
-    found = design(model, FourierSeries(), within, search=Search(tries=TRIES))
+    found = design_excitation(model, FourierSeries(), within, search=Search(tries=TRIES))
     return {
         "design, condition raw": found.after.raw,
         "design, condition with unit columns": found.after.scaled,
@@ -47,6 +47,6 @@ def run() -> dict[str, float]:
         figures[f"{name}, speed, rad/s"] = float(np.abs(made.qd).max())
         figures[f"{name}, acceleration, rad/s^2"] = float(np.abs(made.qdd).max())
         figures[f"{name}, torque, N m"] = float(np.abs(tau).max())
-        loops = loop_openness(model, model.device.closure.positions(made.q[::10].T).T)
+        loops = loop_conditioning(model, model.device.closure.positions(made.q[::10].T).T)
         figures[f"{name}, least distance of a loop from flat"] = float(loops.min())
     return figures | sought()

@@ -1,9 +1,9 @@
-"""A whole identification of a 7-joint log, from the Parquet file to intervals, beside two other roads.
+"""A whole identification of a 7-joint log, from the Parquet file to intervals, compared with two other pipelines.
 
 Treatment: positions through a Butterworth filter both ways, 40 Hz; torque and columns through one filter, and one row
-of ten kept. Each road (`roads/`) runs in a process of its own, one thread, from the file to the estimate with its
-intervals, all imported before; its time is that of the processor, its memory what the system says it was. Filters
-differ in detail, so that agreement is that of the torque of all models on another motion, without noise.
+of ten kept. Each pipeline (`pipelines/`) runs in a process of its own, one thread, from the file to the estimate with
+its intervals, all imported before; its time is that of the processor, its memory what the system reports. Filters
+differ in detail, so agreement is that of the torque of all models on another motion, without noise.
 """
 
 from __future__ import annotations
@@ -17,66 +17,66 @@ from pathlib import Path
 
 import numpy as np
 
-from ask import LEFT_OUT
-from beside import HERE, PYTHON, left_out, one_thread
-from roads.setting import JOINTS, RATE_HZ
+from compare_peers import HERE, PYTHON, left_out, one_thread
+from pipelines.setting import JOINTS, RATE_HZ
+from run_peer import LEFT_OUT
 
 SIZES = (20_000, 400_000, 4_000_000)
-# What each road is called, its file, and the logs that it is asked for: more take minutes, or all memory.
-ROADS = {
-    "haptid": ("haptid_road", SIZES),
+# Name of each pipeline, its file, and the sizes of its logs: longer ones take minutes, or all memory.
+PIPELINES = {
+    "haptid": ("haptid_pipeline", SIZES),
     "script with Pinocchio and SciPy": ("script", SIZES[:2]),
-    "figaroh's functions": ("figaroh_road", SIZES[:2]),
+    "figaroh's functions": ("figaroh_pipeline", SIZES[:2]),
 }
 PERIOD, CHECKED, SHORT = 20_000, 500, 4000
-# Error of a model's torque on another motion, %, that filters explain; a road that takes longer, s, is left out.
+# Error of a model's torque on another motion, %, that filters explain; a pipeline that takes longer, s, is left out.
 AGREED, LIMIT = 2.0, 240.0
 
 
 def run(sizes: tuple[int, ...] = SIZES) -> dict[str, float]:
-    """Seconds of the processor, shares, peak memory, errors, and how many times ours the others take."""
+    """Seconds of the processor, shares, peak memory, errors, and ratios of the times."""
     figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         short = logged(Path(name), SHORT)
         for samples in sizes:
             path = logged(Path(name), samples)
-            for road, (file, most) in ROADS.items():
-                found = follow(road, file, path, short) if samples in most else {}
-                figures |= {f"{samples} samples: {road}, {what}": value for what, value in found.items()}
-                if found and road != "haptid":
+            for pipeline, (file, most) in PIPELINES.items():
+                found = measured(pipeline, file, path, short) if samples in most else {}
+                figures |= {f"{samples} samples: {pipeline}, {what}": value for what, value in found.items()}
+                if found and pipeline != "haptid":
                     ratio = found["s"] / figures[f"{samples} samples: haptid, s"]
-                    figures[f"{samples} samples: {road} over haptid"] = ratio
+                    figures[f"{samples} samples: {pipeline} over haptid"] = ratio
             path.unlink()
     return figures
 
 
 def logged(folder: Path, samples: int) -> Path:
-    """A log of so many samples, written by a process of its own: its memory is not that of a road."""
+    """A log of so many samples, written by a process of its own: its memory does not count for a pipeline."""
     path = folder / f"{samples}.parquet"
     subprocess.run([sys.executable, __file__, str(path), str(samples)], check=True)
     return path
 
 
-def follow(road: str, file: str, path: Path, short: Path) -> dict[str, float]:
-    """Figures of a road; none where it is not installed or takes too long."""
-    python = sys.executable if road == "haptid" else str(PYTHON)
-    call = [python, str(HERE / "follow.py"), file, str(path), str(short)]
+def measured(pipeline: str, file: str, path: Path, short: Path) -> dict[str, float]:
+    """Figures of a pipeline; none where it is not installed or takes too long."""
+    python = sys.executable if pipeline == "haptid" else str(PYTHON)
+    call = [python, str(HERE / "run_pipeline.py"), file, str(path), str(short)]
     environment = {**os.environ, **one_thread()}
     try:
         done = subprocess.run(call, capture_output=True, text=True, env=environment, timeout=LIMIT, check=False)
     except FileNotFoundError:
-        left_out(road, "there is no environment of peers: see `make bench`")
+        left_out(pipeline, "there is no environment of peers: see `make bench`")
         return {}
     except subprocess.TimeoutExpired:
-        left_out(road, f"it took over {LIMIT:.0f} s")
+        left_out(pipeline, f"it took over {LIMIT:.0f} s")
         return {}
     if done.returncode == LEFT_OUT:
-        left_out(road, done.stderr.strip())
+        left_out(pipeline, done.stderr.strip())
         return {}
     assert done.returncode == 0, done.stderr
     found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     seconds, memory, error = (found.pop(what) for what in ("seconds", "memory", "error"))
-    assert error < AGREED, f"{road}: the torque of its model is {error:.2f} % off"
+    assert error < AGREED, f"{pipeline}: the torque of its model is {error:.2f} % off"
     shares = {f"share of {step}, %": 100 * value / seconds for step, value in found.items()}
     return {"s": seconds, "peak memory, GiB": memory, "error of torque, %": error, **shares}
 
@@ -93,7 +93,7 @@ def motion(rng: np.random.Generator, samples: int) -> tuple[np.ndarray, np.ndarr
 
 
 def write_log(path: Path, samples: int) -> None:
-    """Tile one periodic motion of the arm, noise differing all along; beside it the robot and another motion."""
+    """Tile one periodic motion of the arm, noise differing all along; next to it the robot and another motion."""
     import pyarrow as pa
     from pyarrow import parquet
 

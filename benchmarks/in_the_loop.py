@@ -37,17 +37,19 @@ def code_of(case: Case, seconds: float = SECONDS) -> bench.Compiled:
         return bench.Compiled.of(folder)
 
 
-def rehearsed(name: str, seconds: float = SECONDS, places: tuple[tuple[float, ...], ...] = PLACES) -> bench.Rehearsal:
+def rehearsed(
+    name: str, seconds: float = SECONDS, places: tuple[tuple[float, ...], ...] = PLACES
+) -> bench.InTheLoopResult:
     """Everything that is measured of one device."""
     case = CASES[name]
     setup, code = setup_of(case), code_of(case, seconds)
     kind = bench.Multisine(TRACKED, case.centre, case.amplitude, speed=case.speed)
     trajectory = bench.plan(kind, setup.model, setup.dt, np.random.default_rng(7))
     poses = [np.array(case.centre) + np.array(place) * case.amplitude for place in places]
-    return bench.rehearse(setup, code, trajectory, poses, PUSHES[case.name])
+    return bench.simulate_in_the_loop(setup, code, trajectory, poses, PUSHES[case.name])
 
 
-def figures_of(made: bench.Rehearsal) -> dict[str, float]:
+def figures_of(made: bench.InTheLoopResult) -> dict[str, float]:
     """By name; felt figures are means over poses and axes."""
     felt = {
         f"{what} felt, {when}, {unit}": float(np.mean(np.abs([getattr(each, what) for each in side])))

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import linalg
 
 from arm import ALONE, IN_CACHE, SAMPLES, Arm
-from beside import alone, beside
-from closed import Closed
+from closed_chain import Closed
+from compare_peers import alone, compared
 from limits import limits
 from stopwatch import Work
 
@@ -105,7 +105,7 @@ def closed_chain() -> dict[str, float]:
     """Regressors of a chain with loops; those of peers are of its tree, the projection left to be done."""
     chain = Closed()
     ours = {"regressor in cache": regressor(chain, IN_CACHE), "regressor, stored": regressor(chain, MANY)}
-    found = beside(chain.case(), ours, ("Pinocchio C++", "Pinocchio Python", "figaroh"))
+    found = compared(chain.case(), ours, ("Pinocchio C++", "Pinocchio Python", "figaroh"))
     return {f"closed chain, {name}": figure for name, figure in found.items()}
 
 
@@ -124,7 +124,7 @@ def main() -> None:
             "regressor and reduction": reduction(arm, ALONE),
             "regressor to solution": solution(arm, ALONE),
         }
-        figures |= beside(arm.case() | {"W": observation(arm, ALONE)}, ours, (*ROBOTS, *ALGEBRA)) | limits()
+        figures |= compared(arm.case() | {"W": observation(arm, ALONE)}, ours, (*ROBOTS, *ALGEBRA)) | limits()
         figures |= closed_chain()
         figures["regressor, stored: bytes per sample"] = 8.0 * arm.reached.sum()
         figures["reduction: operations per sample"] = float(2 * ((arm.reached.sum(axis=1) + 1) ** 2).sum())

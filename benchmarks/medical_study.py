@@ -39,7 +39,7 @@ class Found:
         ratio: relative deviation of each over the published one.
         missing, more: how many published parameters were left out, and how many others kept.
         moved: the farthest that the reduction moved a parameter, in its own deviations of before.
-        direct, cross: relative errors, per cent.
+        fit_errors, cross: relative errors, per cent.
         rows: of W.
         condition, condition_published: with unit columns, of all columns and of the published ones.
     """
@@ -50,7 +50,7 @@ class Found:
     missing: int
     more: int
     moved: float
-    direct: float
+    fit_errors: float
     cross: float
     rows: int
     condition: float
@@ -91,7 +91,7 @@ def found_of(one: Identified) -> Found:
         missing=len(one.missing),
         more=len(one.more),
         moved=float(np.nanmax(np.abs(one.reduction.shift))),
-        direct=one.direct.relative,
+        fit_errors=one.fit_errors.relative,
         cross=one.cross.relative,
         rows=one.every.rows,
         condition=one.every.condition[1],
@@ -134,7 +134,7 @@ def figures_of(some: Iterable[Found]) -> dict[str, float]:
         "held, mean, %": float(np.mean(list(figures.values()))),
         "of all 34: held, mean, %": 100 * float(np.mean(of_all)),
         "relative deviation over the published one, worst": max(ratios.values()),
-        "relative error, direct, worst, %": max(found.direct for found in some),
+        "relative error, in-sample, worst, %": max(found.fit_errors for found in some),
         "relative error, unseen motion, median, %": float(np.median([found.cross for found in some])),
         "relative error, unseen motion, worst, %": max(found.cross for found in some),
         "seeds in which the fifteen alone are kept": float(sum(not (f.missing or f.more) for f in some)),

@@ -34,7 +34,7 @@ def exact() -> bench.Recording:
     return record(CASE, 1, None, SECONDS)
 
 
-def methods() -> dict[str, haptid.Method]:
+def methods() -> dict[str, haptid.estimation.Method]:
     """What is compared."""
     target = exact().target[ENDS:-ENDS:EVERY]
     law = PID(CASE.kp, CASE.kd, reference=(target,), velocity_cutoff_hz=100.0, rate_hz=1000.0)

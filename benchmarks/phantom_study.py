@@ -29,7 +29,7 @@ from haptid.demos.phantom_configurations.hand import hand_forces
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording, Take, read_recording, record
 from haptid.end_effector.definiteness import definiteness
-from haptid.estimation import PhysicallyConsistent, possible
+from haptid.estimation import PhysicallyConsistent, feasible_parameters
 
 NAME, SEEDS, STEP = "phantom", range(1, 21), 5e-4
 # Up to this seed there are logs without noise too.
@@ -49,7 +49,7 @@ class Found:
         inside: whether each parameter is in its interval, by sort of data.
         errors: torque, parameters, Coulomb, viscous, per cent, by sort of data.
         published: with exact velocities, greatest of the motors' errors over the published one.
-        possible, least, above: of the held model: whether bodies can have it, the least eigenvalue of its mass matrix
+        feasible, least, above: of the held model: whether bodies can have it, the least eigenvalue of its mass matrix
             in kg m^2, and how many points its validation error is above the free fit's.
         hand: errors of the hand's force in N; empty where no hand pushes.
     """
@@ -57,7 +57,7 @@ class Found:
     inside: dict[str, np.ndarray]
     errors: dict[str, dict[str, float]]
     published: float
-    possible: bool
+    feasible: bool
     least: float
     above: float
     hand: dict[str, float]
@@ -87,7 +87,7 @@ def study(key: str, seed: int) -> Found:
             inside={sort: one.inside for sort, one in near.items()},
             errors={sort: errors_of(one) for sort, one in near.items()},
             published=float(np.max(np.array(fits["exact velocity"].relative) / demo.errors.column(key))),
-            possible=possible(model, held.estimate.beta).ok,
+            feasible=feasible_parameters(model, held.estimate.beta).ok,
             least=definiteness(held.estimate, reachable).smallest,
             above=held.validation.relative - free.validation.relative,
             hand=hand_forces(demo.hand, free, made(demo.hand.experiment)).errors if key == demo.hand.mounting else {},
@@ -106,7 +106,7 @@ def by_exact_velocity(demo: PhantomDemo, recorded: BenchRecording) -> Fit:
     return fitted("exact velocity", recorded.model, motions)
 
 
-def encoders(demo: PhantomDemo, recorded: BenchRecording, method: haptid.Method | None = None) -> Fit:
+def encoders(demo: PhantomDemo, recorded: BenchRecording, method: haptid.estimation.Method | None = None) -> Fit:
     """As proposed from the first half."""
     halves = demo.stretch
     treatment = haptid.propose(recorded.model, recorded.log(halves.fit)).treatment
@@ -168,7 +168,7 @@ def models(made: list[Found]) -> dict[str, float]:
     """Torque errors beside the published ones, and what becomes of held models."""
     return {
         "exact velocity: torque error over the published one, worst": max(found.published for found in made),
-        "held: possible, %": 100 * float(np.mean([found.possible for found in made])),
+        "held: possible, %": 100 * float(np.mean([found.feasible for found in made])),
         "held: least eigenvalue of M over the reachable workspace, kg m^2": min(found.least for found in made),
         "held: validation error above the free fit's, worst, points": max(found.above for found in made),
     }

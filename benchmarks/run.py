@@ -17,6 +17,7 @@ import coverage
 import diagnosis
 import dynamics
 import efficiency
+import estimator_benchmark
 import estimators
 import exciting_motion
 import file_to_result
@@ -33,7 +34,6 @@ import simulated_coverage
 import speed_report
 import start_up
 import virtual_bench
-import yardstick
 from haptid import _core
 
 HERE = Path(__file__).parent
@@ -60,7 +60,7 @@ STUDIES = {
     "loops": loops.run,
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
-    "yardstick": yardstick.run,
+    "estimator-benchmark": estimator_benchmark.run,
 }
 
 

@@ -29,9 +29,9 @@ TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay_s=0.5 / R
 WIDE = {"OutputError": 0.01, "EKF": 0.02}
 
 
-def methods() -> Mapping[str, haptid.Method]:
+def methods() -> Mapping[str, haptid.estimation.Method]:
     """What is compared."""
-    made: dict[str, haptid.Method] = {}
+    made: dict[str, haptid.estimation.Method] = {}
     for name, width in WIDE.items():
         made[f"{name}, wide"] = getattr(estimation, name)(friction=width)
         made[name] = getattr(estimation, name)()

@@ -1,4 +1,4 @@
-"""One table of what is measured beside peers, from the records; run by itself, it is filled in on docs/speed.md."""
+"""Tables of the comparison with other packages, from the records; run as a script, it fills in docs/speed.md."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "speed.md"
 STUDIES = frozenset({"kernel", "dynamics", "file-to-result", "start-up"})
 ALL = ("Pinocchio C++", "Pinocchio Python", "CasADi C", "iDynTree", "MuJoCo", "figaroh")
-# How many times ours a peer has to take.
-WANTED = {
+# Targets of the ratio of a peer's time to that of haptid.
+TARGETS = {
     ("regressor in cache", "Pinocchio C++"): 20.0,
     ("regressor in cache", "Pinocchio Python"): 40.0,
     ("regressor in cache", "CasADi C"): 3.5,
@@ -20,7 +20,7 @@ WANTED = {
     ("400000 samples", "script with Pinocchio and SciPy"): 10.0,
     ("400000 samples", "figaroh's functions"): 10.0,
 }
-# The longest that the help may take, s.
+# Target of the start-up time of the help, s.
 HELP = 0.3
 Records = dict[str, dict[str, float]]
 
@@ -44,17 +44,17 @@ def parts(records: Records) -> dict[str, str]:
     return made | ({"Left out": ", ".join(missing) or "No peer is left out."} if records else {})
 
 
-def beside(figures: dict[str, float]) -> str:
-    """A line for each work and each of the others."""
+def compared(figures: dict[str, float]) -> str:
+    """A line for each task and each peer."""
     lines = []
     for name, ratio in figures.items():
         found = re.fullmatch(r"(.*): (.*) over haptid", name)
         if found:
             work, peer = found.groups()
             ours, theirs = time_of(figures, work, "haptid"), ratio * time_of(figures, work, "haptid")
-            wanted = WANTED.get((work, peer))
-            lines.append((work, shown(ours), peer, shown(theirs), times(ratio), verdict(ratio, wanted)))
-    return markdown(("work", "haptid", "beside", "theirs", "ratio", "wanted"), ordered(lines))
+            target = TARGETS.get((work, peer))
+            lines.append((work, shown(ours), peer, shown(theirs), times(ratio), verdict(ratio, target)))
+    return markdown(("task", "haptid", "peer", "its time", "ratio", "target"), ordered(lines))
 
 
 def ordered(lines: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -64,19 +64,19 @@ def ordered(lines: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 def time_of(figures: dict[str, float], work: str, who: str) -> float:
-    """Microseconds, or seconds of a whole road."""
+    """Microseconds, or seconds of a whole pipeline."""
     return figures.get(f"{work}: {who}, us", figures.get(f"{work}: {who}, s", float("nan")))
 
 
-def verdict(ratio: float, wanted: float | None) -> str:
-    """What was wanted, and whether it is there."""
-    if wanted is None:
+def verdict(ratio: float, target: float | None) -> str:
+    """The target, and whether it is reached."""
+    if target is None:
         return ""
-    return f"{wanted:g}, {'reached' if ratio >= wanted else 'not reached'}"
+    return f"{target:g}, {'reached' if ratio >= target else 'not reached'}"
 
 
 def limits(figures: dict[str, float]) -> str:
-    """Operations, bytes, and the shares of what the machine can do."""
+    """Operations, bytes, and shares of the machine's limits."""
     if "memory fill, GB/s" not in figures:
         return "Not measured: there is no compiler."
     peak, fill = figures["multiply-add peak, GF/s"], figures["memory fill, GB/s"]
@@ -91,11 +91,11 @@ def limits(figures: dict[str, float]) -> str:
     count, speed = figures["regressor, stored: bytes per sample"], figures["regressor, stored: GB/s"]
     share = figures["regressor, stored: share of memory fill, %"]
     lines.append(("regressor of 8192, stored", f"{count:.0f} bytes", f"{speed:.3g} GB/s", f"{share:.0f} %"))
-    return markdown(("work", "per sample", "speed", "share of the limit"), lines)
+    return markdown(("task", "per sample", "speed", "share of the limit"), lines)
 
 
 def memory(figures: dict[str, float]) -> str:
-    """And time and error of every road from a file to a result."""
+    """Time, memory and error of every pipeline from a file to a result."""
     lines = []
     for name, peak in figures.items():
         found = re.fullmatch(r"(.*): (.*), peak memory, GiB", name)
@@ -103,17 +103,17 @@ def memory(figures: dict[str, float]) -> str:
             off = figures[f"{found[1]}: {found[2]}, error of torque, %"]
             seconds = figures[f"{found[1]}: {found[2]}, s"]
             lines.append((found[1], found[2], shown(seconds), f"{peak:.2f}", f"{off:.2g}"))
-    return markdown(("log", "road", "seconds", "peak memory, GiB", "error of the model's torque, %"), lines)
+    return markdown(("log", "pipeline", "seconds", "peak memory, GiB", "error of the model's torque, %"), lines)
 
 
 def start_up(figures: dict[str, float]) -> str:
-    """What is started, and how long it takes."""
+    """Start-up time of commands and packages."""
     lines = []
     for name, seconds in figures.items():
         what = name.removesuffix(", s")
         held = f"below {HELP}, {'reached' if seconds < HELP else 'not reached'}" if what == "haptid --help" else ""
         lines.append((f"`{what}`" if "without" not in what else what, f"{seconds:.2f}", held))
-    return markdown(("what", "seconds", "wanted"), lines)
+    return markdown(("what", "seconds", "target"), lines)
 
 
 def shown(number: float) -> str:
@@ -134,10 +134,10 @@ def markdown(heads: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
 
 # Every part: its study, and what is made of the figures.
 PARTS = {
-    "Regressor and reduction, microseconds per sample": ("kernel", beside),
+    "Regressor and reduction, microseconds per sample": ("kernel", compared),
     "The machine's limits": ("kernel", limits),
-    "Dynamics, microseconds for each": ("dynamics", beside),
-    "From a file to a result, seconds": ("file-to-result", beside),
+    "Dynamics, microseconds for each": ("dynamics", compared),
+    "From a file to a result, seconds": ("file-to-result", compared),
     "Memory and error": ("file-to-result", memory),
     "Start-up": ("start-up", start_up),
 }

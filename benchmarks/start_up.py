@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from beside import PYTHON, left_out
+from compare_peers import PYTHON, left_out
 from stopwatch import fastest
 
 RUNS, FEW = 10, 3

@@ -94,7 +94,7 @@ def exact_identification(model: haptid.Device, made: bench.Recording) -> dict[st
     kinds = np.array([name[:2] for name in model.base.names])
     heavy = (carried.max(axis=1) >= 0.02) & ~np.isin(kinds, ("FV", "FC"))
     return {
-        "torque": 100 * haptid.direct(estimate).relative,
+        "torque": 100 * haptid.fit_errors(estimate).relative,
         "parameters": float(off[heavy].max()),
         "Coulomb": float(off[kinds == "FC"].max()),
         "viscous": float(off[kinds == "FV"].max()),

@@ -17,17 +17,17 @@ import numpy as np
 import haptid
 from haptid.experiment import bench
 
-# Where the hand feels the device, as a share of the motion's amplitude beside its centre.
+# Where the hand measures the device, as a share of the motion's amplitude from its centre.
 PLACE = 0.4
 # How much of the experiment's motion is tracked, s.
 TRACKED = 3.0
-# One period to begin, and one to feel, s.
+# One period to begin, and one to measure, s.
 STROKE = bench.Stroke(amplitude=0.02, frequency_hz=2.0, seconds=1.0)
 # Of the simulator, s: long enough to be quick.
 STEP = 2.5e-4
 
 
-def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
+def simulated(device: str, path: str, folder: str) -> bench.InTheLoopResult:
     """All that is measured."""
     experiment = bench.read_experiment(path)
     setup = replace(experiment.setup(haptid.DynamicModel(haptid.read_device(device))), physics=bench.Physics(STEP))
@@ -35,14 +35,14 @@ def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     first = slice(round(TRACKED / setup.dt))
     trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
     pose = whole.q.mean(axis=0) + PLACE * np.ptp(whole.q, axis=0) / 2
-    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
+    return bench.simulate_in_the_loop(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
 
 
-def table(made: bench.Rehearsal) -> str:
+def table(made: bench.InTheLoopResult) -> str:
     """The figures as text."""
-    lines = ["felt at the handle    before    after"]
+    lines = ["impedance at handle   before    after"]
     for what, unit in (("mass", "kg"), ("weight", "N"), ("friction", "N"), ("damping", "N s/m")):
-        before, after = (np.mean(np.abs([getattr(felt, what) for felt in side])) for side in (made.bare, made.assisted))
+        before, after = (np.mean(np.abs([getattr(one, what) for one in side])) for side in (made.bare, made.assisted))
         lines.append(f"{what + ', ' + unit:20s}  {before:6.4f}   {after:6.4f}")
     lines += [
         f"weight left: {100 * made.weight_left:.1f} %",
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("experiment", help="an experiment file of the bench")
     parser.add_argument("folder", help="with the exported C")
     given = parser.parse_args()
-    print(table(rehearsed(given.device, given.experiment, given.folder)))
+    print(table(simulated(given.device, given.experiment, given.folder)))
 
 
 if __name__ == "__main__":

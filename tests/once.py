@@ -1,4 +1,4 @@
-"""What several tests need is made once in a test run, by the first worker that asks, and kept on disk for the others."""
+"""Results that several tests share are made once in a test run, by the first worker, and kept on disk for others."""
 
 from __future__ import annotations
 

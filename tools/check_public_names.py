@@ -16,6 +16,11 @@ PACKAGE = Path(__file__).parents[1] / "python" / "haptid"
 APART = ("cli", "demos", "log/formats")
 
 
+def targets(node: ast.expr) -> set[str]:
+    """Names that an assignment to this expression binds: `A`, `A, B` and `[A, *B]`, but no attribute or item."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
+
+
 def definitions(path: Path) -> set[str]:
     """Public names that a module defines at its top level: functions, classes, constants and type aliases."""
     names: set[str] = set()
@@ -23,9 +28,9 @@ def definitions(path: Path) -> set[str]:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             names.add(node.name)
         elif isinstance(node, ast.Assign):
-            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            names.add(node.target.id)
+            names |= set().union(*(targets(target) for target in node.targets))
+        elif isinstance(node, ast.AnnAssign):
+            names |= targets(node.target)
     return {name for name in names if not name.startswith("_")}
 
 

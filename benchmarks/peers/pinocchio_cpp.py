@@ -73,7 +73,7 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
         ),
         "forward dynamics": Work(MANY, lambda: call("forward", MANY, q, v, tau, acceleration), lambda _: acceleration),
         "simulation step": Work(MANY * STEPS, simulated),
-        "felt masses": Work(MANY, lambda: call("felt", MANY, q, felt), lambda _: felt),
+        "apparent masses": Work(MANY, lambda: call("felt", MANY, q, felt), lambda _: felt),
     }
 
 

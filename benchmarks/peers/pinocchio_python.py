@@ -79,6 +79,6 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
         "mass matrix": Work(MANY, mass),
         "forward dynamics": Work(MANY, lambda: [pin.aba(model, data, Q[k], V[k], T[k]) for k in range(MANY)]),
         "simulation step": Work(MANY * STEPS, simulated),
-        "felt masses": Work(MANY, felt),
+        "apparent masses": Work(MANY, felt),
         "condition number of a motion": Work(1, condition),
     }

@@ -8,6 +8,9 @@ The pipeline, from a device file and logs to a validated model:
     observation = haptid.observe(model, motion)
     estimate = haptid.estimate(observation, haptid.WLS())
     validation = haptid.validate(estimate, haptid.observe(model, unseen))
+
+Here are the functions of that pipeline, its values, the estimators and the covariance estimators. Everything else is
+public in its room, which is loaded at first use: `haptid.estimation.Bounds`, `haptid.inference.drift`.
 """
 
 import ast
@@ -18,19 +21,22 @@ from haptid import errors
 from haptid._core import __version__ as __version__
 
 
-def _homes() -> dict[str, str]:
-    """Module of each public name, from the imports in the stub beside: the one list of them."""
+def _homes() -> tuple[dict[str, str], frozenset[str]]:
+    """Module of each public name, and the rooms, from the imports of the stub `__init__.pyi`: the one list of them."""
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom) and node.module != __name__]
-    return {alias.name: node.module for node in imports for alias in node.names if node.module}
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    homes = {a.name: node.module for node in imports for a in node.names if node.module and node.module != __name__}
+    return homes, frozenset(a.name for node in imports for a in node.names if node.module == __name__)
 
 
-_HOMES = _homes()
+_HOMES, _ROOMS = _homes()
 __all__ = ["errors", *_HOMES]
 
 
 def __getattr__(name: str) -> object:
-    """A public name at its first use (PEP 562): a program loads what it calls, and nothing else."""
+    """A public name or a room at its first use (PEP 562), so that a program loads only what it calls."""
+    if name in _ROOMS:
+        return import_module(f"{__name__}.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'haptid' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)
@@ -39,4 +45,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_ROOMS})

@@ -1,27 +1,34 @@
-"""The public names, and the module of each: `__init__.py` reads them here, and imports a module at first use."""
+"""The public names, and the module of each: `__init__.py` reads them here, and imports a module at first use.
 
+All other names are public in their room: `haptid.estimation.Bounds`, `haptid.inference.drift`.
+"""
+
+from haptid import advice as advice
+from haptid import device as device
+from haptid import dynamics as dynamics
+from haptid import end_effector as end_effector
 from haptid import errors
+from haptid import estimation as estimation
+from haptid import executors as executors
+from haptid import experiment as experiment
+from haptid import export as export
+from haptid import inference as inference
+from haptid import log as log
+from haptid import motion as motion
+from haptid import observation as observation
+from haptid import report as report
+from haptid import results as results
+from haptid import simulation as simulation
+from haptid import study as study
+from haptid import treatment_choice as treatment_choice
+from haptid import uncertainty as uncertainty
+from haptid import validation as validation
 from haptid._core import __version__
-from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
-from haptid.device import Device, device_schema, read_device, shipped_devices
-from haptid.dynamics.base_parameters import BaseParameters, base_parameters
-from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
-from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.device import Device, read_device, shipped_devices
+from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
-from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.end_effector.characterisation import (
-    ApparentMass,
-    Characterisation,
-    GivenParameters,
-    apparent_mass,
-    characterise,
-)
-from haptid.end_effector.compensation import Compensation, stable_share
-from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.end_effector.force import HandleForce, estimate_force
-from haptid.end_effector.momentum_observer import MomentumObserver, ObserverResult, observe_force
-from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
+from haptid.end_effector.characterisation import characterise
+from haptid.end_effector.force import estimate_force
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -37,92 +44,36 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
-    BoundedSolution,
-    Bounds,
     Classical,
     ClusterRobust,
-    Constrained,
-    Cost,
-    EqualityConstraints,
     ErrorsInVariables,
     Estimate,
-    FeasibleParameters,
-    Fit,
-    FixedAtZero,
     FixedB,
-    Heteroscedastic,
-    Huber,
-    Intervals,
-    Method,
     OutputErrorMethod,
-    Parameter,
     PhysicallyConsistent,
     Profile,
     Ridge,
     Sandwich,
-    Spread,
-    StudentT,
-    Tukey,
     estimate,
-    possible,
-    project_to_feasible,
-    pseudo_inertia,
 )
-from haptid.estimation.methods.regularised import Entropic
-from haptid.estimation.nonlinear import VariableProjection, variable_projection
-from haptid.estimation.nonlinear.load_friction import fit_load_friction
-from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
-from haptid.experiment.friction_test.curve import (
-    ConstantVelocity,
-    DirectionPairs,
-    FrictionCurve,
-    ModelSubtraction,
-    friction_curve,
-)
-from haptid.export import (
-    CCode,
-    CExport,
-    Export,
-    export_c,
-    export_json,
-    export_latex,
-    export_matlab,
-    export_mjcf,
-    export_rust,
-    export_urdf,
-)
-from haptid.inference.comparison import Comparison, Series, compare
-from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
-from haptid.inference.drift import Drift, drift
-from haptid.inference.drive_gains import DriveGains, drive_gains
-from haptid.inference.elimination import (
-    BackwardElimination,
-    Elimination,
-    GautierRatio,
-    MaxRelativeStd,
-    eliminate,
-    eliminate_by_motor,
-)
-from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
-from haptid.inference.targets import Targets, side_by_side, target_map, targets
+from haptid.experiment.bench import simulate
+from haptid.experiment.excitation import design_excitation
+from haptid.export import export_model
+from haptid.inference.comparison import Comparison, compare
+from haptid.inference.diagnosis import Diagnosis, diagnose
+from haptid.inference.elimination import eliminate
+from haptid.inference.payload_estimate import estimate_payload
 from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all
-from haptid.observation.cache import RFactorCache
-from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
-from haptid.observation.observation import MotorRows, Observation, observe
-from haptid.observation.plan import Block
-from haptid.report import HandForceData, Report, make_report, read_report, write_comparison
-from haptid.results.result import Result, result_schema
-from haptid.results.schema import ResultLog
-from haptid.simulation import PID
-from haptid.study import Study, read_study, study_schema
-from haptid.study.identify import Identification, Run, identify
-from haptid.treatment_choice.delay_estimate import Delays, find_delays
-from haptid.treatment_choice.propose import Proposal, propose
-from haptid.validation.prediction import Prediction, predict
-from haptid.validation.validation import MotorError, Validation, direct, validate
+from haptid.observation.observation import Observation, observe
+from haptid.report import make_report
+from haptid.results.result import Result
+from haptid.study import Study, read_study
+from haptid.study.identify import Identification, identify
+from haptid.treatment_choice.propose import propose
+from haptid.validation.prediction import predict
+from haptid.validation.validation import Validation, fit_errors, validate
 
 __all__ = [
     "CLIE",
@@ -133,173 +84,61 @@ __all__ = [
     "IRLS",
     "IV",
     "OLS",
-    "PID",
     "SUR",
     "TLS",
     "UKF",
     "WLS",
-    "ApparentMass",
-    "BackwardElimination",
-    "BaseParameters",
-    "Block",
     "BlockJackknife",
     "Bootstrap",
-    "BoundedSolution",
-    "Bounds",
-    "Box",
-    "CCode",
-    "CExport",
-    "Causal",
     "Channels",
-    "Characterisation",
     "Classical",
     "ClusterRobust",
     "Comparison",
-    "Compensation",
-    "ConstantVelocity",
-    "Constrained",
-    "Cost",
-    "DaskExecutor",
-    "Definiteness",
-    "Delays",
     "Device",
     "Diagnosis",
-    "DirectionPairs",
-    "Drift",
-    "DriveGains",
     "DynamicModel",
-    "Elimination",
-    "Entropic",
-    "EqualityConstraints",
     "ErrorsInVariables",
     "Estimate",
-    "Executor",
-    "Export",
-    "FeasibleParameters",
-    "Finding",
-    "Fit",
-    "FixedAtZero",
     "FixedB",
-    "FrictionChoice",
-    "FrictionCurve",
-    "GautierRatio",
-    "GivenParameters",
-    "HandForceData",
-    "HandleForce",
-    "HandleMotion",
-    "Heteroscedastic",
-    "HighPass",
-    "Huber",
     "Identification",
-    "Intervals",
-    "KaiserSmoother",
     "Log",
-    "MaxRelativeStd",
-    "Method",
-    "ModelSubtraction",
-    "MomentumObserver",
     "Motion",
-    "MotorError",
-    "MotorRows",
     "Observation",
-    "ObserverResult",
     "OutputErrorMethod",
-    "Parameter",
-    "Payload",
-    "PayloadEstimate",
     "PhysicallyConsistent",
-    "Prediction",
-    "ProcessExecutor",
     "Profile",
-    "Proposal",
-    "RFactorCache",
-    "Regroupings",
-    "Report",
     "Result",
-    "ResultLog",
     "Ridge",
-    "Run",
     "Sandwich",
-    "SerialExecutor",
-    "Series",
     "Signal",
-    "Spread",
-    "StudentT",
     "Study",
-    "Targets",
-    "TorqueDecomposition",
     "Treatment",
-    "Tukey",
     "Validation",
-    "VariableProjection",
-    "Verdict",
-    "WindowedSinc",
-    "Workspace",
     "__version__",
-    "apparent_mass",
-    "base_parameters",
-    "bias_torque",
     "characterise",
-    "choose_friction",
     "compare",
-    "decompose_torque",
-    "definiteness",
-    "device_schema",
+    "design_excitation",
     "diagnose",
-    "direct",
-    "drift",
-    "drive_gains",
     "eliminate",
-    "eliminate_by_motor",
     "errors",
     "estimate",
     "estimate_force",
     "estimate_payload",
-    "export_c",
-    "export_json",
-    "export_latex",
-    "export_matlab",
-    "export_mjcf",
-    "export_rust",
-    "export_urdf",
-    "find_delays",
-    "fit_load_friction",
-    "friction_curve",
-    "gravity_torque",
-    "handle_motion",
+    "export_model",
+    "fit_errors",
     "identify",
     "inverse_dynamics",
-    "link_poses",
-    "log_without_payload",
-    "loop_regroupings",
     "make_report",
-    "mass_matrix",
     "observe",
     "observe_all",
-    "observe_force",
     "open_log",
-    "payload_torque",
-    "possible",
     "predict",
-    "project_to_feasible",
     "propose",
-    "pseudo_inertia",
     "read_device",
     "read_log",
-    "read_report",
     "read_study",
-    "regroupings",
-    "result_schema",
     "shipped_devices",
-    "side_by_side",
-    "stable_share",
-    "study_schema",
-    "target_map",
-    "targets",
+    "simulate",
     "treat",
     "validate",
-    "variable_projection",
-    "without_payload",
-    "workspace",
-    "write_comparison",
 ]

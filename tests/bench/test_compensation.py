@@ -90,7 +90,7 @@ def test_towards_one_mass_the_hand_feels_it_at_every_pose(model):
     assert max(made) / min(made) < 1 + 0.4 * (masses.max() / masses.min() - 1)
 
 
-def test_the_share_of_a_pose_brings_its_mass_to_the_one_that_is_asked_for(model):
+def test_the_share_of_a_pose_brings_its_mass_to_the_one_that_is_requested(model):
     """Between none, where the mass is less already, and the most that is set; where it is beyond measure, the most."""
     identified = GivenParameters(model, model.base.of(smooth(model)))
     qa = np.column_stack([*POSES, (0.0, 0.2, 0.2 + np.pi / 2)])

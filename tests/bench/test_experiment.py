@@ -140,7 +140,7 @@ def test_many_logs_at_a_time_are_those_made_one_by_one(short, tmp_path):
     ]
     told = []
     made = bench.make_logs(
-        jobs, workers=haptid.ProcessExecutor(2), progress=lambda path, share: told.append((path, share))
+        jobs, workers=haptid.executors.ProcessExecutor(2), progress=lambda path, share: told.append((path, share))
     )
     assert made == (tmp_path / "5.parquet", tmp_path / "6.parquet")
     assert {path for path, _ in told} == set(made)
@@ -219,7 +219,7 @@ def test_keys_that_are_wrong_are_named(before, after, where, tmp_path):
         '\n[[bodies]]\nlink = "a"\nmass = 1.0\ncom = [0.0, 0.1, 0.0]\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]',
     ],
 )
-def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_path):
+def test_true_parameters_that_the_device_does_not_have_are_rejected(more, tmp_path):
     path = tmp_path / "experiment.toml"
     path.write_text(SHORT + more)
     with pytest.raises(errors.UnknownNameError, match="no free parameter"):
@@ -227,7 +227,7 @@ def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_pat
 
 
 @pytest.mark.parametrize("table", ["bodies", "weights"])
-def test_masses_on_links_that_the_device_does_not_have_are_refused(table, tmp_path):
+def test_masses_on_links_that_the_device_does_not_have_are_rejected(table, tmp_path):
     path, model = tmp_path / "experiment.toml", haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     inertia = "\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]" if table == "bodies" else ""
     for link in ("zz", "base"):

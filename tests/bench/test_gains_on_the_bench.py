@@ -48,7 +48,7 @@ def observed(arm, model, seed, payload=None):
 def test_a_gain_that_is_off_is_found(arm, wrong):
     com = np.array([arm.device.lengths["L2"], 0.0, 0.0])
     bare, loaded = observed(arm, wrong, 1), observed(arm, wrong, 2, bench.SimulatedPayload(WEIGHT))
-    found = haptid.drive_gains(bare, loaded, "3", PriorBody(WEIGHT, com, None))
+    found = haptid.inference.drive_gains(bare, loaded, "3", PriorBody(WEIGHT, com, None))
     np.testing.assert_allclose(found.factor, TRUE, rtol=0.003)
     assert found.conf_int()[1, 1] < 0.84
     beta = arm.base.of(truth_of(CASE))

@@ -12,7 +12,7 @@ from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
 from haptid.experiment import bench
-from haptid.observation.reversals import softened
+from haptid.observation.reversals import smoothed_friction
 from motions import motion
 from true_parameters import true_parameters
 
@@ -124,7 +124,7 @@ def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, es
     qa, qda, tau = found.position.T, found.velocity.T, found.command.T / 2.73
     seen = observer.follow(model, estimate.beta, dt, qa, qda, tau).torque
     qdda = np.diff(qda, axis=1, prepend=qda[:, :1]) / dt
-    soft = softened(model, observer.reversal_speed)
+    soft = smoothed_friction(model, observer.reversal_speed)
     differentiated = core_torque(soft, raw_parameters(model, estimate.beta), qa, qda, qdda) - tau
     exact = handle_motion(model, found.q[:, list(model.device.active)].T)
     hand = observer.smooth(np.einsum("nij,ni->jn", exact.jacobian[:, :3], found.hand), dt)

@@ -10,7 +10,7 @@ from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.bench.compiled_code import prototypes
 from haptid.export import CCode, export_c
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from in_the_loop import CASES, DEVICES, rehearsed, setup_of
 from true_parameters import true_parameters
 
@@ -42,8 +42,8 @@ def test_mass_is_the_models(rehearsal):
     setup = setup_of(case)
     pose = (np.array(case.centre) + np.array((0.3, 0.5, 0.6)) * case.amplitude)[:, None]
     beta = setup.model.base.of(setup.chi)
-    J = np.linalg.inv(haptid.handle_motion(setup.model, pose).jacobian[0, :3])
-    wanted = np.diag(J.T @ haptid.mass_matrix(setup.model, beta, pose)[0] @ J)
+    J = np.linalg.inv(haptid.dynamics.handle_motion(setup.model, pose).jacobian[0, :3])
+    wanted = np.diag(J.T @ haptid.dynamics.mass_matrix(setup.model, beta, pose)[0] @ J)
     for side in (rehearsal.bare, rehearsal.assisted):
         np.testing.assert_allclose([felt.mass for felt in side], wanted, rtol=0.1)
 
@@ -62,16 +62,16 @@ def test_compiled_code_is_the_python_model(tmp_path, precision):
     beta = model.base.of(true_parameters(model))
     export_c((model, beta), tmp_path, CCode("dev", precision))
     code = bench.Compiled.of(tmp_path)
-    golden = Golden.at_random(model, beta, 0.01, 3)
+    reference = ReferenceValues.at_random(model, beta, 0.01, 3)
     close = {"rtol": 1e-9, "atol": 1e-12} if precision == "double" else {"rtol": 1e-3, "atol": 1e-5}
     for name in ("inverse_dynamics", "mass_matrix", "handle_jacobian", "momentum"):
-        wanted = golden.functions[name]()
+        wanted = reference.functions[name]()
         for k in range(3):
-            made = code(name, *(getattr(golden, x)[:, k] for x in code.functions[name].inputs))
+            made = code(name, *(getattr(reference, x)[:, k] for x in code.functions[name].inputs))
             for output, values in wanted.items():
                 np.testing.assert_allclose(made[output], values[k], **close)
-    half = code.friction_compensation(golden.qd[:, 0], 0.5)
-    np.testing.assert_allclose(half, 0.5 * golden.functions["friction"]()["tau"][0], **close)
+    half = code.friction_compensation(reference.qd[:, 0], 0.5)
+    np.testing.assert_allclose(half, 0.5 * reference.functions["friction"]()["tau"][0], **close)
     assert code.coordinates == 3
 
 

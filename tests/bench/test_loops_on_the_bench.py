@@ -10,7 +10,7 @@ import haptid
 from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.bench import mjcf
-from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.mjcf import cut_sites, depth_first
 from true_parameters import put
 
@@ -101,13 +101,13 @@ def test_a_loop_of_a_plane_has_one_pin_and_a_loop_in_space_a_hinge():
     assert len(cut_sites(haptid.DynamicModel(haptid.read_device("delta")))) == 4
 
 
-def test_a_motion_near_a_flat_pose_is_refused():
+def test_a_motion_near_a_flat_pose_is_rejected():
     """At 2.356 and 0.785 the handle is in the middle; inwards the outer bars come to lie on one line."""
     model = haptid.DynamicModel(haptid.read_device("five_bar"))
     kind = bench.Multisine(0.8, (3.012, 0.13), (0.002, 0.002), ramp=0.3)
     setup = bench.Setup(model, light(model), bench.Controller((4.0,), (0.06,)))
     trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(1))
-    assert 1e-3 < loop_openness(model, model.device.closure.positions(trajectory.q.T).T).min() < 0.05
+    assert 1e-3 < loop_conditioning(model, model.device.closure.positions(trajectory.q.T).T).min() < 0.05
     with pytest.raises(errors.TrajectoryError) as raised:
         bench.simulate(setup, trajectory, np.random.default_rng(2))
     assert raised.value.found < raised.value.limit == FLAT

@@ -43,7 +43,7 @@ def test_tree_dynamics_projected_are_haptids(name):
 
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch"])
-def test_cut_sites_meet_where_the_relations_say(name):
+def test_cut_sites_meet_where_the_relations_state(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     mj_model = mujoco.MjModel.from_xml_string(mjcf(model, true_parameters(model)))
     data = mujoco.MjData(mj_model)
@@ -136,7 +136,7 @@ def test_payload_is_a_mass_at_the_handle():
         ({"Ma": 0.0, "MXa": 0.0, "XXa": 0.0, "YYa": 0.0, "ZZa": 0.0}, errors.PhysicalConsistencyError, "link a"),
     ],
 )
-def test_what_no_body_can_be_is_refused(changes, error, part):
+def test_what_no_body_can_be_is_rejected(changes, error, part):
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     chi = true_parameters(model)
     for name, value in changes.items():
@@ -145,7 +145,7 @@ def test_what_no_body_can_be_is_refused(changes, error, part):
         mjcf(model, chi)
 
 
-def test_terms_without_counterpart_and_payload_without_handle_are_refused(tmp_path):
+def test_terms_without_counterpart_and_payload_without_handle_are_rejected(tmp_path):
     model = haptid.DynamicModel(haptid.read_device("kuka_kr300"))
     chi = true_parameters(model, FC=0.0)
     external = next(term.name for term in model.terms if term.kind == "external")

@@ -20,7 +20,7 @@ def test_strip_of_stick_figures_is_drawn(name, tmp_path):
     assert (tmp_path / "strip.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_handle_is_where_the_papers_say():
+def test_handle_is_where_the_papers_state():
     """p = Ry(theta1)(L1 e2 + L2 e3) of Cavusoglu et al. (2002)."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     qa = np.random.default_rng(1).uniform(-0.6, 0.6, (10, 3))

@@ -37,7 +37,7 @@ def test_rates_are_derivatives_and_both_ends_are_at_rest(kind):
     bench.check_trajectory(PHANTOM, made, CHI)
 
 
-def test_sweep_runs_at_the_speeds_that_were_asked_for():
+def test_sweep_runs_at_the_speeds_that_were_requested():
     made = bench.plan(bench.Sweep(CENTRE, (0.4,), (0.2, 1.0)), PHANTOM, 1e-3, np.random.default_rng(0))
     for joint in range(3):
         for speed in (0.2, 1.0, -0.2, -1.0):
@@ -82,7 +82,7 @@ def test_what_passes_the_check_stays_inside_every_limit(kind, centre, size, seed
     for joint, position in zip(PHANTOM.device.joints, q, strict=True):
         if joint.position_limits:
             assert joint.position_limits[0] <= position.min() <= position.max() <= joint.position_limits[1]
-    assert bench.loop_openness(PHANTOM, q.T).min() > 0
+    assert bench.loop_conditioning(PHANTOM, q.T).min() > 0
     if kind == "multisine":
         assert np.abs(made.q - centre).max() <= size * (1 + 1e-12)
 
@@ -106,13 +106,15 @@ def test_motors_must_be_strong_enough():
     assert raised.value.where[0] == "motor 2"
 
 
-def test_flat_loops_are_refused():
+def test_flat_loops_are_rejected():
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     with pytest.raises(errors.TrajectoryError) as raised:
         check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))
     assert raised.value.found < raised.value.limit
     assert (
-        bench.loop_openness(model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset]))[0]
+        bench.loop_conditioning(
+            model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset])
+        )[0]
         < 1e-9
     )
 

@@ -45,7 +45,7 @@ def test_the_table_of_the_study_has_the_recorded_figures(page, recorded):
     assert int(seeds[1]) == recorded["seeds of each branch"] == SEEDS
 
 
-def test_intervals_of_the_recorded_study_hold_the_truth_as_often_as_they_say(recorded):
+def test_intervals_of_the_recorded_study_cover_the_truth_as_often_as_stated(recorded):
     """Every published parameter over the logs of both branches, and all of them together."""
     demo = read_demo("medical")
     held = {

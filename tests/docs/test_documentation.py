@@ -30,6 +30,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
+from haptid.dynamics.symbolic import loop_regroupings
 from haptid.experiment import bench
 from once import made_once, run_folder
 
@@ -301,7 +302,7 @@ def base_parameters_of(path: Path) -> int:
     try:
         return len(haptid.DynamicModel(haptid.read_device(path)).base)
     except haptid.errors.LoopClosureError:
-        return len(haptid.loop_regroupings(path))
+        return len(loop_regroupings(path))
 
 
 def together(whole: str, part: str) -> str:
@@ -346,8 +347,8 @@ def test_navigation_has_every_page() -> None:
 @pytest.mark.parametrize(
     ("page", "schema"),
     [
-        ("device-files.md", haptid.device_schema),
-        ("studies.md", haptid.study_schema),
+        ("device-files.md", haptid.device.device_schema),
+        ("studies.md", haptid.study.study_schema),
         ("bench.md", bench.experiment_schema),
     ],
 )

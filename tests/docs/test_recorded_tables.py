@@ -20,10 +20,10 @@ CALLED = {
 COLUMNS = ("parameters, median, %", "unseen torque, %", "intervals that hold the truth, %")
 
 
-def test_the_yardstick_has_the_recorded_figures():
-    file = PROJECT / "benchmarks/results/yardstick.json"
+def test_the_estimator_benchmark_has_the_recorded_figures():
+    file = PROJECT / "benchmarks/results/estimator-benchmark.json"
     recorded = json.loads(file.read_text(encoding="utf-8"))["figures"]
-    page = (PROJECT / "docs/yardstick.md").read_text(encoding="utf-8")
+    page = (PROJECT / "docs/simulation-based.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\|[^|]*\| `(.*?)` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
     named = {CALLED.get(method, method) for method, *_ in rows}
     assert named == {what.partition(":")[0] for what in recorded}
@@ -35,7 +35,7 @@ def test_the_yardstick_has_the_recorded_figures():
 def test_noise_in_the_columns_biases_as_recorded():
     file = PROJECT / "benchmarks/results/noisy-columns.json"
     recorded = json.loads(file.read_text(encoding="utf-8"))["figures"]
-    page = " ".join((PROJECT / "docs/yardstick.md").read_text(encoding="utf-8").split())
+    page = " ".join((PROJECT / "docs/simulation-based.md").read_text(encoding="utf-8").split())
     quoted = re.search(
         r"is ([\d.]+) times smaller with `IV`, (\d+) times with `DIDIM` and (\d+) times with `CLIE`", page
     )

@@ -1,4 +1,4 @@
-"""The page on speed has the tables of the records, and says of each ratio whether what was wanted is reached."""
+"""The page on speed has the tables of the records, and states of each ratio whether its target is reached."""
 
 import re
 from pathlib import Path
@@ -40,7 +40,7 @@ def test_every_part_has_its_place_on_the_page():
     assert re.findall(r"<!-- (.*) -->", page) == [*speed_report.PARTS, "Left out"]
 
 
-def test_ratios_are_held_to_what_was_wanted():
+def test_ratios_are_compared_with_their_targets():
     text = speed_report.table(MADE_UP)
     assert "| regressor in cache | 0.1 | Pinocchio C++ | 1.9 | 19 | 20, not reached |" in text
     assert "| regressor in cache | 0.1 | CasADi C | 0.4 | 4.0 | 3.5, reached |" in text
@@ -56,6 +56,6 @@ def test_peers_without_a_figure_are_named():
 def test_filling_in_leaves_the_rest_as_it_is():
     page = "Before.\n\n<!-- Start-up -->\n\n(not measured)\n\n## After\n\n<!-- Left out -->\n\nnobody\n"
     text = speed_report.filled(page, MADE_UP)
-    assert text.startswith("Before.\n\n<!-- Start-up -->\n\n| what | seconds | wanted |\n")
+    assert text.startswith("Before.\n\n<!-- Start-up -->\n\n| what | seconds | target |\n")
     assert text.endswith("## After\n\n<!-- Left out -->\n\nPinocchio Python, iDynTree, MuJoCo\n")
     assert speed_report.filled(text, MADE_UP) == text

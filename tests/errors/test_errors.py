@@ -20,12 +20,14 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import DaskExecutor, ProcessExecutor
 from haptid.cli.options import ranges
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.symbolic import loop_regroupings
 from haptid.dynamics.workspace import Box
 from haptid.errors import HaptidError
+from haptid.estimation.nonlinear import variable_projection
+from haptid.executors import DaskExecutor, ProcessExecutor
 from haptid.experiment import bench
 from haptid.export import export_c
 from haptid.log import Channels, Signal, read_log
@@ -168,12 +170,12 @@ def column_value(folder: Path) -> object:
 @case
 def no_targets(folder: Path) -> object:
     model, made = moved(folder)
-    return haptid.targets(haptid.estimate(haptid.observe(model, made), haptid.WLS()))
+    return haptid.inference.targets(haptid.estimate(haptid.observe(model, made), haptid.WLS()))
 
 
 @case
 def no_handle(folder: Path) -> object:
-    return haptid.handle_motion(device(folder), np.zeros((2, 1)))
+    return haptid.dynamics.handle_motion(device(folder), np.zeros((2, 1)))
 
 
 @case
@@ -272,7 +274,7 @@ def motion_too_short(folder: Path) -> object:
 
 @case
 def no_accelerations(_: Path) -> object:
-    return haptid.Treatment(cutoff_hz=None, velocity=haptid.HighPass(30.0))
+    return haptid.Treatment(cutoff_hz=None, velocity=haptid.motion.HighPass(30.0))
 
 
 @case
@@ -292,13 +294,13 @@ def not_excited(folder: Path) -> object:
 @case
 def no_body(folder: Path) -> object:
     model = device(folder)
-    return haptid.export_urdf((model, -np.ones(len(model.base))), folder / "out")
+    return haptid.export.export_urdf((model, -np.ones(len(model.base))), folder / "out")
 
 
 @case
 def nothing_searched(folder: Path) -> object:
     model, made = moved(folder)
-    return haptid.variable_projection(model, [made])
+    return variable_projection(model, [made])
 
 
 @case
@@ -330,19 +332,19 @@ def no_inertia(folder: Path) -> object:
 @case
 def symbols_in_loops(folder: Path) -> object:
     device(folder, DEVICE + '[[loops]]\nrelations = ["q2 = q1"]\n')
-    return haptid.loop_regroupings(folder / "device.toml")
+    return loop_regroupings(folder / "device.toml")
 
 
 @case
 def empty_workspace(_: Path) -> object:
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    return haptid.workspace(model, box=Box((9.0, 9.0, 9.0), (9.1, 9.1, 9.1))).grid()
+    return haptid.dynamics.workspace(model, box=Box((9.0, 9.0, 9.0), (9.1, 9.1, 9.1))).grid()
 
 
 @case
 def unknown_parameter(folder: Path) -> object:
     model, made = moved(folder)
-    return haptid.estimate(haptid.observe(model, made), haptid.FixedAtZero(("FV9",)))
+    return haptid.estimate(haptid.observe(model, made), haptid.estimation.FixedAtZero(("FV9",)))
 
 
 @case

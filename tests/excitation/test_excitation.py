@@ -20,7 +20,7 @@ from haptid.experiment.excitation import (
     ScaledCondition,
     Search,
     TrianglesWithSines,
-    design,
+    design_excitation,
     observed_motion,
     quality,
     write_experiment,
@@ -38,7 +38,7 @@ FAMILIES = [FourierSeries(8.0, 0.2, 4), TrianglesWithSines(8.0)]
 
 @pytest.fixture(scope="module")
 def found():
-    return design(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, noise=(0.002,), search=SHORT)
+    return design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, noise=(0.002,), search=SHORT)
 
 
 def explicit(trajectory):
@@ -80,7 +80,7 @@ def test_promised_deviations_come_true(found):
 @pytest.mark.parametrize("criterion", [ScaledCondition(), RawCondition(), Information(), LargestDeviation()])
 def test_search_improves_and_the_bench_accepts_what_it_finds(family, criterion):
     wanted = replace(WITHIN, torque=(0.5,), couplings=(Coupling((0.0, 1.0, -1.0), -0.7, 0.7),))
-    made = design(PHANTOM, family, wanted, criterion=criterion, beta=BETA, search=SHORT)
+    made = design_excitation(PHANTOM, family, wanted, criterion=criterion, beta=BETA, search=SHORT)
     assert criterion.cost(made.after) < criterion.cost(made.before)
     fine = made.trajectory(1e-3)
     bench.check_trajectory(PHANTOM, fine, true_parameters(PHANTOM))
@@ -94,7 +94,7 @@ def test_search_improves_and_the_bench_accepts_what_it_finds(family, criterion):
 
 def test_one_seed_is_one_motion(found):
     seen = []
-    same = design(
+    same = design_excitation(
         PHANTOM, FAMILIES[0], WITHIN, beta=BETA, noise=(0.002,), search=SHORT, progress=lambda *at: seen.append(at)
     )
     assert same.kind == found.kind
@@ -104,7 +104,7 @@ def test_one_seed_is_one_motion(found):
 
 def test_only_the_parameters_that_count():
     names = ("FC1", "FC2", "FC3")
-    made = design(PHANTOM, FAMILIES[0], WITHIN, columns=names, beta=BETA, search=replace(SHORT, tries=60))
+    made = design_excitation(PHANTOM, FAMILIES[0], WITHIN, columns=names, beta=BETA, search=replace(SHORT, tries=60))
     assert made.after.names == names
     assert made.after.scaled < 3
     assert "FC2" in made.summary()
@@ -113,7 +113,7 @@ def test_only_the_parameters_that_count():
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
 def test_file_is_the_motion(family, tmp_path):
-    made = design(PHANTOM, family, WITHIN, beta=BETA, search=replace(SHORT, tries=40))
+    made = design_excitation(PHANTOM, family, WITHIN, beta=BETA, search=replace(SHORT, tries=40))
     like = bench.read_experiment(EXAMPLE)
     read = bench.read_experiment(write_experiment(tmp_path / "excite.toml", made, like))
     phases = np.random.default_rng(np.random.SeedSequence(read.seed).spawn(2)[0])
@@ -132,23 +132,24 @@ def test_example_of_many_tables_is_kept(tmp_path, found):
 
 def test_what_cannot_be_searched(tmp_path, found):
     with pytest.raises(errors.IncompleteDeviceError, match="range of positions"):
-        design(haptid.DynamicModel(haptid.read_device("cea_medical_branch")), FAMILIES[0])
+        design_excitation(haptid.DynamicModel(haptid.read_device("cea_medical_branch")), FAMILIES[0])
     with pytest.raises(errors.IncompleteDeviceError, match="maximum speed"):
-        design(
+        design_excitation(
             haptid.DynamicModel(haptid.read_device("cea_medical_branch")),
             FAMILIES[0],
             Limits(position=((-1.0, 1.0),) * 3),
         )
+    short = replace(SHORT, tries=20)
     with pytest.raises(errors.TrajectoryError) as raised:
-        design(PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=replace(SHORT, tries=20))
+        design_excitation(PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=short)
     assert raised.value.where.startswith("the torque")
     with pytest.raises(errors.UnknownNameError, match="ZZ9R"):
-        design(PHANTOM, FAMILIES[0], WITHIN, columns=("ZZ9R",))
+        design_excitation(PHANTOM, FAMILIES[0], WITHIN, columns=("ZZ9R",))
     with pytest.raises(errors.SettingError) as raised:
         Search(tries=0)
     assert raised.value.where == "tries"
     with pytest.raises(errors.ExperimentError) as raised:
-        design(PHANTOM, FAMILIES[0], replace(WITHIN, speed=(1.0, 2.0)))
+        design_excitation(PHANTOM, FAMILIES[0], replace(WITHIN, speed=(1.0, 2.0)))
     assert (raised.value.where, raised.value.found) == ("speed", 2)
     with pytest.raises(errors.OutputFolderError):
         write_experiment(tmp_path / "no" / "file.toml", found, bench.read_experiment(EXAMPLE))

@@ -9,7 +9,7 @@ import pytest
 import exciting_motion
 import haptid
 from haptid.experiment import bench
-from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.excitation import observed_motion, quality
 
 RESULTS = Path(exciting_motion.__file__).parent / "results" / "exciting-motion.json"
@@ -23,7 +23,7 @@ def test_the_wide_example_has_a_condition_below_fifty():
     recorded = json.loads(RESULTS.read_text())["figures"]["excite-wide, condition with unit columns"]
     assert scaled < 50
     assert scaled == pytest.approx(recorded, rel=0.02)
-    assert loop_openness(model, model.device.closure.positions(made.q.T).T).min() > FLAT
+    assert loop_conditioning(model, model.device.closure.positions(made.q.T).T).min() > FLAT
 
 
 def test_one_call_is_recorded_to_come_near_it():

@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.export import EXPORTERS, CCode, export, export_c
+from haptid.export import EXPORTERS, CCode, export_c, export_model
 from haptid.export.formats.c_source import comment, wrapped
 from haptid.export.output import default_name
 from small_study import DEVICE, write_study
@@ -35,7 +35,7 @@ def test_header_says_what_the_model_is_and_how_it_was_validated(tmp_path, identi
     assert made.verdict in (made.folder / "README.md").read_text()
 
 
-def test_a_failed_validation_is_refused_and_told(tmp_path, identification):
+def test_a_failed_validation_is_rejected_with_a_reason(tmp_path, identification):
     out = tmp_path / "out"
     with pytest.raises(errors.UnvalidatedModelError) as raised:
         export_c(identification, out, largest_error=1e-6)
@@ -45,14 +45,14 @@ def test_a_failed_validation_is_refused_and_told(tmp_path, identification):
     assert "VALIDATION FAILED" in header(out)
 
 
-def test_a_criterion_asks_for_a_validation(tmp_path, identification):
+def test_a_criterion_requires_a_validation(tmp_path, identification):
     estimate = identification.estimate
     with pytest.raises(errors.UnvalidatedModelError) as raised:
         export_c(estimate, tmp_path / "out", largest_error=5.0)
     assert raised.value.limit == 5.0
     export_c(estimate, tmp_path / "out", largest_error=5.0, anyway=True)
     assert "NOT VALIDATED" in header(tmp_path / "out")
-    export_c(estimate, tmp_path / "out", validation=haptid.direct(estimate))
+    export_c(estimate, tmp_path / "out", validation=haptid.fit_errors(estimate))
     assert "rows of its own fit; no criterion was set" in header(tmp_path / "out")
 
 
@@ -106,13 +106,13 @@ def test_loops_that_are_solved_at_every_pose(tmp_path):
 def test_parameters_that_no_body_has(tmp_path, identification):
     model = identification.model
     with pytest.raises(errors.PhysicalConsistencyError, match="possible = true"):
-        export((model, -np.ones(len(model.base))), tmp_path / "out", ["json", "mjcf"])
+        export_model((model, -np.ones(len(model.base))), tmp_path / "out", ["json", "mjcf"])
     assert not (tmp_path / "out").exists()  # nothing, where not all can be written
 
 
 def test_a_format_that_is_none(tmp_path, identification):
     with pytest.raises(errors.UnknownNameError) as raised:
-        export(identification, tmp_path / "out", ["c", "fortran"])
+        export_model(identification, tmp_path / "out", ["c", "fortran"])
     assert raised.value.limit == EXPORTERS
 
 
@@ -123,7 +123,7 @@ def test_every_format_says_how_the_model_was_validated(tmp_path, identification,
     haptid.Result.of(identification).save(tmp_path / "result")
     read = haptid.Result.load(tmp_path / "result")
     for source in (identification, read):
-        made = export(source, tmp_path / "out", [name])[name]
+        made = export_model(source, tmp_path / "out", [name])[name]
         assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (
             "no criterion was set."
         )
@@ -133,9 +133,9 @@ def test_every_format_says_how_the_model_was_validated(tmp_path, identification,
     criteria = read.criteria.model_copy(update={"relative_error_percent": 1e-6})
     strict = read.model_copy(update={"criteria": criteria})
     with pytest.raises(errors.UnvalidatedModelError):
-        export(strict, tmp_path / "strict", [name])
+        export_model(strict, tmp_path / "strict", [name])
     assert not (tmp_path / "strict").exists()
-    assert "VALIDATION FAILED" in export(strict, tmp_path / "strict", [name], anyway=True)[name].verdict
+    assert "VALIDATION FAILED" in export_model(strict, tmp_path / "strict", [name], anyway=True)[name].verdict
 
 
 def test_comments_cannot_be_left():

@@ -13,7 +13,7 @@ from haptid.export.expressions.graph import PARAMETER, Graph, cost, operations
 from haptid.export.expressions.polynomial import cheapest
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 
@@ -27,12 +27,12 @@ def test_every_function_is_the_python_models(mechanism):
     model = as_device(mechanism)
     beta = model.base.of(parameters(mechanism, model))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 20)
+    reference = ReferenceValues.at_random(model, beta, 0.05, 20)
     for function in code.functions:
-        sound = golden.sound(function.name)
+        sound = reference.sound(function.name)
         if not sound.any():
             continue
-        kept = golden.at(np.flatnonzero(sound))
+        kept = reference.at(np.flatnonzero(sound))
         values = named(beta, q=kept.q, qd=kept.qd, qdd=kept.qdd, tau=kept.tau)
         for (name, outputs), wanted in zip(function.outputs, kept.functions[function.name]().values(), strict=True):
             made = np.array([np.broadcast_to(x, sound.sum()) for x in evaluated(code.graph, list(outputs), values)])
@@ -47,7 +47,7 @@ def test_momentum_explains_the_torque(mechanism):
     model = as_device(mechanism, kinds=("rotor",))
     beta = model.base.of(parameters(mechanism, model))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 5)
+    reference = ReferenceValues.at_random(model, beta, 0.05, 5)
     step = 1e-6
 
     def at(name, q, qd, qdd):
@@ -55,12 +55,13 @@ def test_momentum_explains_the_torque(mechanism):
         outputs = [x for _, each in code[name].outputs for x in each]
         return np.array([np.broadcast_to(x, q.shape[1]) for x in evaluated(code.graph, outputs, values)])
 
-    n = len(golden.q)
+    n = len(reference.q)
     ahead, behind = (
-        at("momentum", golden.q + h * golden.qd, golden.qd + h * golden.qdd, golden.qdd) for h in (step, -step)
+        at("momentum", reference.q + h * reference.qd, reference.qd + h * reference.qdd, reference.qdd)
+        for h in (step, -step)
     )
-    rest = at("momentum", golden.q, golden.qd, golden.qdd)[n:]
-    torque = at("inverse_dynamics", golden.q, golden.qd, golden.qdd)
+    rest = at("momentum", reference.q, reference.qd, reference.qdd)[n:]
+    torque = at("inverse_dynamics", reference.q, reference.qd, reference.qdd)
     np.testing.assert_allclose((ahead - behind)[:n] / (2 * step) + rest, torque, atol=1e-6 * (1 + np.abs(torque).max()))
 
 
@@ -176,11 +177,11 @@ def test_every_kind_of_term(tmp_path):
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     beta = np.random.default_rng(2).uniform(0.1, 1.0, len(model.base))
     code = code_of(model, 0.05)
-    golden = Golden.at_random(model, beta, 0.05, 200)
+    reference = ReferenceValues.at_random(model, beta, 0.05, 200)
     for name in ("terms", "friction"):
         outputs = list(code[name].outputs[0][1])
-        made = np.array(evaluated(code.graph, outputs, named(beta, q=golden.q, qd=golden.qd)))
-        wanted = golden.functions[name]()["tau"].T
+        made = np.array(evaluated(code.graph, outputs, named(beta, q=reference.q, qd=reference.qd)))
+        wanted = reference.functions[name]()["tau"].T
         assert np.abs(wanted).max() > 0.1
         np.testing.assert_allclose(made, wanted, rtol=1e-10, atol=1e-12)
     export_c((model, beta), tmp_path / "out", CCode(NAME))

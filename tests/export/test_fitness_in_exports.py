@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.export import EXPORTERS, CCode, export
+from haptid.export import EXPORTERS, CCode, export_model
 from haptid.inference.diagnosis import diagnose
 from haptid.report import source
 from small_study import write_study
@@ -66,14 +66,14 @@ def test_a_result_without_a_verdict_is_read(folder, tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(values))
     read = haptid.Result.load(tmp_path)
     assert read.verdict == []
-    made = export(read, tmp_path / "out", ["c"])["c"]
+    made = export_model(read, tmp_path / "out", ["c"])["c"]
     assert "WARNING" not in (made.folder / "two_links.h").read_text()
 
 
 @pytest.mark.parametrize("name", EXPORTERS)
 def test_every_format_says_what_the_model_is_not_fit_for(unfit, tmp_path, name):
     read = haptid.Result.load(unfit)
-    made = export(read, tmp_path / "out", [name])[name]
+    made = export_model(read, tmp_path / "out", [name])[name]
     said = words("".join((made.folder / file).read_text() for file in made.files))
     for use in read.verdict:
         assert words(use.sentence) in said
@@ -119,14 +119,14 @@ def test_no_line_of_a_header_is_wider_than_120(tmp_path, name):
     for model in ("phantom_premium_15", "cea_medical_branch"):
         described = haptid.DynamicModel(haptid.read_device(model))
         other_model = (described, [0.1] * len(described.base))
-        made = export(other_model, tmp_path, ["c"], CCode(name))["c"]
+        made = export_model(other_model, tmp_path, ["c"], CCode(name))["c"]
         for file in (f"{name}.h", f"{name}_example.c"):
             assert max(map(len, (made.folder / file).read_text().splitlines())) <= 120
 
 
 def test_a_command_is_torque_by_a_factor_with_its_unit(tmp_path):
     model = haptid.DynamicModel(haptid.read_device("emps"))
-    made = export((model, [1.0] * len(model.base)), tmp_path, ["c", "matlab"])
+    made = export_model((model, [1.0] * len(model.base)), tmp_path, ["c", "matlab"])
     assert "command in V = torque / (35.1506519 N per V)" in (made["c"].folder / "emps.h").read_text()
     matlab = "".join((made["matlab"].folder / file).read_text() for file in made["matlab"].files)
     assert "row by row" not in matlab

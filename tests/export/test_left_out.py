@@ -15,7 +15,7 @@ from haptid.advice.eliminate import with_reduced
 from haptid.cli import app
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from haptid.inference.elimination import BackwardElimination, MaxRelativeStd, eliminate, refit_without
 from motions import motion, multisine, truth
 from small_study import two_links, write_study
@@ -63,13 +63,13 @@ def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
 def test_c_is_the_reduced_model_in_python(reduced, tmp_path):
     export_c(reduced, tmp_path, CCode(NAME, reversal_speed=SPEED))
     library = Library.built(tmp_path, code_of(reduced.model, SPEED, reduced.zero), "double")
-    golden = Golden.at_random(reduced.model, reduced.beta, SPEED, 2000)
-    arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
+    reference = ReferenceValues.at_random(reduced.model, reduced.beta, SPEED, 2000)
+    arrays = {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")}
     for function in library.code.functions:
         if function.checks:
             continue
         got = library(function.name, arrays)
-        for output, wanted in golden.functions[function.name]().items():
+        for output, wanted in reference.functions[function.name]().items():
             assert relative(got[output], wanted) < 1e-12, (function.name, output)
     run([compiler("gcc"), *STRICT, f"{NAME}.c", f"{NAME}_selftest.c", "-lm", "-o", "selftest"], tmp_path)
     run(["./selftest"], tmp_path)
@@ -117,7 +117,7 @@ def test_essential_writes_a_result(folder, study):
     assert read.estimate.method == "WLS without 2"
     found = haptid.identify(haptid.read_study(study))
     assert read.unseen[0].relative == pytest.approx(steps["error_percent"]["unseen"]["reduced"])
-    assert read.direct[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
+    assert read.fit_errors[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
     assert read.unseen[0].relative != found.unseen[0].relative
 
 

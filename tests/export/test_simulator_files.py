@@ -191,7 +191,7 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
     model, beta = mj_model("arm3")
     wrong = np.array(beta)
     wrong[model.base.names.index("ZZ3R" if "ZZ3R" in model.base.names else "ZZ3")] *= -0.01
-    held = haptid.project_to_feasible(model, wrong, np.eye(len(beta)))
+    held = haptid.estimation.project_to_feasible(model, wrong, np.eye(len(beta)))
     chi = standard_parameters_of(model, held.beta)
     # Each body is moved inside by INSIDE and by what the solver leaves outside; a base parameter groups several bodies.
     assert departure(model, held.beta, chi) < len(model.device.joints) * (INSIDE + ENOUGH)

@@ -13,7 +13,7 @@ from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
 from haptid.export.formats.latex import escaped, latex_number, unit_text
 from haptid.export.output import default_name
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from true_parameters import true_parameters
 
 DEVICES = ["phantom_premium_15", "cea_medical_branch", "kuka_kr300", "emps"]
@@ -35,8 +35,8 @@ def other_model(name):
 
 def golden_of(name, samples):
     model, beta = other_model(name)
-    golden = Golden.at_random(model, beta, REVERSAL_SPEED, samples)
-    return golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
+    reference = ReferenceValues.at_random(model, beta, REVERSAL_SPEED, samples)
+    return reference.at(np.flatnonzero(reference.sound("forward_dynamics")))
 
 
 # --- JSON -------------------------------------------------------------------------------------------------------
@@ -126,42 +126,42 @@ def interpreted(text, inputs):
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_matlab_is_the_python_model(tmp_path, name):
-    golden = golden_of(name, 200)
-    export_matlab((golden.model, golden.beta), tmp_path)
-    prefix = default_name(golden.model.device.name)
-    inputs = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")} | {"beta": golden.beta}
+    reference = golden_of(name, 200)
+    export_matlab((reference.model, reference.beta), tmp_path)
+    prefix = default_name(reference.model.device.name)
+    inputs = {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")} | {"beta": reference.beta}
     with np.errstate(all="ignore"):
-        for function in golden.functions:
+        for function in reference.functions:
             path = tmp_path / f"{prefix}_{function}.m"
-            sound = golden.sound(function) if path.exists() else np.zeros(1, dtype=bool)
+            sound = reference.sound(function) if path.exists() else np.zeros(1, dtype=bool)
             if not sound.any():
                 continue
             made = interpreted(path.read_text(), inputs)
-            for output, values in golden.at(np.flatnonzero(sound)).functions[function]().items():
+            for output, values in reference.at(np.flatnonzero(sound)).functions[function]().items():
                 got = np.stack([np.broadcast_to(x, sound.shape) for x in made[output]], axis=1)[sound]
                 assert relative(got, values) < 1e-9, (function, output)
 
 
 def test_octave_runs_it(tmp_path):
     octave = compiler("octave")
-    golden = golden_of("phantom_premium_15", 20)
-    export_matlab((golden.model, golden.beta), tmp_path)
+    reference = golden_of("phantom_premium_15", 20)
+    export_matlab((reference.model, reference.beta), tmp_path)
     state = ", ".join(
-        "[" + "; ".join(map(repr, map(float, getattr(golden, x)[:, 0]))) + "]" for x in ("q", "qd", "qdd")
+        "[" + "; ".join(map(repr, map(float, getattr(reference, x)[:, 0]))) + "]" for x in ("q", "qd", "qdd")
     )
     call = f"printf('%.17g ', phantom_premium_1_5_inverse_dynamics({state})); M = phantom_premium_1_5_mass_matrix("
     done = run([octave, "--eval", call + f"{state.split(', ')[0]}); assert(size(M), [3, 3])"], tmp_path)
-    wanted = golden.functions["inverse_dynamics"]()["tau"][0]
+    wanted = reference.functions["inverse_dynamics"]()["tau"][0]
     np.testing.assert_allclose([float(x) for x in done.stdout.split()], wanted, rtol=1e-12)
 
 
 # --- Rust -------------------------------------------------------------------------------------------------------
 
 
-def rust_driver(golden, functions):
+def rust_driver(reference, functions):
     """A program that calls functions at every state and prints what they give."""
-    n = len(golden.model.device.drives)
-    states = np.stack([golden.q, golden.qd, golden.qdd, golden.tau]).transpose(2, 0, 1)
+    n = len(reference.model.device.drives)
+    states = np.stack([reference.q, reference.qd, reference.qdd, reference.tau]).transpose(2, 0, 1)
     rows = ", ".join(f"{[[float(x) for x in row] for row in state]}" for state in states)
     calls = "\n".join(
         f"    let made = dev::{name}({', '.join(arguments)});\n"
@@ -178,8 +178,8 @@ def rust_driver(golden, functions):
 @pytest.mark.parametrize("name", ["phantom_premium_15", "kuka_kr300"])
 def test_rust_is_the_python_model(tmp_path, name):
     rustc = compiler("rustc")
-    golden = golden_of(name, 20)
-    export_rust((golden.model, golden.beta), tmp_path)
+    reference = golden_of(name, 20)
+    export_rust((reference.model, reference.beta), tmp_path)
     (tmp_path / "libm.rs").write_text(LIBM)
     text = (tmp_path / "src" / "lib.rs").read_text()
     assert "#![no_std]" in text
@@ -188,9 +188,9 @@ def test_rust_is_the_python_model(tmp_path, name):
     functions = [
         (f, [place[a.split(":")[0]] for a in arguments.split(", ")], "Option" in made)
         for f, arguments, made in found
-        if f != "new" and golden.sound(f).all()
+        if f != "new" and reference.sound(f).all()
     ]
-    (tmp_path / "main.rs").write_text(rust_driver(golden, functions))
+    (tmp_path / "main.rs").write_text(rust_driver(reference, functions))
     library = ["--edition", "2021", "--crate-type", "rlib"]
     run([rustc, *library, "--crate-name", "libm", "libm.rs", "-o", "liblibm.rlib"], tmp_path)
     linked = ["--extern", "libm=liblibm.rlib"]
@@ -201,8 +201,8 @@ def test_rust_is_the_python_model(tmp_path, name):
     lines = iter(
         subprocess.run(["./driver"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
     )
-    wanted = {f: np.hstack(list(golden.functions[f]().values())) for f, _, _ in functions}
-    for k in range(golden.q.shape[1]):
+    wanted = {f: np.hstack(list(reference.functions[f]().values())) for f, _, _ in functions}
+    for k in range(reference.q.shape[1]):
         for f, _, _ in functions:
             got = np.array([float(x) for x in re.findall(r"[-+0-9.e]+", next(lines))])
             assert np.abs(got - wanted[f][k]).max() < 1e-9 * (np.abs(wanted[f]).max() or 1.0), f

@@ -12,7 +12,7 @@ from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
@@ -64,15 +64,15 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
     model, beta, _ = written(tmp_path, name, precision)
     library = Library.built(tmp_path, code_of(model, SPEED), precision)
     rounded = library.real
-    golden = Golden.at_random(model, beta, SPEED, STATES)
+    reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
-    arrays = {x: getattr(golden, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
-    golden = Golden(model, beta, SPEED, **arrays)
+    arrays = {x: getattr(reference, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
+    reference = ReferenceValues(model, beta, SPEED, **arrays)
     for function in library.code.functions:
         if function.checks:
             continue
         got = library(function.name, arrays)
-        for output, wanted in golden.functions[function.name]().items():
+        for output, wanted in reference.functions[function.name]().items():
             assert relative(got[output], wanted) < TOLERANCE[precision], (function.name, output)
 
 
@@ -81,17 +81,17 @@ def test_solutions_solve(tmp_path, name):
     """Accelerations give the torque back; mobility and force are those of a solver that pivots."""
     model, beta, _ = written(tmp_path, name)
     library = Library.built(tmp_path, code_of(model, SPEED), "double")
-    golden = Golden.at_random(model, beta, SPEED, STATES)
-    golden = golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
-    assert golden.q.shape[1] > 0.9 * STATES
-    arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
+    reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
+    reference = reference.at(np.flatnonzero(reference.sound("forward_dynamics")))
+    assert reference.q.shape[1] > 0.9 * STATES
+    arrays = {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")}
     qdd = library("forward_dynamics", arrays)["qdd"]
     again = library("inverse_dynamics", arrays | {"qdd": qdd.T})["tau"]
-    size = np.abs(golden.tau.T) + np.abs(library("inverse_dynamics", arrays | {"qdd": 0 * qdd.T})["tau"])
-    assert relative(again - golden.tau.T + size, size) < 1e-10
+    size = np.abs(reference.tau.T) + np.abs(library("inverse_dynamics", arrays | {"qdd": 0 * qdd.T})["tau"])
+    assert relative(again - reference.tau.T + size, size) < 1e-10
     for function in ("handle_mobility", "handle_force"):
         if function in library.code:
-            kept = golden.at(np.flatnonzero(golden.sound(function))[: STATES // 10])
+            kept = reference.at(np.flatnonzero(reference.sound(function))[: STATES // 10])
             got = library(function, {x: getattr(kept, x) for x in ("q", "tau")})
             for output, wanted in kept.functions[function]().items():
                 assert relative(got[output], wanted) < 1e-9, function
@@ -112,16 +112,16 @@ def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     library = Library.built(tmp_path, code_of(model, SPEED), "double")
     felt = library.handle.dev_apparent_mass
     felt.restype = ctypes.c_double
-    golden = Golden.at_random(model, beta, SPEED, 20)
-    for mobility in golden.functions["handle_mobility"]()["mobility"]:
+    reference = ReferenceValues.at_random(model, beta, SPEED, 20)
+    for mobility in reference.functions["handle_mobility"]()["mobility"]:
         A, u = np.ascontiguousarray(mobility), np.array([0.3, -0.4, 1.2])
         made = felt(A.ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p))
         assert made == pytest.approx(u @ u / (u @ A.reshape(3, 3) @ u), rel=1e-12)
     assert felt(np.zeros(9).ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p)) == np.inf
-    state = [np.ascontiguousarray(x[:, 0]) for x in (golden.q, golden.qd, golden.qdd)]
+    state = [np.ascontiguousarray(x[:, 0]) for x in (reference.q, reference.qd, reference.qdd)]
     tau = np.zeros(3)
     library.handle.dev_torque(library.constants, *(x.ctypes.data_as(ctypes.c_void_p) for x in (*state, tau)))
-    wanted = sum(golden.functions[name]()["tau"][0] for name in ("inverse_dynamics", "terms"))
+    wanted = sum(reference.functions[name]()["tau"][0] for name in ("inverse_dynamics", "terms"))
     np.testing.assert_allclose(tau, wanted, rtol=1e-12)
 
 
@@ -207,8 +207,8 @@ def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     omega = 3.0 * k
     q, qd, qdd = (0.3 * omega**d * np.sin(omega * t + k + d * np.pi / 2) for d in range(3))
     push = np.array([0.02, -0.01, 0.03])
-    golden = Golden(model, beta, SPEED, q, qd, qdd, qdd)
-    tau = sum(golden.functions[name]()["tau"].T for name in ("inverse_dynamics", "terms")) - push[:, None]
+    reference = ReferenceValues(model, beta, SPEED, q, qd, qdd, qdd)
+    tau = sum(reference.functions[name]()["tau"].T for name in ("inverse_dynamics", "terms")) - push[:, None]
     text = "\n".join(
         " ".join(repr(float(x)) for x in row) for row in np.stack([q, qd, tau], 1).transpose(2, 0, 1).reshape(-1, 9)
     )
@@ -219,7 +219,7 @@ def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     assert relative(differentiated, HighPass(cutoff).velocity(q, dt)) < 1e-12
     np.testing.assert_allclose(observed[:, 500:].mean(axis=1), push, rtol=2e-3)
     np.testing.assert_allclose(
-        friction, golden.functions["friction"]()["tau"].T, atol=1e-12
+        friction, reference.functions["friction"]()["tau"].T, atol=1e-12
     )  # a share of 2 is cut to 1
 
 

@@ -56,11 +56,11 @@ def fitted(file, seed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_34_parameters_become_the_15_of_the_paper(seed):
     found = eliminate(fitted("excite.toml", seed))
-    assert len(found.full.kept) == 34
+    assert len(found.full.free_parameters) == 34
     assert set(found.essential) == set(PUBLISHED)
     assert np.nanmax(np.abs(found.shift)) < 4
     low, high = found.reduced.conf_int().T
-    inside = [low[k] <= BETA[k] <= high[k] for k in found.reduced.kept]
+    inside = [low[k] <= BETA[k] <= high[k] for k in found.reduced.free_parameters]
     assert np.mean(inside) > 0.8
     assert found.seen[1].relative < 1.03 * found.seen[0].relative
 

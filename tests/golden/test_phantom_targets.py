@@ -66,8 +66,8 @@ def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(model):
     found = rows @ np.nan_to_num(model.device.chi_prior)
     np.testing.assert_allclose(found, equation_4(MASS, MOMENTS, BASE_YY), rtol=1e-13)
     np.testing.assert_allclose(ALPHA * found, TABLE1, atol=2e-4)
-    golden = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
-    np.testing.assert_allclose(found, golden, atol=5e-9)
+    reference = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
+    np.testing.assert_allclose(found, reference, atol=5e-9)
 
 
 def test_targets_of_any_bodies_are_equation_4(model):
@@ -108,7 +108,7 @@ def test_the_groupings_of_equation_4_are_found_in_link_frames(model):
     assert found["pi_8"] == "9.81 MXdfR + 9.81 MXaR"
 
 
-def test_torque_of_the_targets_is_the_golden_one(model):
+def test_torque_of_the_targets_is_the_reference_one(model):
     """All fourteen of Table I, Normal, in units of command, against the closed form at one state."""
     normal = [0.0039, 0.0037, -0.0011, 0.0019, 0.0057, 0.0026, -0.0525, -0.3002,
               -0.0057, -0.0035, -0.0005, 0.0707, 0.0251, 0.0248]  # fmt: skip

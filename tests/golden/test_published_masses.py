@@ -92,7 +92,7 @@ def test_masses_are_those_of_the_closed_form(model, table):
     ("table", "wanted"),
     [(UPPER, (0.032049, 0.029, -0.003652, 0.014)), (LOWER, (0.028516, 0.027, -0.003184, 0.012))],
 )
-def test_golden_mass_matrix(model, table, wanted):
+def test_reference_mass_matrix(model, table, wanted):
     A = mass_matrix(model, identified(model, table).beta, np.array([[0.2], [-1.0], [1.0 + np.pi]]))[0]
     np.testing.assert_allclose([A[0, 0], A[1, 1], A[1, 2], A[2, 2]], wanted, atol=5e-7)
 

@@ -1,4 +1,4 @@
-"""The law of the two roads: base parameters with lengths as symbols are those of the numbers, put in afterwards."""
+"""Base parameters with symbolic lengths equal the numeric ones once the lengths are substituted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def drawn(folder: Path, text: str) -> haptid.Device:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_both_roads_find_the_same(tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int) -> None:
+def test_both_methods_find_the_same(tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int) -> None:
     model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints))
     exact = model.regroupings  # raises RegroupingError where they differ
     assert exact.independent_columns == model.base.independent_columns

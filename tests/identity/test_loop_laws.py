@@ -1,4 +1,4 @@
-"""Laws of loops that are not linear: closure, rates, energy, momentum, and linear loops by the general road."""
+"""Laws of loops that are not linear: closure, rates, energy, momentum, and linear loops by the general method."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ def test_loops_close_all_along_a_motion_and_nothing_jumps(model):
     np.testing.assert_array_equal(tree[list(model.device.active)], q)
 
 
-def test_poses_do_not_depend_on_the_way_they_are_asked_for(model):
+def test_poses_do_not_depend_on_the_way_they_are_requested(model):
     q, _, _ = path(model, 1.0, 1e-2)
     order = np.random.default_rng(0).permutation(q.shape[1])
     tree = model.device.closure.positions(q)
@@ -183,7 +183,7 @@ def test_all_instruction_sets_agree(model):
         np.testing.assert_allclose(other, made[0], atol=1e-12 * np.abs(made[0]).max())
 
 
-def test_the_core_refuses_loops_of_another_size():
+def test_the_core_rejects_loops_of_another_size():
     model = haptid.DynamicModel(haptid.read_device("five_bar"))
     qa, qda, qdda = poses(model, 5)
     for loops in (None, model.loops(qa, qda)[:-1]):

@@ -165,7 +165,7 @@ def test_a_set_without_inertia_is_an_error_that_names_the_row():
         ForwardDynamics(model, chi).acceleration(still, still, still)
 
 
-def test_sets_that_do_not_fit_are_refused():
+def test_sets_that_do_not_fit_are_rejected():
     core = haptid.DynamicModel(haptid.read_device("arm3")).mechanism
     c, none = np.zeros((3, 5)), np.zeros((0, 5))
     with pytest.raises(ValueError, match="chi has shape"):

@@ -195,7 +195,7 @@ def test_motors_say_which_torques_are_known(tmp_path: Path) -> None:
         (("cut = {", 'relations = ["q4 = q1"]\ncut = {'), "a loop has relations"),
     ],
 )
-def test_loops_that_are_no_dyads_are_refused(change: tuple[str, str], found: str, tmp_path: Path) -> None:
+def test_loops_that_are_no_dyads_are_rejected(change: tuple[str, str], found: str, tmp_path: Path) -> None:
     with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, FIVE_BAR.replace(*change)))
     assert found in raised.value.found

@@ -82,8 +82,8 @@ def test_phantom_jacobian_is_the_published_one():
     expected = Rotation.from_rotvec(q1[:, None] * [0, 1, 0]) * Rotation.from_rotvec(-q3[:, None] * [1, 0, 0])
     np.testing.assert_allclose(paper, expected.as_matrix(), atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(got[:, :3]), l1 * l2 * reach * c23, atol=1e-15)
-    golden = [got[0, 0, 0], got[0, 1, 1], got[0, 2, 1], got[0, 2, 2]]
-    np.testing.assert_allclose(golden, [0.27953046, 0.21392590, 0.02146418, 0.17], atol=5e-9)
+    reference = [got[0, 0, 0], got[0, 1, 1], got[0, 2, 1], got[0, 2, 2]]
+    np.testing.assert_allclose(reference, [0.27953046, 0.21392590, 0.02146418, 0.17], atol=5e-9)
     place = np.array([reach * np.sin(q1), l1 * np.sin(q2) - l2 * np.cos(q3), reach * np.cos(q1)]).T
     np.testing.assert_allclose(motion.position, place, atol=1e-15)
 

@@ -148,7 +148,7 @@ def test_forward_dynamics_with_rigid_pins(compared):
     u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(model.device.motors), STATES))
     tau = np.linalg.solve(model.device.row_map.T, model.device.coupling.T @ u)
     rest = haptid.inverse_dynamics(model, beta, qa, qda, np.zeros_like(qa))
-    cdd = np.linalg.solve(haptid.mass_matrix(model, beta, qa), (tau - rest).T[..., None])[..., 0]
+    cdd = np.linalg.solve(haptid.dynamics.mass_matrix(model, beta, qa), (tau - rest).T[..., None])[..., 0]
     ours = np.linalg.solve(model.device.row_map, cdd.T).T
     theirs = []
     for k, tree in enumerate(trees):
@@ -161,8 +161,8 @@ def test_forward_dynamics_with_rigid_pins(compared):
 def test_mass_matrix_and_bias_of_the_closed_chain(compared):
     model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
     back = np.linalg.inv(model.device.row_map)
-    M = haptid.mass_matrix(model, beta, qa)
-    h = haptid.bias_torque(model, beta, qa, qda).T
+    M = haptid.dynamics.mass_matrix(model, beta, qa)
+    h = haptid.dynamics.bias_torque(model, beta, qa, qda).T
     for k, tree in enumerate(trees):
         Z = tree.basis(active) @ back
         close(M[k], Z.T @ tree.M @ Z)

@@ -40,11 +40,11 @@ def test_emps_parameters_are_the_published_ones(emps, name):
 
 def test_emps_errors_are_the_published_ones(emps):
     identification, pulses = emps.runs
-    assert identification.direct.relative == pytest.approx(4.083, abs=0.05)
+    assert identification.fit_errors.relative == pytest.approx(4.083, abs=0.05)
     assert pulses.unseen[0].relative == pytest.approx(5.982, abs=0.05)
 
 
-def test_emps_textbook_deviations_are_the_published_ones_and_the_honest_ones_are_larger(emps):
+def test_emps_classical_deviations_are_the_published_ones_and_the_cluster_robust_ones_are_larger(emps):
     for name, (_, se) in EMPS.items():
         assert emps.estimate[name].classical_se == pytest.approx(se, rel=0.1)
         assert emps.estimate[name].se > emps.estimate[name].classical_se
@@ -54,7 +54,7 @@ def test_emps_with_friction_by_direction_predicts_better(examples, shared_data):
     """With viscous friction by direction and a Stribeck velocity that is searched, below the published 5.98 %."""
     found = haptid.identify(haptid.read_study(examples / "emps" / "friction-study.toml"), shared_data / "emps")
     identification, pulses = found.runs
-    assert identification.direct.relative < 2.9
+    assert identification.fit_errors.relative < 2.9
     assert pulses.unseen[0].relative < 5.35
     low, high = found.projection["FS1.velocity"].conf_int()
     assert low < found.projection["FS1.velocity"].value < high < 0.04

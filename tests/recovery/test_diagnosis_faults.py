@@ -44,7 +44,7 @@ def test_half_a_sample_of_delay_is_found_and_measured(seed):
         half = finding.figures[f"half_width motor {k}"]
         assert finding.figures[f"delay motor {k}"] == pytest.approx(5e-4, abs=2 * half + 2e-5)
     treatment = haptid.propose(phantom(), made, torque_delay_s=0.0).treatment
-    other = haptid.find_delay(phantom(), [made], treatment)
+    other = haptid.treatment_choice.find_delay(phantom(), [made], treatment)
     assert finding.figures["delay motor 1"] == pytest.approx(other.seconds, abs=6e-5)
 
 

@@ -1,4 +1,4 @@
-"""Essential parameters: what is zero is left out, what is needed stays, and the test means what it says."""
+"""Elimination: zero parameters are eliminated, needed ones stay, and the F-test has its level."""
 
 from dataclasses import replace
 
@@ -53,14 +53,16 @@ def test_reduced_estimate_is_least_squares_on_the_columns_kept(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
     W, y = explicit(model, full.observation.motions[0])
     reduced = refit_without(full, ZERO)
-    wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.kept], y, rcond=None)
-    np.testing.assert_allclose(reduced.beta[list(reduced.kept)], wanted, rtol=1e-9)
+    wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.free_parameters], y, rcond=None)
+    np.testing.assert_allclose(reduced.beta[list(reduced.free_parameters)], wanted, rtol=1e-9)
     assert (reduced.beta[list(reduced.zero)] == 0).all()
     assert (reduced.se[list(reduced.zero)] == 0).all()
     deviation = np.sqrt(
-        np.diag(np.linalg.inv(W[:, reduced.kept].T @ W[:, reduced.kept])) * rest / (len(y) - len(reduced.kept))
+        np.diag(np.linalg.inv(W[:, reduced.free_parameters].T @ W[:, reduced.free_parameters]))
+        * rest
+        / (len(y) - len(reduced.free_parameters))
     )
-    classical = np.sqrt(np.diag(reduced.classical_covariance))[list(reduced.kept)]
+    classical = np.sqrt(np.diag(reduced.classical_covariance))[list(reduced.free_parameters)]
     np.testing.assert_allclose(classical, deviation, rtol=1e-9)
 
 
@@ -85,7 +87,7 @@ def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(model, method):
         found = eliminate(full, BackwardElimination(MaxRelativeStd(30.0), level=0.01))
         carried = np.abs(full.beta) > 8 * full.se
         assert {full.base.names[k] for k in np.flatnonzero(carried)} <= set(found.essential)
-        assert set(ZERO) <= {drop.name for drop in found.drops}
+        assert set(ZERO) <= {drop.name for drop in found.steps}
         assert np.nanmax(np.abs(found.shift)) < 4
 
 
@@ -103,7 +105,7 @@ def test_reduced_estimate_validates_and_predicts_unchanged(model):
     assert all(name in text for name in found.essential)
 
 
-def test_of_one_parameter_the_test_is_the_honest_t(model):
+def test_of_one_parameter_the_test_is_the_cluster_robust_t(model):
     full = fitted(model, noise=0.05, phi=0.8)
     k = full.base.names.index("FV1")
     test = rao_scott_test(full, (k,))
@@ -112,7 +114,7 @@ def test_of_one_parameter_the_test_is_the_honest_t(model):
     assert test.p == pytest.approx(2 * stats.t.sf(np.sqrt(test.F), full.dof[k]), rel=1e-6)
 
 
-def test_with_white_residuals_it_is_the_textbook_f(model):
+def test_with_white_residuals_it_is_the_classical_f(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
     dof = full.observation.rows - len(full.beta)
     size = np.full(len(full.beta), dof / len(ZERO))
@@ -144,11 +146,11 @@ def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
 def test_gautiers_rule_ends_at_ten_times_the_smallest(model):
     full = fitted(model, noise=1e-3)
     found = eliminate(full, BackwardElimination(GautierRatio(1e9)))
-    assert not found.drops
+    assert not found.steps
     assert found.essential == full.base.names
     assert "within" in found.reason
     found = eliminate(full, BackwardElimination(GautierRatio(10.0), level=1e-300))
-    relative = [found.reduced.parameters[k].relative_se for k in found.reduced.kept]
+    relative = [found.reduced.parameters[k].relative_se for k in found.reduced.free_parameters]
     assert max(relative) <= 10 * min(relative)
 
 
@@ -163,7 +165,7 @@ def test_by_motor_each_has_its_own(model):
         assert one.seen[0].relative <= one.seen[1].relative
 
 
-def test_a_held_estimate_is_refused(model):
+def test_a_constrained_estimate_is_rejected(model):
     with pytest.raises(errors.SettingError):
         eliminate(fitted(model, method=haptid.PhysicallyConsistent(), noise=0.02))
 

@@ -1,4 +1,4 @@
-"""The friction test gives back the friction that was put in, and asks for no more model than that needs."""
+"""The friction test recovers the simulated friction, with the smallest model that describes it."""
 
 from dataclasses import replace
 
@@ -88,7 +88,7 @@ def test_friction_by_direction_is_found():
         assert joint.chosen.values["FV-"] - joint.chosen.values["FV+"] == pytest.approx(2e-3, rel=0.15)
 
 
-def test_coulomb_alone_is_said_to_be():
+def test_coulomb_alone_is_reported_to_be():
     beta = BETA.copy()
     beta[[DEVICE.base.names.index(f"FV{k}") for k in "123"]] = 0.0
     chosen = choose_friction(friction_curve(DEVICE, swept(beta=beta)))

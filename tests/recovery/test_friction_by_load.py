@@ -84,15 +84,15 @@ def test_the_diagnosis_sees_it_where_it_is_missing(model, tmp_path):
     assert '"load"' in finding.sentence
 
 
-def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
+def test_rows_without_accelerations_and_exports_are_rejected(model, tmp_path):
     made = moved(model)
     still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
     with pytest.raises(errors.MissingAccelerationError):
         haptid.observe(model, still)
     found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
     with pytest.raises(errors.ExportError, match="load"):
-        haptid.export_c(found, tmp_path / "c")
-    assert "friction by load" in haptid.decompose_torque(found, made).parts
+        haptid.export.export_c(found, tmp_path / "c")
+    assert "friction by load" in haptid.end_effector.decompose_torque(found, made).parts
 
 
 def test_a_load_is_of_one_coordinate(tmp_path):
@@ -102,7 +102,7 @@ def test_a_load_is_of_one_coordinate(tmp_path):
         read(tmp_path, text)
 
 
-def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
+def test_the_command_fits_it_and_the_result_keeps_it(model, tmp_path):
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     study = STUDY.replace("log.csv", "log.parquet").replace('[[logs]]\npath = "check.csv"\nrole = "validate"\n', "")
     (tmp_path / "study.toml").write_text(study.replace("cutoff_hz = 30", "torque_delay_s = 0\ncutoff_hz = 30"))

@@ -29,7 +29,7 @@ def test_without_noise_they_come_back_exactly(name):
     observation = haptid.observe(model, made)
     found = haptid.estimate(observation, haptid.OLS())
     np.testing.assert_allclose(found.beta, beta, rtol=1e-12 * observation.condition[0] + 1e-9)
-    assert haptid.direct(found).relative < 1e-9
+    assert haptid.fit_errors(found).relative < 1e-9
 
 
 @pytest.mark.parametrize(("phi", "decimation"), [(0.0, 1), (0.95, 1), (0.95, 10)])
@@ -55,7 +55,7 @@ def _noisy(model, beta, run, phi, treatment):
     return replace(clean, tau=clean.tau + 0.1 * clean.tau.std(axis=0) * noise)
 
 
-def test_textbook_intervals_do_not_hold_it_when_residuals_are_correlated():
+def test_classical_intervals_do_not_hold_it_when_residuals_are_correlated():
     """What the honest interval is for: with correlated residuals the textbook's is far too narrow."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     found = haptid.estimate(

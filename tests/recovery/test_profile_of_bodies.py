@@ -29,7 +29,7 @@ def test_with_room_all_around_it_is_the_ordinary_interval():
     rows = observed(model, truth(model))
     free = haptid.estimate(rows, haptid.WLS())
     found = haptid.estimate(rows, haptid.PhysicallyConsistent(), Profile())
-    assert not found.held.active
+    assert not found.constrained_fit.active
     np.testing.assert_allclose(found.conf_int(), free.conf_int(), rtol=1e-6, atol=1e-9)
 
 
@@ -38,7 +38,7 @@ def at_the_border():
     model = two_links()
     for seed in range(1, 20):
         found = haptid.estimate(observed(model, truth(model, 0.0), seed), haptid.PhysicallyConsistent(), Profile())
-        if "FV2" in str(found.held.active) or "viscous friction of" in str(found.held.active):
+        if "FV2" in str(found.constrained_fit.active) or "viscous friction of" in str(found.constrained_fit.active):
             return found
     raise AssertionError
 
@@ -58,7 +58,9 @@ def test_at_the_border_the_interval_has_one_side_and_stays_inside():
     both = np.eye(len(low))[[k]] + np.eye(len(low))[[found.base.names.index("FC2")]]
     spread = found.spread(both)
     half = 2.0 * np.sqrt(np.diag(spread.covariance))
-    ends = Profile().ends(found.fit, found.held, np.concatenate([both, np.eye(len(low))[[k]]]), np.append(half, half))
+    ends = Profile().ends(
+        found.fit, found.constrained_fit, np.concatenate([both, np.eye(len(low))[[k]]]), np.append(half, half)
+    )
     assert ends[0, 0] <= float(both[0] @ found.beta) <= ends[0, 1]
     assert ends[1, 0] >= -1e-9
 
@@ -68,20 +70,20 @@ def test_ends_are_the_furthest_that_bodies_can_have(level):
     """Oracle: the cost of the best fit with the parameter fixed just inside an end, and just outside."""
     found = at_the_border()
     k, R = found.base.names.index("FC2"), found.fit.solution.R
-    inside = found.possible.chi
+    inside = found.feasible.chi
     raw = found.model.device.parameters.S @ inside
     assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
     size = np.linalg.norm(found.fit.solution.root[k])
     half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).conf_int(level)[k])[0] / 2)
-    most = np.sum((R @ (found.beta - found.held.free)) ** 2) + (half / size) ** 2
+    most = np.sum((R @ (found.beta - found.constrained_fit.free)) ** 2) + (half / size) ** 2
 
     def cost(value):
         rows = np.zeros(len(found.beta))
         rows[k] = 1e6
-        metric, target = np.vstack([R, rows]), found.held.free.copy()
+        metric, target = np.vstack([R, rows]), found.constrained_fit.free.copy()
         target = np.linalg.lstsq(metric, np.append(R @ target, 1e6 * value), rcond=None)[0]
-        near = haptid.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
-        return np.sum((R @ (near.beta - found.held.free)) ** 2)
+        near = haptid.estimation.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
+        return np.sum((R @ (near.beta - found.constrained_fit.free)) ** 2)
 
     low, high = found.conf_int(level)[k]
     step = 0.02 * (high - low)
@@ -89,7 +91,7 @@ def test_ends_are_the_furthest_that_bodies_can_have(level):
     assert cost(high - step) < most < cost(high + step)
 
 
-def test_it_holds_the_truth_as_often_as_it_says():
+def test_it_covers_the_truth_as_often_as_stated():
     model = two_links()
     beta = truth(model, 0.0)
     inside, widths = [], []

@@ -9,7 +9,7 @@ import haptid
 from haptid import estimation
 from haptid.dynamics.forward import ForwardDynamics, ParametricForwardDynamics, sets_of
 from haptid.experiment import bench
-from haptid.simulation import Stretches, measured_state, open_loop, smooth
+from haptid.simulation import Segments, measured_state, open_loop, smooth
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
 
@@ -43,12 +43,12 @@ def test_only_where_friction_turns_over_steps_are_cut(monkeypatch):
     model, motion = rows.model, rows.motions[0]
     beta = model.base.of(true_parameters(model, **FRICTION))
     forward = ForwardDynamics(smooth(model, [motion], 1e-3), sets_of(model, beta))
-    stretches = Stretches.of(len(motion), 25, 0)
+    segments = Segments.of(len(motion), 25, 0)
     treated, cd = measured_state(model, motion)
-    start = treated[:, stretches.sample[0]], cd[:, stretches.sample[0]]
-    some = open_loop(forward, motion, motion.tau.T, start, stretches)
+    start = treated[:, segments.sample[0]], cd[:, segments.sample[0]]
+    some = open_loop(forward, motion, motion.tau.T, start, segments)
     monkeypatch.setattr(ForwardDynamics, "turning", lambda *args: np.ones(args[1].shape[1], dtype=bool))
-    every = open_loop(forward, motion, motion.tau.T, start, stretches)
+    every = open_loop(forward, motion, motion.tau.T, start, segments)
     np.testing.assert_allclose(some.c, every.c, atol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""Constants that the torque is not linear in are found, beside all other parameters, and their intervals hold them."""
+"""Constants in which the torque is nonlinear are recovered with all other parameters, inside their intervals."""
 
 import numpy as np
 import pytest
@@ -151,12 +151,12 @@ def test_a_log_that_does_not_bound_a_constant_says_so(model):
         ("{ start = 0.5, low = 0.02, high = 5 }", "true", errors.DeviceFileError),
     ],
 )
-def test_a_range_that_means_nothing_is_refused(tmp_path, old, new, error):
+def test_a_range_out_of_range_is_rejected(tmp_path, old, new, error):
     with pytest.raises(error):
         device_of(tmp_path, DEVICE.replace(old, new))
 
 
-def test_what_cannot_be_searched_is_refused(tmp_path, model):
+def test_what_cannot_be_searched_is_rejected(tmp_path, model):
     moved, _ = motion_of(model, tuple(TRUTH.values()), 5, seconds=4.0)
     known = device_of(tmp_path, DEVICE.replace("{ start = 0.5, low = 0.02, high = 5 }", "0.5"))
     with pytest.raises(errors.EstimationError, match="no term"):

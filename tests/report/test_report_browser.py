@@ -125,11 +125,11 @@ def scene_of(tab):
 
 def agrees(identified, masses, pose):
     """The page's masses, three digits, are the library's at that pose."""
-    expected = haptid.apparent_mass(identified, pose[:, None]).mass.values[0]
+    expected = haptid.end_effector.apparent_mass(identified, pose[:, None]).mass.values[0]
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 
-def test_the_device_moves_with_its_sliders_and_weighs_what_the_library_says(report):
+def test_the_device_moves_with_its_sliders_and_has_the_masses_the_library_states(report):
     before, masses, pose = scene_of(report)
     agrees(found().estimate, masses, pose)
     set_joint(report, 1, pose[1] + 0.3)
@@ -162,7 +162,7 @@ def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     assert tab.troubles == []
     _, masses, pose = scene_of(tab)
     tab.picture(folder / f"{name}.png", "#mechanism")
-    identified = haptid.GivenParameters(model, model.base.of(true_parameters(model)))
+    identified = haptid.end_effector.GivenParameters(model, model.base.of(true_parameters(model)))
     if masses:
         agrees(identified, masses, pose)
     set_joint(tab, 0, pose[0] + 0.1)

@@ -64,7 +64,7 @@ def test_an_envelope_spans_the_time_of_its_rows():
     assert envelope("y", "blue", 5.0, 1e-3, y[:1000], 500)["style"] == "line"
 
 
-def test_missing_values_do_not_hide_those_beside_them():
+def test_missing_values_do_not_hide_their_neighbours():
     low, high = extremes(np.array([np.nan, 3.0, np.nan, np.nan]), 2)
     assert (low[0], high[0]) == (3.0, 3.0)
     assert np.isnan(low[1])
@@ -100,7 +100,7 @@ def test_information_adds_up_to_one():
     assert by_motor[estimate.base.names.index("FV1"), 0] > 0.99
 
 
-def test_information_is_of_the_column_beside_all_others():
+def test_information_is_of_the_column_given_all_others():
     # The residual of a regression of one column on the others, motor by motor: Frisch and Waugh's theorem.
     estimate = found().estimate
     W = []
@@ -202,7 +202,7 @@ def test_a_report_is_kept_and_made_again(tmp_path):
         (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not the data of a report"),
     ],
 )
-def test_data_that_cannot_be_read_is_refused(tmp_path, spoil, word):
+def test_data_that_cannot_be_read_is_rejected(tmp_path, spoil, word):
     made().write(tmp_path)
     spoil(tmp_path / DATA)
     with pytest.raises(ResultFileError, match=word):
@@ -225,7 +225,7 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     study = haptid.read_study(source().identification.study.path)
     first = found()
     swapped = tuple(
-        type(log)(log.path, "validate" if log.role == "identify" else "identify", log.stretch, log.channels)
+        type(log)(log.path, "validate" if log.role == "identify" else "identify", log.time_range, log.channels)
         for log in study.logs
     )
     second = haptid.identify(replace(study, logs=swapped), logs())
@@ -241,7 +241,7 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     assert "tuesday compared with monday" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
-def test_the_force_of_a_hand_is_shown_beside_the_sensor():
+def test_the_force_of_a_hand_is_shown_with_the_sensor():
     force = haptid.estimate_force(found().estimate, found().runs[1].motion)
     sensor = np.nan_to_num(force.force)
     section = HandSection.of(ReportSource(found(), hands=(HandForceData.of("pushed", force, sensor),)))

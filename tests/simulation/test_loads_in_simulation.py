@@ -1,4 +1,4 @@
-"""Friction by load in the direct model: it undoes the inverse model, falls as a solver says, and is found again."""
+"""Friction by load in forward dynamics: inverse of the inverse model, agreement with a solver, recovery."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ import haptid
 from haptid import errors, estimation
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
-from haptid.simulation import PID, Stretches, closed_loop, open_loop, smooth
+from haptid.simulation import PID, Segments, closed_loop, open_loop, smooth
 from motions import multisine
 from small_study import DEVICE
 from true_parameters import true_parameters
@@ -45,10 +45,10 @@ def model(request, tmp_path_factory):
     return made(tmp_path_factory.mktemp("device"), request.param)
 
 
-def test_slopes_of_the_inverse_model_are_those_of_differences(model):
+def test_gradients_of_the_inverse_model_are_those_of_differences(model):
     _, (c, cd, cdd) = states_of(model, 20)
     forward, step = ForwardDynamics(model, sets_of(model, truth(model))), 1e-6
-    found = forward.slopes(c, cd, cdd)
+    found = forward.gradients(c, cd, cdd)
     for k, move in enumerate(step * np.eye(2)[:, :, None]):
         by_c = forward.inverse(c + move, cd, cdd) - forward.inverse(c - move, cd, cdd)
         by_cd = forward.inverse(c, cd + move, cdd) - forward.inverse(c, cd - move, cdd)
@@ -86,13 +86,13 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
         np.testing.assert_allclose(found[:, :, k], (ahead - behind).T / (2 * step), rtol=1e-6, atol=1e-7)
 
 
-def test_it_falls_as_a_solver_says(model):
+def test_it_falls_as_a_solver_finds(model):
     """Oracle: accelerations from the inverse model by fixed point, along a solver with steps of its own."""
     beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.device.row_map)
 
     def slope(_t, x):
         cdd = np.zeros(2)
-        inverse = np.linalg.inv(haptid.mass_matrix(model, beta, back @ x[:2, None])[0])
+        inverse = np.linalg.inv(haptid.dynamics.mass_matrix(model, beta, back @ x[:2, None])[0])
         for _ in range(40):  # friction that is a share of the load makes each miss a share of the one before
             qa = (back @ y[:, None] for y in (x[:2], x[2:], cdd))
             cdd = cdd + inverse @ (0.5 - haptid.inverse_dynamics(model, beta, *qa)[:, 0])
@@ -104,7 +104,7 @@ def test_it_falls_as_a_solver_says(model):
     motion = haptid.Motion(dt, still, still, haptid.Treatment(cutoff_hz=None))
     forward = ForwardDynamics(model, sets_of(model, beta))
     begin = start[:2, None], start[2:, None]
-    steps = open_loop(forward, motion, np.full((2, 150), 0.5), begin, Stretches.of(150, 150, 0))
+    steps = open_loop(forward, motion, np.full((2, 150), 0.5), begin, Segments.of(150, 150, 0))
     np.testing.assert_allclose(steps.course(motion).c, wanted[:2], atol=1e-5)
 
 
@@ -116,7 +116,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     law = PID(60.0, 6.0, reference=(target,))
     planned = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
     forward = ForwardDynamics(model, sets_of(model, beta))
-    course = closed_loop(forward, law, planned, 0, Stretches.of(len(planned), len(planned), 0)).course(planned)
+    course = closed_loop(forward, law, planned, 0, Segments.of(len(planned), len(planned), 0)).course(planned)
     noisy = course.tau.T + 0.01 * np.random.default_rng(0).normal(size=target.shape)
     moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))
     here = fit_load_friction(model, [moved], kind(law))
@@ -125,10 +125,10 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
     for name in ("FLM1", "FLM2"):
         assert found[name].value == pytest.approx(0.15, rel=0.2)
-    assert haptid.direct(found).relative < 5.0
+    assert haptid.fit_errors(found).relative < 5.0
 
 
-def test_sharp_loads_are_smoothed_and_the_filter_refuses_them(model):
+def test_sharp_loads_are_smoothed_and_the_filter_rejects_them(model):
     sharp = [t.with_constant("width", 0.0) if t.name.startswith("FL") else t for t in model.terms]
     harsh = replace(model, terms=tuple(sharp))
     q, qd, qdd = multisine(2, 2.0, 4e-3, 1)

@@ -82,7 +82,7 @@ def test_without_a_filter_momenta_are_differentiated_as_they_are():
     assert made.slope @ np.sin(30 * t) == pytest.approx(30.0, rel=1e-9)
 
 
-def test_slopes_of_constants_are_zero_and_of_ramps_one():
+def test_gradients_of_constants_are_zero_and_of_ramps_one():
     for treatment in (
         haptid.Treatment(decimation=10, accelerations="momentum"),
         haptid.Treatment(parallel_cutoff_hz=8.0, parallel_shape=Causal(3), accelerations="momentum"),
@@ -120,7 +120,7 @@ def test_the_differentiator_lags_a_ramp_of_velocity_by_one_over_omega():
 
 
 @pytest.mark.parametrize("bounds", [(200, 2000), (1000, 1001), (37, 38), (0, 2000)])
-def test_velocity_of_a_stretch_is_that_of_the_whole(bounds):
+def test_velocity_of_a_segment_is_that_of_the_whole(bounds):
     q = np.cumsum(np.random.default_rng(0).normal(size=(2000, 3)), axis=0)
     motion = haptid.Motion(1e-3, q, q, haptid.Treatment(**RAW))
     _, qd = motion.state(*bounds)
@@ -146,27 +146,27 @@ def test_no_acceleration_is_made_of_a_lagging_velocity():
         (RAW | {"cutoff_hz": 40.0}, "cutoff_hz"),
     ],
 )
-def test_settings_that_mean_nothing_together_are_refused(settings_, name):
+def test_settings_that_contradict_each_other_are_rejected(settings_, name):
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(**settings_)
     assert raised.value.where == name
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, float("nan"), float("inf"), "10"])
-def test_cutoffs_that_mean_nothing_are_refused(cutoff):
+def test_cutoffs_out_of_range_are_rejected(cutoff):
     with pytest.raises(TreatmentError) as raised:
         HighPass(cutoff)
     assert raised.value.where == "velocity.cutoff_hz"
 
 
 @pytest.mark.parametrize("order", [0, 13, 1.5, True])
-def test_orders_that_mean_nothing_are_refused(order):
+def test_orders_out_of_range_are_rejected(order):
     with pytest.raises(TreatmentError) as raised:
         Causal(order)
     assert raised.value.where == "parallel_shape.order"
 
 
-def test_cutoffs_the_rate_cannot_carry_are_refused():
+def test_cutoffs_the_rate_cannot_carry_are_rejected():
     for treatment in (
         haptid.Treatment(parallel_cutoff_hz=60.0, parallel_shape=Causal(), decimation=10),
         haptid.Treatment(parallel_cutoff_hz=600.0, parallel_shape=Causal()),
@@ -195,7 +195,7 @@ def test_a_cutoff_at_which_nothing_is_remembered_is_no_trouble():
     assert HighPass(cutoff).memory(1 / rate) == 1
 
 
-def test_a_motion_shorter_than_the_differentiators_start_is_refused():
+def test_a_motion_shorter_than_the_differentiators_start_is_rejected():
     q = np.zeros((20, 1))
     with pytest.raises(MotionTooShortError, match="differentiator"):
         haptid.Motion(1e-3, q, q, haptid.Treatment(**RAW)).usable  # noqa: B018
@@ -217,7 +217,7 @@ expression = "{expression}"
 """
 
 
-def test_a_column_made_of_accelerations_is_refused_without_them(tmp_path):
+def test_a_column_made_of_accelerations_is_rejected_without_them(tmp_path):
     treatment = haptid.Treatment(decimation=5, accelerations="momentum")
     t = 1e-3 * np.arange(3000)
     motion = haptid.Motion(1e-3, np.sin(9 * t)[:, None], np.cos(t)[:, None], treatment)

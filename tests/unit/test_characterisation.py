@@ -81,7 +81,7 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
         assert ((low - margin <= wanted) & (wanted <= high + margin)).mean() > 0.8, name
 
 
-def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
+def test_an_estimate_that_depends_on_one_block_has_infinite_deviations(estimate):
     single_block = replace(estimate, quantities=replace(estimate.quantities, unbounded=(0,)))
     found = characterise(single_block, POSES)
     assert np.isinf(found.apparent_mass.se).all()
@@ -99,14 +99,14 @@ def test_singular_poses_are_reported_and_unknown(phantom):
     beta = phantom.base.of(true_parameters(phantom))
     qa = line([0.0, 0.2, 0.2], [0.0, 0.2, 0.2 + np.pi / 2], 101)
     found = characterise(GivenParameters(phantom, beta), qa)
-    out = ~found.grasp.usable
+    out = ~found.handle.usable
     assert 0 < out.sum() < 101
     assert out[-1]
     for figure in (found.apparent_mass, found.weight, found.viscous_friction, found.neglected_force(0.3)):
         assert np.isnan(figure.values[out]).all()
         assert np.isfinite(figure.values[~out]).all()
     assert f"{out.sum()} of 101 poses" in found.summary()
-    np.testing.assert_array_equal(found.masses.usable, found.grasp.usable)
+    np.testing.assert_array_equal(found.masses.usable, found.handle.usable)
 
 
 def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
@@ -121,7 +121,7 @@ def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
 def test_a_workspace_is_characterised_on_its_grid(phantom):
     identified = GivenParameters(phantom, phantom.base.of(true_parameters(phantom)))
     found = characterise(identified, workspace(phantom), worst_condition=10.0)
-    assert len(found.grasp) > 1000
+    assert len(found.handle) > 1000
     assert "left out" in found.summary()
     with pytest.raises(errors.ModelMismatchError) as raised:
         characterise(identified, workspace(haptid.DynamicModel(haptid.read_device("cea_medical_branch"))))

@@ -91,7 +91,7 @@ def swept(tmp_path_factory):
     return folder, dict(zip(model.base.names, beta.tolist(), strict=True))
 
 
-def test_friction_of_a_log_is_told_and_drawn(swept, tmp_path):
+def test_friction_of_a_log_is_printed_and_drawn(swept, tmp_path):
     folder, true = swept
     done = call("friction", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")
     assert done.exit_code == 0, done.output

@@ -15,20 +15,20 @@ def names(done):
     return [parameter["name"] for parameter in json.loads(done.stdout)["base_parameters"]]
 
 
-def test_a_parameter_without_effect_is_said_to_be_kept_in_vain():
+def test_a_parameter_without_effect_is_reported_to_be_kept_in_vain():
     done = call("model", "cea_medical_branch", "--keep", "MX4", "--json")
     assert done.exit_code == 0
     assert "MX4 cannot be a base parameter: it has no effect" in done.stderr
     assert "MX4" not in names(done)
 
 
-def test_a_parameter_that_others_to_be_kept_tell_is_said_to_be_kept_in_vain():
+def test_a_parameter_that_others_to_be_kept_tell_is_reported_to_be_kept_in_vain():
     done = call("model", "cea_medical_branch", "--keep", "FC2", "--keep", "FC7", "--json")
     assert "FC7 cannot be a base parameter: it depends linearly" in done.stderr
     assert "FC2 cannot" not in done.stderr
 
 
-def test_nothing_is_said_of_what_is_kept():
+def test_nothing_is_reported_of_what_is_kept():
     assert call("model", "cea_medical_branch", "--keep", "FC7", "--json").stderr == ""
 
 

@@ -1,4 +1,4 @@
-"""Comparison of two estimates: nothing is found where nothing is, what is there is found, and it is said plainly."""
+"""Comparison of two estimates: no false difference, a true one is found, and the sentences state it."""
 
 from dataclasses import replace
 
@@ -77,7 +77,7 @@ def test_exchanging_the_two_changes_signs_only(first, second):
     assert there.flipped == back.flipped
 
 
-def test_a_sign_flips_where_both_values_are_told_from_zero():
+def test_a_sign_flips_where_both_values_are_distinguished_from_zero():
     made = comparison([-10.0, 10.0, -0.5, -10.0, 10.0], [10.0, 20.0, 9.0, 30.0, 10.5])
     assert made.differs == ("p0", "p1", "p2", "p3")
     assert made.flipped == ("p0", "p3")
@@ -91,7 +91,7 @@ def test_a_sign_flips_where_both_values_are_told_from_zero():
     assert "The other 1 do not differ at 95 % confidence for all 5 together." in text
 
 
-def test_nothing_can_be_found_of_a_parameter_that_one_stretch_alone_tells():
+def test_nothing_can_be_found_of_a_parameter_that_one_block_alone_determines():
     made = comparison([0.0, 0.0], [50.0, 50.0], se=[1.0, np.inf])
     assert made.differs == ("p0",)
     assert made.p[1] == 1.0
@@ -132,7 +132,7 @@ def test_upside_down_with_the_file_unchanged_only_gravity_flips(model, beta):
     assert "its magnitude does not differ" in made.sentences[0]
 
 
-def test_upside_down_with_gravity_told_nothing_differs(model, beta):
+def test_upside_down_with_the_gravity_given_nothing_differs(model, beta):
     down = model.with_gravity(-model.device.gravity)
     made = compare(targets(fitted(model, beta, 1)), targets(fitted(down, beta, 2)))
     assert not made.differs
@@ -151,7 +151,7 @@ def test_base_parameters_are_compared_where_they_regroup_alike(model, beta):
         assert name in note
 
 
-def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
+def test_the_free_fit_of_a_constrained_estimate_is_compared(model, beta):
     negative = beta.copy()
     negative[model.base.names.index("FV1")] = -5e-3
     held = fitted(model, negative, 1, method=PhysicallyConsistent())
@@ -162,7 +162,7 @@ def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
         assert "Constraints are active in the first estimate: its unconstrained fit is compared." in made.notes
 
 
-def test_lonely_parameters_are_named(model, beta):
+def test_single_block_parameters_are_named(model, beta):
     a, b = fitted(model, beta, 1), fitted(model, beta, 2)
     made = compare(a, replace(b, quantities=replace(b.quantities, unbounded=(8,))))
     assert made.p[8] == 1.0
@@ -170,7 +170,7 @@ def test_lonely_parameters_are_named(model, beta):
     assert note.startswith("FV1 excited in a single time block of the second estimate")
 
 
-def test_estimates_that_share_rows_are_refused(model, beta):
+def test_estimates_that_share_rows_are_rejected(model, beta):
     a = fitted(model, beta, 1)
     with pytest.raises(errors.SharedRowsError):
         compare(a, haptid.estimate(a.observation, haptid.OLS()))
@@ -185,7 +185,7 @@ def test_halves_of_one_log_rarely_differ(model, beta):
     assert found <= 4
 
 
-def test_estimates_without_a_common_parameter_are_refused(model, beta):
+def test_estimates_without_a_common_parameter_are_rejected(model, beta):
     a, b = fitted(model, beta, 1), fitted(model, beta, 2)
     for one, other in ((a, targets(b)), (targets(a), targets(b).in_command())):
         with pytest.raises(errors.ModelMismatchError):

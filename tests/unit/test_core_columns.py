@@ -35,7 +35,7 @@ def test_other_columns_between_two_calls_change_nothing(core):
 
 
 @pytest.mark.parametrize("columns", [[-1], np.array([-1])])
-def test_a_column_below_zero_is_refused(core, columns):
+def test_a_column_below_zero_is_rejected(core, columns):
     with pytest.raises((OverflowError, ValueError)):
         core.regressor(*motion(core, 8), columns)
 

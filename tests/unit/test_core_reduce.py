@@ -91,7 +91,7 @@ def test_no_rows_and_no_samples_are_no_error():
     assert core.torque(none, none, none, np.zeros((0, 0)), np.ones(20)).shape == (2, 0)
 
 
-def test_a_matrix_in_fortran_order_is_refused_rather_than_read_transposed():
+def test_a_matrix_in_fortran_order_is_rejected_rather_than_read_transposed():
     core = draw(1, joints=2, closed=False).core()
     q = np.asfortranarray(np.random.default_rng(0).normal(size=(2, 9)))
     with pytest.raises(ValueError, match="not row-major"):
@@ -114,7 +114,7 @@ def test_a_matrix_in_fortran_order_is_refused_rather_than_read_transposed():
         ({"torque": np.ones((1, 50))}, "torque has length 50"),
     ],
 )
-def test_what_does_not_fit_together_is_refused(change, message):
+def test_what_does_not_fit_together_is_rejected(change, message):
     core = draw(1, joints=2, closed=False).core()
     x = np.zeros((2, 50))
     given_ = {

@@ -1,4 +1,4 @@
-"""The stub of the compiled module says what the binary has."""
+"""The stub of the compiled module matches the binary."""
 
 import ast
 from pathlib import Path

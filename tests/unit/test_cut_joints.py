@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import haptid
 from changed_devices import SET_B, changed
 from haptid.device import Frame, poses, read_device
+from haptid.dynamics.symbolic import loop_regroupings
 from haptid.errors import DeviceFileError, RegroupingError
 from haptid.experiment.bench import mjcf
 from haptid.experiment.bench.bodies import bodies, effects
@@ -173,13 +174,13 @@ def test_name_that_is_taken(name: str, first: str, tmp_path: Path) -> None:
         changed("cea_medical_branch", tmp_path, (f'name = "{old}"', f'name = "{name}"'))
 
 
-def test_other_refusals(tmp_path: Path) -> None:
+def test_other_rejections(tmp_path: Path) -> None:
     term = '[[terms]]\nkind = "viscous"\nprefix = "D"\njoints = ["13"]\n[handle]'
     with pytest.raises(DeviceFileError, match='no joint is named "13"'):
         changed("cea_medical_branch", tmp_path, ("[handle]", term))
     text = BARS.format(ground=0.3, crank=0.2, turn=0.0, joints='"all"')
     with pytest.raises(RegroupingError, match="cut joint cut has a name"):
-        haptid.loop_regroupings(written(tmp_path, text))
+        loop_regroupings(written(tmp_path, text))
 
 
 def test_simulated_device_has_what_acts_on_its_cuts() -> None:

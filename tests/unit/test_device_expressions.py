@@ -1,4 +1,4 @@
-"""Arithmetic in device files: it means what it says, and nothing in it is ever run."""
+"""Arithmetic in device files: values as written, and nothing is executed."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def sums(draw: st.DrawFn) -> tuple[str, float]:
 
 
 @given(sums())
-def test_arithmetic_means_what_it_says(case: tuple[str, float]) -> None:
+def test_arithmetic_means_what_is_documented(case: tuple[str, float]) -> None:
     text, value = case
     assert number(text, LENGTHS, HERE) == pytest.approx(value, rel=1e-12, abs=1e-12)
 
@@ -112,7 +112,7 @@ def test_relations_are_linear_maps(a: float, b: float, c: float) -> None:
 @pytest.mark.parametrize(
     "text", ["q3 = q2*q7", "q3 = 1/q2", "q3 = q2 / 0", "q3 + 1 = q2", "q3", "q3 = q2 = q7", "2 = q2", "= q2"]
 )
-def test_relations_that_are_not_linear_are_refused(text: str) -> None:
+def test_relations_that_are_not_linear_are_rejected(text: str) -> None:
     with pytest.raises(DeviceFileError, match="q3 = pi/2 - q2"):
         relation(text, ["q2", "q3", "q7"], {}, HERE)
 
@@ -136,6 +136,6 @@ def test_names_that_are_not_there_get_a_suggestion() -> None:
 
 
 @pytest.mark.parametrize("text", ["1/0", "1e30*1e300*d3", "1e31", 1e300, float("nan"), float("inf")])
-def test_values_without_a_number_are_refused(text: str) -> None:
+def test_values_without_a_number_are_rejected(text: str) -> None:
     with pytest.raises(DeviceFileError):
         number(text, LENGTHS, HERE)

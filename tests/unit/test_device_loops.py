@@ -133,7 +133,7 @@ def test_a_loop_that_cannot_close_says_by_how_much(tmp_path: Path) -> None:
     assert 0.2 < caught.value.found < 0.71
 
 
-def test_a_loop_that_is_not_linear_asks_for_a_guess_where_it_closes_in_several_ways(tmp_path: Path) -> None:
+def test_a_loop_that_is_not_linear_requires_a_guess_where_it_closes_in_several_ways(tmp_path: Path) -> None:
     with pytest.raises(LoopClosureError) as caught:
         device_of(tmp_path, four_bar(0.30, 0.10, 0.31, 0.12))
     assert (caught.value.found, caught.value.limit) == (2, 1)
@@ -163,7 +163,7 @@ def test_a_rhombus_closes_in_more_ways_and_says_so(tmp_path: Path) -> None:
         ('relations = ["qforearm = qlever", "qcoupler = 0"]\nguess = { arm = 1 }', "which no loop moves"),
     ],
 )
-def test_relations_must_settle_every_passive_joint(tmp_path: Path, loop: str, match: str) -> None:
+def test_relations_must_determine_every_passive_joint(tmp_path: Path, loop: str, match: str) -> None:
     with pytest.raises(DeviceFileError, match=match):
         device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=loop))
 

@@ -27,7 +27,7 @@ GROUPS = st.lists(st.lists(st.sampled_from(NAMES), min_size=2, max_size=4).map(t
     st.lists(st.sampled_from(NAMES), max_size=4).map(tuple),
     st.lists(st.booleans(), min_size=3, max_size=3),
 )
-def test_free_parameters_obey_every_zero_and_equality(equal: tuple, zero: tuple, bodies: list[bool]) -> None:
+def test_free_parameters_satisfy_every_zero_and_equality(equal: tuple, zero: tuple, bodies: list[bool]) -> None:
     rule = Symmetry("because", zero, equal)
     made = standard_parameters(list("123"), bodies, (), (rule,))
     assert made.raw == tuple(NAMES)

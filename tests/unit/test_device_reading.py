@@ -1,4 +1,4 @@
-"""Reading device files: what is wrong is said once, with the place, the finding and what to write instead."""
+"""Reading device files: each fault is reported once, with the place, the finding and what to write instead."""
 
 from __future__ import annotations
 

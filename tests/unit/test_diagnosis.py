@@ -63,7 +63,7 @@ def test_a_missing_column_is_what_a_device_with_that_term_estimates(without_visc
     assert added.explained[1] > 0
 
 
-def test_a_column_that_the_model_has_cannot_be_told_from_it(clean):
+def test_a_column_that_the_model_has_cannot_be_distinguished_from_it(clean):
     again = augment(clean, [CandidateColumns(np.eye(3)[0], 1, lambda context: context.motion[1][[0]])])
     assert again.test([0]) is None
 

@@ -42,7 +42,7 @@ def law():
     return PID(KP, KD, reference=(made.target[between(made)],), velocity_cutoff_hz=50)
 
 
-def test_without_errors_in_the_columns_it_is_silent():
+def test_without_errors_in_the_columns_it_reports_nothing():
     """Size: chance alone speaks up once in a hundred logs."""
     p = [diagnose(estimated(k, 1e7, CALM), controller=law())["errors in W"].figures["p"] for k in range(RUNS)]
     assert sum(x < SIGNIFICANCE for x in p) <= 1

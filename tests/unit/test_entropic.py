@@ -82,7 +82,7 @@ def test_a_vanishing_pull_is_the_consistent_estimate(model):
 
 def test_a_strong_pull_is_the_prior(model):
     pulled = haptid.estimate(observed(model), Entropic(1e14))
-    chi, prior = pulled.possible.chi, model.device.chi_prior
+    chi, prior = pulled.feasible.chi, model.device.chi_prior
     links = [k for k, kind in enumerate(model.device.parameters.kinds) if kind not in ("FV", "FC")]
     np.testing.assert_allclose(chi[links], prior[links], rtol=1e-3, atol=1e-5)
 
@@ -102,8 +102,8 @@ def test_frames_of_bodies_do_not_matter(model, tmp_path):
 
 def test_it_is_inside_and_stationary(model):
     pulled = haptid.estimate(observed(model, noise=0.5, seconds=3.0), Entropic(10.0))
-    assert haptid.possible(model, pulled.beta).ok
-    assert all(np.linalg.eigvalsh(P)[0] > 0 for P in pulled.possible.pseudo_inertias)
+    assert haptid.estimation.feasible(model, pulled.beta).ok
+    assert all(np.linalg.eigvalsh(P)[0] > 0 for P in pulled.feasible.pseudo_inertias)
 
 
 def test_poor_logs_gain_most(model):
@@ -129,15 +129,15 @@ def test_truth_is_inside_its_intervals(model):
 def test_there_is_no_profile_of_what_is_pulled(model):
     observation = observed(model, seconds=2.0)
     found = haptid.estimate(observation, Entropic(1.0), Profile())
-    assert found.held.pulled
+    assert found.constrained_fit.pulled
     with pytest.raises(errors.SettingError) as raised:
         _ = found.conf_int()
     assert raised.value.where == "intervals"
     assert "ClusterRobust" in raised.value.advice
-    assert not haptid.estimate(observation, PhysicallyConsistent()).held.pulled
+    assert not haptid.estimate(observation, PhysicallyConsistent()).constrained_fit.pulled
 
 
-def test_what_cannot_be_pulled_is_refused(model, tmp_path):
+def test_what_cannot_be_pulled_is_rejected(model, tmp_path):
     assert prior_links(model) == ["1", "2", "3"]
     with pytest.raises(errors.SettingError):
         Entropic(-1.0)

@@ -40,7 +40,7 @@ def test_products_of_the_longest_rows_do_not_overflow(a: list[int], b: list[int]
     assert int(made[0, 0]) == sum(x * y for x, y in zip(a, b, strict=True)) % FIELD.prime
 
 
-def test_longer_rows_and_unfit_primes_are_refused() -> None:
+def test_longer_rows_and_unfit_primes_are_rejected() -> None:
     with pytest.raises(ValueError, match="overflow"):
         FIELD.product(np.zeros((1, 9), dtype=np.int64), np.zeros((9, 1), dtype=np.int64))
     with pytest.raises(ValueError, match="modulo 4"):

@@ -12,6 +12,7 @@ import haptid
 from haptid import errors
 from haptid.cli import app
 from haptid.dynamics.symbolic import regrouping as module
+from haptid.dynamics.symbolic import regroupings
 from haptid.dynamics.symbolic.arithmetic import UnluckyDrawError
 
 FOUR_BAR = """
@@ -50,7 +51,7 @@ def device_of(folder: Path, text: str) -> haptid.DynamicModel:
 def test_bars_that_are_equal_by_accident(tmp_path: Path) -> None:
     model = device_of(tmp_path, FOUR_BAR)
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(model)
+        regroupings(model)
     assert raised.value.where == ("coupler", "forearm")
     for shared in ('coupler = "arm"', 'coupler = "2*arm - arm"'):
         assert len(device_of(tmp_path, FOUR_BAR.replace("coupler = 0.3", shared, 1)).regroupings) == len(model.base)
@@ -65,7 +66,7 @@ def test_angles_that_are_many(tmp_path: Path) -> None:
         tmp_path, 'name = "tilted"\nconvention = "placement"\ngravity = [0, 0, -9.81]\n' + "".join(joints)
     )
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(model)
+        regroupings(model)
     assert (raised.value.found, raised.value.limit) == (6, 4)
 
 
@@ -73,7 +74,7 @@ def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
     model = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(model)
+        regroupings(model)
     assert raised.value.found == (len(model.base) + 1, len(model.base))
 
 
@@ -81,14 +82,14 @@ def test_a_column_of_accelerations_that_others_make_up(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
     model = device_of(tmp_path, LINK + column.format("a_1"))
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(model)
+        regroupings(model)
     assert raised.value.where == "J1"
     assert "J1" in "".join(device_of(tmp_path, LINK + column.format("abs(a_1)")).regroupings.names)
 
 
 def test_coefficients_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = device_of(tmp_path, LINK)
-    exact = haptid.regroupings(model)
+    exact = regroupings(model)
     wrong = exact.values.copy()
     wrong[0, exact.standard.index("M2")] += 1e-3
     monkeypatch.setitem(exact.__dict__, "values", wrong)
@@ -99,7 +100,7 @@ def test_coefficients_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_a_coefficient_without_a_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "fit_coefficient", lambda *_: None)
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(device_of(tmp_path, LINK))
+        regroupings(device_of(tmp_path, LINK))
     assert raised.value.where == ("ZZ1", "M2")
 
 
@@ -113,7 +114,7 @@ def test_a_relation_that_fails_its_check(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(module, "fit_coefficient", doubled)
     with pytest.raises(errors.RegroupingError) as raised:
-        haptid.regroupings(model)
+        regroupings(model)
     assert raised.value.where == "M2"
 
     def unlucky(*_: object) -> None:
@@ -121,7 +122,7 @@ def test_a_relation_that_fails_its_check(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(module, "_coefficients", unlucky)
     with pytest.raises(errors.RegroupingError, match="draws in a row"):
-        haptid.regroupings(model)
+        regroupings(model)
 
 
 def other_model(*arguments: str) -> str:

@@ -1,4 +1,4 @@
-"""`haptid export`: folders by format, what is refused, and what is said."""
+"""`haptid export`: folders by format, rejected models, and messages."""
 
 import json
 
@@ -37,7 +37,7 @@ def test_quiet_says_nothing(result, tmp_path):
     assert (done.exit_code, done.output) == (0, "")
 
 
-def test_what_fails_is_written_only_when_told(result, tmp_path):
+def test_what_fails_is_written_only_on_request(result, tmp_path):
     values = json.loads((result / "result.json").read_text())
     values["criteria"] = {"relative_error_percent": 1e-6, "met": False}
     (tmp_path / "result.json").write_text(json.dumps(values))

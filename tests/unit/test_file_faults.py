@@ -36,7 +36,7 @@ WRONG_STUDIES = [
     ('path = "log.csv"', 'pth = "log.csv"', "key `logs.0.pth`", 'Did you mean "path"? Keys here: path, role'),
     ("[treatment]", "[estimate.limits.FC1]\nloww = 1\n[treatment]", "key `estimate.limits.FC1.loww`", "low, high."),
     ("[treatment]", "[estimate.relations]\na = 'b'\n[treatment]", "key `estimate.relations.a`", "relations is"),
-    ("[treatment]", "[estimate]\npossible = 'yes'\n[treatment]", "key `estimate.possible`", "Write true or false"),
+    ("[treatment]", "[estimate]\npossible = 'yes'\n[treatment]", "key `estimate.feasible`", "Write true or false"),
     ('path = "log.csv"', "path = 3", "key `logs.0.path`", "Write a text in double quotes"),
     ("cutoff_hz = 30", "order = 13", "key `treatment.order`", "12 (found 13); order is order of one pass"),
     ("schema = 1", "", "key `schema`", "this key is missing; schema is version of this format"),
@@ -111,7 +111,7 @@ JUNK = st.one_of(
 )
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_whatever_stands_there_is_told_where_it_stands(model, text, data):
+def test_a_fault_names_its_place(model, text, data):
     """A fault's steps lead to something in the data, or to one key that it lacks."""
     tables = copy.deepcopy(tomllib.loads(text))
     here = tables

@@ -1,4 +1,4 @@
-"""The hand's wrench is given back from the torques it makes; what cannot be known is said; settings are checked."""
+"""The hand's wrench is recovered from its torques; undetermined components are reported; settings are checked."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ import haptid
 from haptid import errors
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
-from haptid.observation.reversals import doubt, softened
+from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from mechanisms import draw
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters
@@ -107,7 +107,7 @@ def test_filters_are_those_of_the_prediction(phantom):
     np.testing.assert_allclose(found.external, seen.predicted - seen.measured, atol=1e-12)
 
 
-def test_an_unknown_moment_is_taken_for_no_more_force_than_said(phantom):
+def test_an_unknown_moment_is_taken_for_no_more_force_than_stated(phantom):
     wrench = np.random.default_rng(3).normal(size=(400, 6))
     found = estimate_force(phantom, pushed(phantom, wrench), reversal_speed=0.0)
     error = np.linalg.norm(found.force - wrench[:, :3], axis=1)
@@ -161,7 +161,7 @@ def test_deviations_are_those_of_repeated_estimates():
         tau = log.tau + 0.1 * log.tau.std(axis=0) * np.random.default_rng(seed).standard_normal(log.tau.shape)
         log = haptid.Motion(1e-3, log.q, tau, PLAIN, rates=(log.qd, log.qdd))
         estimate = haptid.estimate(haptid.observe(model, log), haptid.WLS())
-        quiet = tuple(replace(m, residual=0.0) for m in haptid.direct(estimate).motors)
+        quiet = tuple(replace(m, residual=0.0) for m in haptid.fit_errors(estimate).motors)
         validation = haptid.Validation(quiet, seen=False)
         forces.append(estimate_force(estimate, unseen, validation=validation, reversal_speed=0.0))
     scatter = np.sqrt(np.var([found.force for found in forces], axis=0).mean())
@@ -182,15 +182,15 @@ def test_noise_comes_from_the_validation(phantom):
 
 def test_dry_friction_is_smoothed_and_doubted_where_a_joint_turns_back(phantom):
     model, speed = phantom.model, 0.01
-    soft = softened(model, speed)
-    assert softened(model, 0.0) is model
+    soft = smoothed_friction(model, speed)
+    assert smoothed_friction(model, 0.0) is model
     assert [t.settings[0] for t in soft.terms if t.kind == "coulomb"] == [speed] * 3
     chi = np.zeros(len(model.device.parameters.raw))
     chi[model.device.parameters.raw.index("FCM2" if "FCM2" in model.device.parameters.raw else "FC2")] = 0.02
     cd = np.array([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5]])
     c = np.zeros_like(cd)
-    np.testing.assert_allclose(doubt(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
-    assert (doubt(model, chi, c, cd, 0.0) == 0).all()
+    np.testing.assert_allclose(friction_uncertainty(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
+    assert (friction_uncertainty(model, chi, c, cd, 0.0) == 0).all()
 
 
 def test_settings_that_mean_nothing_are_errors(phantom):
@@ -216,7 +216,7 @@ def test_a_device_without_handle_has_no_force():
     assert raised.value.where == model.device.name
 
 
-def test_without_a_usable_pose_nothing_is_said_to_be_known(phantom):
+def test_without_a_usable_pose_nothing_is_reported_to_be_known(phantom):
     found = estimate_force(phantom, pushed(phantom, np.zeros((400, 6))), worst_condition=1.0001)
     assert not found.usable.any()
     assert found.lever.sure == 0

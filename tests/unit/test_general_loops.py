@@ -36,7 +36,7 @@ def test_five_bar_regroups_across_the_cut() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_rank_is_beyond_doubt_whatever_the_states(name: str) -> None:
     model = haptid.DynamicModel(haptid.read_device(name))
-    found = [haptid.base_parameters(model, seed) for seed in range(4)]
+    found = [haptid.dynamics.base_parameters(model, seed) for seed in range(4)]
     assert all(base.is_clear for base in found)
     assert len({base.names for base in found}) == 1
     for base in found[1:]:
@@ -134,7 +134,7 @@ def test_no_samples_are_no_trouble() -> None:
     none = np.zeros((2, 0))
     assert model.device.closure.positions(none).shape == (4, 0)
     assert haptid.inverse_dynamics(model, np.ones(len(model.base)), none, none, none).shape == (2, 0)
-    assert haptid.mass_matrix(model, np.ones(len(model.base)), none).shape == (0, 2, 2)
+    assert haptid.dynamics.mass_matrix(model, np.ones(len(model.base)), none).shape == (0, 2, 2)
 
 
 MIXED = """
@@ -183,7 +183,7 @@ guess = { rod = -1.3, rocker = 1.2 }
 """
 
 
-def test_linear_loops_stay_linear_beside_others(tmp_path: Path) -> None:
+def test_linear_loops_stay_linear_next_to_others(tmp_path: Path) -> None:
     (tmp_path / "mixed.toml").write_text(MIXED)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "mixed.toml"))
     closure = model.device.closure

@@ -1,4 +1,4 @@
-"""Intervals beside the default: what they are made of, and what they share."""
+"""Covariance estimators other than the default: their definitions, and what they share."""
 
 from dataclasses import replace
 
@@ -61,7 +61,7 @@ def test_combinations_have_the_deviations_of_their_covariance(model, kind, metho
     np.testing.assert_allclose(spread.covariance, expected, rtol=1e-6, atol=1e-9 * expected.max())
 
 
-def test_of_a_white_residual_all_are_about_the_textbook(model):
+def test_of_a_white_residual_all_are_about_the_classical(model):
     made = haptid.observe(model, motion(model, truth(model), seconds=30.0, dt=4e-3, noise=0.1))
     classical = haptid.estimate(made, haptid.WLS(), Classical()).se
     for kind in KINDS:
@@ -72,10 +72,10 @@ def test_of_a_white_residual_all_are_about_the_textbook(model):
 def test_the_sandwich_is_the_sandwich(observation):
     """All rows in memory, with the covariance of the residual's models as Toeplitz matrices."""
     found = haptid.estimate(observation, haptid.WLS(), Sandwich())
-    (stretch,) = Rows(observation)
+    (rows,) = Rows(observation)
     middle = np.zeros((len(found.beta),) * 2)
-    e = stretch.residual(found.beta)
-    for motor, W, own, weight in zip(observation.motors, stretch.W, e, found.weights, strict=True):
+    e = rows.residual(found.beta)
+    for motor, W, own, weight in zip(observation.motors, rows.W, e, found.weights, strict=True):
         other_model, n = burg([own], 20), W.shape[0]
         gamma = np.fft.irfft(other_model.spectrum(1 << 16), 1 << 16)[:n]
         taken = n / (n - len(motor.columns))
@@ -129,14 +129,14 @@ def test_what_is_known_exactly_has_no_deviation(observation, kind):
 # --- profile likelihood -----------------------------------------------------------------------------------------
 
 
-def test_a_profile_is_the_honest_interval_where_no_limit_is_near(observation):
+def test_a_profile_is_the_cluster_robust_interval_where_no_limit_is_near(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     far = {name: (float(b) - 1e3, None) for name, b in zip(plain.base.names, plain.beta, strict=True)}
     found = haptid.estimate(observation, Bounds(far), Profile())
     np.testing.assert_allclose(found.conf_int(), plain.conf_int(), rtol=1e-5)
 
 
-def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
+def test_a_profile_near_a_limit_is_narrower_and_stays_within(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     k = plain.base.names.index("FC2")
     low = float(plain.beta[k] + plain.se[k])
@@ -189,14 +189,14 @@ def test_an_interval_within_bounds_is_the_free_one_cut_and_widened(observation, 
     np.testing.assert_allclose(found.conf_int(level), expected, rtol=1e-12)
 
 
-def test_a_profile_of_what_is_not_held_is_refused(observation):
+def test_a_profile_of_what_is_not_constrained_is_rejected(observation):
     found = haptid.estimate(observation, haptid.WLS())
     with pytest.raises(errors.SettingError) as raised:
-        Profile().limits(found.fit, found.held, found.se)
+        Profile().limits(found.fit, found.constrained_fit, found.se)
     assert raised.value.where == "method"
 
 
 @pytest.mark.parametrize("make", [lambda: FixedB(0.0), lambda: FixedB(1.5), lambda: Bootstrap(1), lambda: Sandwich(-1)])
-def test_settings_of_intervals_that_mean_nothing_are_refused(make):
+def test_settings_of_intervals_out_of_range_are_rejected(make):
     with pytest.raises(errors.SettingError):
         make()

@@ -69,8 +69,8 @@ def disturbed(data: dict[str, np.ndarray], kind: str, seed: int) -> dict[str, np
 )
 def test_an_opened_log_is_the_log_that_is_read(tmp_path: Path, suffix: str, kind: str, seed: int, part: bool) -> None:
     path = write(tmp_path, suffix, disturbed(samples(2 * CHUNK + 999, seed), kind, seed))
-    stretch = (1.0, 120.0) if part else None
-    read, opened = (how(path, UNWRAPPED, stretch) for how in (read_log, open_log))
+    time_range = (1.0, 120.0) if part else None
+    read, opened = (how(path, UNWRAPPED, time_range) for how in (read_log, open_log))
     assert opened.notes == read.notes
     assert opened.sha256 == read.sha256
     np.testing.assert_array_equal(opened.t, read.t)
@@ -106,7 +106,7 @@ def test_the_observation_is_the_same_to_the_last_digits(tmp_path: Path) -> None:
     np.testing.assert_allclose(other, beta, rtol=1e-12, atol=1e-12 * np.abs(beta).max())
 
 
-def test_what_is_wrong_with_a_log_is_said_when_it_is_opened(tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_log_is_reported_when_it_is_opened(tmp_path: Path) -> None:
     data = samples(500, 1)
     for wrong, error in (
         ({"q2": data["q1"]}, errors.LogDataError),
@@ -124,7 +124,7 @@ def test_what_is_wrong_with_a_log_is_said_when_it_is_opened(tmp_path: Path) -> N
         open_log(write(tmp_path, ".parquet", {k: v[:0] for k, v in data.items()}), UNWRAPPED)
 
 
-def test_a_format_without_rows_is_refused(tmp_path: Path) -> None:
+def test_a_format_without_rows_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, **samples(100, 1))
     with pytest.raises(errors.LogFileError) as raised:
@@ -132,7 +132,7 @@ def test_a_format_without_rows_is_refused(tmp_path: Path) -> None:
     assert raised.value.limit == ("Parquet", "HDF5")
 
 
-def test_a_file_that_changed_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_changed_is_rejected(tmp_path: Path) -> None:
     log = open_log(write(tmp_path, ".h5", samples(500, 1)), UNWRAPPED)
     write(tmp_path, ".h5", samples(5000, 1))
     with pytest.raises(errors.LogFileError) as raised:

@@ -349,7 +349,7 @@ def test_corrupt_file_is_chained_from_its_library(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [".parquet", ".npz", ".h5", ".mat"])
-def test_bombs_are_refused(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zip_bombs_are_rejected(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sniff, "SIZE_LIMIT", 2**20)
     zeros = np.zeros(2**20)
     path = tmp_path / f"bomb{kind}"
@@ -367,7 +367,7 @@ def test_bombs_are_refused(tmp_path: Path, kind: str, monkeypatch: pytest.Monkey
     assert raised.value.found > raised.value.limit
 
 
-def test_a_header_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
+def test_a_header_with_a_wrong_size_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
@@ -377,7 +377,7 @@ def test_a_header_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
         read_log(path, Channels(Signal("q1", "rad"), Signal("tau1", "N m"), rate_hz=100))
 
 
-def test_pickles_are_refused(tmp_path: Path) -> None:
+def test_pickles_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, q1=np.array([{"a": 1}], dtype=object))
     with pytest.raises(errors.LogFileError) as raised:
@@ -387,7 +387,7 @@ def test_pickles_are_refused(tmp_path: Path) -> None:
         read_log(path, Channels(Signal("q1", "rad"), Signal("tau1", "N m"), rate_hz=100))
 
 
-def test_samples_of_another_file_are_refused(tmp_path: Path) -> None:
+def test_samples_of_another_file_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
     (tmp_path / "secret.bin").write_bytes(np.arange(100.0).tobytes())
     with h5py.File(path, "w") as file:

@@ -123,7 +123,7 @@ def test_the_same_rows_are_not_counted_twice(model, beta):
     assert raised.value.where == observation.blocks[0].log
 
 
-def test_rows_of_the_fit_are_refused_as_unseen(model, beta):
+def test_rows_of_the_fit_are_rejected_as_unseen(model, beta):
     made = motion(model, beta, noise=0.1)
     found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
     with pytest.raises(SharedRowsError) as raised:
@@ -264,7 +264,7 @@ def test_values_of_two_devices_are_kept_apart(model, beta):
         found.observation + haptid.observe(other, motion(other, beta, seed=2))
 
 
-def test_what_one_stretch_alone_tells_has_no_interval(model, beta):
+def test_what_one_block_alone_determines_has_no_interval(model, beta):
     """All of the motion in one block: without it nothing is left, so nothing says how far to trust it."""
     treatment = haptid.Treatment(cutoff_hz=None, block=1e300)
     made = motion(model, beta, noise=0.1, treatment=treatment)
@@ -297,14 +297,14 @@ def test_low_speed_has_one_figure_or_one_for_each_row(model, beta):
     assert raised.value.where == "reversal_speed"
 
 
-def test_a_decimation_longer_than_the_motion_is_refused_before_any_work(model, beta):
+def test_a_decimation_longer_than_the_motion_is_rejected_before_any_work(model, beta):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=10**9)
     with pytest.raises(MotionTooShortError) as raised:
         haptid.observe(model, motion(model, beta, treatment=treatment))
     assert raised.value.found < raised.value.limit
 
 
-def test_rows_without_torque_cannot_be_weighed(model, beta):
+def test_rows_without_torque_have_no_weight(model, beta):
     made = motion(model, beta)
     with pytest.raises(IdentifiabilityError, match="zero"):
         haptid.estimate(haptid.observe(model, replace(made, tau=0 * made.tau)), haptid.WLS())

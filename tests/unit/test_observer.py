@@ -172,7 +172,7 @@ expression = "abs(a_1)"
 """
 
 
-def test_a_column_made_of_accelerations_is_refused(tmp_path):
+def test_a_column_made_of_accelerations_is_rejected(tmp_path):
     (tmp_path / "jerky.toml").write_text(JERKY)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "jerky.toml"))
     some = np.ones((1, 4))

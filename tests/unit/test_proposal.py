@@ -1,4 +1,4 @@
-"""A proposed treatment follows the motion, keeps rows, finds the delay, and says why."""
+"""A proposed treatment follows the motion, keeps rows, finds the delay, and states reasons."""
 
 import dataclasses
 from pathlib import Path
@@ -25,11 +25,11 @@ def phantom():
     return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
-    """A log with torque that is late by so many samples; `stretch` slows the motion down."""
-    q, qd, qdd = multisine(len(model.device.active), seconds / stretch, 1e-3 / stretch, seed, size)
+def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, slowdown=1.0):
+    """A log with torque that is late by so many samples; `slowdown` slows the motion down."""
+    q, qd, qdd = multisine(len(model.device.active), seconds / slowdown, 1e-3 / slowdown, seed, size)
     q = q + CENTRE[:, None]
-    tau = haptid.inverse_dynamics(model, truth(model), q, qd / stretch, qdd / stretch**2).T
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd / slowdown, qdd / slowdown**2).T
     shifts = tuple(-k for k in late) if isinstance(late, tuple) else -late
     tau = np.asarray(delayed(tau, shifts))  # recorded before it acts
     tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
@@ -45,9 +45,9 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
 
 @settings(max_examples=4, deadline=None)
 @given(st.sampled_from([0.5, 1.0, 2.0]), st.integers(0, 9))
-def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
-    made = recorded(phantom, stretch=stretch, seed=seed, seconds=20.0 * stretch)
-    assert bandwidth(made) == pytest.approx(2.4 / stretch, rel=0.35)
+def test_the_filter_follows_the_speed_of_the_motion(phantom, slowdown, seed):
+    made = recorded(phantom, slowdown=slowdown, seed=seed, seconds=20.0 * slowdown)
+    assert bandwidth(made) == pytest.approx(2.4 / slowdown, rel=0.35)
     proposal = haptid.propose(phantom, made)
     times = proposal.treatment.parallel_cutoff_hz / bandwidth(made)
     assert min(abs(times - k) for k in (1.5, 3.0, 6.0, 12.0)) < 0.05
@@ -182,7 +182,7 @@ def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
         assert estimate[name].relative_se < 3
 
 
-def test_what_is_asked_for_stays(phantom):
+def test_what_is_requested_stays(phantom):
     made = recorded(phantom, late=0.5)
     asked = {"cutoff_hz": 60.0, "decimation": 5, "reversal_speed": 0.2, "torque_delay_s": 1e-3, "order": 2}
     proposal = haptid.propose(phantom, made, **asked)
@@ -222,7 +222,7 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
 
 def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     made = recorded(phantom)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     treatment = haptid.propose(phantom, made, **asked).treatment
     assert treatment.cutoff_hz is None
     assert treatment.parallel_cutoff_hz >= 3 * bandwidth(made) * 0.99
@@ -231,11 +231,11 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
 
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=4e-5)
 
 
-def test_the_stretch_that_moves_is_looked_at(phantom):
+def test_the_part_that_moves_is_used(phantom):
     made = recorded(phantom, seconds=30.0)
     rest = np.full((60_000, 3), made.position[-1])
     still = np.zeros((60_000, 3))
@@ -244,7 +244,7 @@ def test_the_stretch_that_moves_is_looked_at(phantom):
     assert haptid.propose(phantom, long).bandwidth_hz == pytest.approx(bandwidth(made), rel=0.1)
 
 
-def test_logs_at_different_rates_are_not_asked_for_one_delay(phantom):
+def test_logs_at_different_rates_are_not_searched_for_one_delay(phantom):
     made = recorded(phantom, late=0.5)
     thin = haptid.Log(made.path, "t", made.t[::4], made.position[::4], made.torque[::4], made.channels)
     proposal = haptid.propose(phantom, made, thin)

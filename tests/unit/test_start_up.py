@@ -35,14 +35,38 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
     assert not loaded(program) & set(HEAVY)
 
 
+# The namespace of `import haptid`: a further name belongs in its room, or here after some thought.
+PUBLIC = """
+CLIE CLOE DIDIM EKF GLS IRLS IV OLS SUR TLS UKF WLS BlockJackknife Bootstrap Channels Classical ClusterRobust Comparison
+Device Diagnosis DynamicModel ErrorsInVariables Estimate FixedB Identification Log Motion Observation OutputErrorMethod
+PhysicallyConsistent Profile Result Ridge Sandwich Signal Study Treatment Validation __version__ characterise compare
+design_excitation diagnose eliminate errors estimate estimate_force estimate_payload export_model fit_errors identify
+inverse_dynamics make_report observe observe_all open_log predict propose read_device read_log read_study
+shipped_devices simulate treat validate
+"""
+
+
+def test_the_public_names_are_these() -> None:
+    assert sorted(haptid.__all__) == sorted(PUBLIC.split())
+    assert 50 <= len(haptid.__all__) <= 65
+
+
 def test_every_public_name_is_there_and_is_no_module() -> None:
     modules = {module.name for module in pkgutil.iter_modules(haptid.__path__)} - {"errors"}
     assert not modules & set(haptid.__all__)
+    # Each room is there without an import of its own.
+    assert {module for module in modules if not module.startswith("_")} - {"cli", "demos"} <= set(dir(haptid))
     assert set(haptid.__all__) <= set(dir(haptid))
     for name in haptid.__all__:
         assert getattr(haptid, name) is not None
 
 
-def test_a_name_that_is_not_there_is_refused() -> None:
+def test_a_room_is_loaded_at_its_first_use() -> None:
+    program = "import haptid; print(haptid.estimation.Bounds.__name__, haptid.inference.drift.__name__)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["Bounds", "drift"]
+
+
+def test_a_name_that_is_not_there_is_rejected() -> None:
     with pytest.raises(AttributeError, match="no attribute 'identifier'"):
         haptid.identifier  # noqa: B018

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
-from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.estimation import Bootstrap
+from haptid.executors import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from motions import motion, truth
 from small_study import two_links
 

@@ -28,7 +28,7 @@ LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0
 def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
     """A log of the small study's device with the load; its command acts so many seconds late."""
     model = two_links()
-    beta = truth(model) + 0.1 + haptid.payload_torque(model, "2", BODY)
+    beta = truth(model) + 0.1 + haptid.observation.payload_torque(model, "2", BODY)
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
     tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
@@ -54,7 +54,7 @@ def study(tmp_path):
     return write
 
 
-def test_a_log_with_a_known_load_tells_the_device_without(study):
+def test_a_log_with_a_known_load_determines_the_device_without(study):
     made = haptid.identify(study(LOAD))
     alone = haptid.identify(replace(made.study, logs=made.study.logs[:2]))
     wanted = truth(made.model) + 0.1
@@ -90,7 +90,7 @@ def test_a_load_is_taken_off_to_the_last_digits(tmp_path, late):
     low, high = motion.usable
     inside = slice(low + 10, high - 10)
     np.testing.assert_allclose(motion.tau[inside], exact.T[inside], atol=2e-6 * np.abs(exact).max())
-    by_motion = haptid.without_payload(model, haptid.treat(log, treatment), "2", BODY)
+    by_motion = haptid.observation.without_payload(model, haptid.treat(log, treatment), "2", BODY)
     np.testing.assert_allclose(motion.tau[inside], by_motion.tau[inside], atol=1e-9)
 
 
@@ -107,7 +107,7 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
         haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
     )
     motion = haptid.treat(opened, treatment)
-    lighter = haptid.without_payload(model, motion, "2", BODY)
+    lighter = haptid.observation.without_payload(model, motion, "2", BODY)
     assert not isinstance(lighter.tau, np.ndarray)
     third = haptid.observe(model, lighter)
     np.testing.assert_allclose(haptid.estimate(third, haptid.OLS()).beta, haptid.estimate(one, haptid.OLS()).beta)
@@ -117,9 +117,9 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
 def test_kept_triangles_are_of_one_load(study, tmp_path):
     """A run that goes on does not take triangles that were made with another load."""
     kept = RFactorCache(tmp_path / "kept", least=1)
-    with_load = haptid.identify(study(LOAD), kept=kept).estimate.beta
-    without = haptid.identify(study(""), kept=kept).estimate.beta
-    np.testing.assert_allclose(haptid.identify(study(""), kept=None).estimate.beta, without, rtol=1e-12)
+    with_load = haptid.identify(study(LOAD), cache=kept).estimate.beta
+    without = haptid.identify(study(""), cache=kept).estimate.beta
+    np.testing.assert_allclose(haptid.identify(study(""), cache=None).estimate.beta, without, rtol=1e-12)
     assert np.abs(with_load - without).max() > 1e-3
 
 
@@ -132,12 +132,12 @@ def test_kept_triangles_are_of_one_load(study, tmp_path):
         ("load = { mass = 1.0, com = [0, 0, 0] }", "logs.2.load.link"),
     ],
 )
-def test_a_load_that_is_none_is_refused(study, text, where):
+def test_a_load_that_is_none_is_rejected(study, text, where):
     with pytest.raises(StudyFileError, match=where):
         study(text)
 
 
-def test_a_load_on_no_link_is_refused(study):
+def test_a_load_on_no_link_is_rejected(study):
     with pytest.raises(UnknownNameError):
         haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
 
@@ -166,7 +166,7 @@ def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
 
 def test_entropic_of_a_study(study):
     read = study(LOAD, '[estimate]\nmethod = "entropic"\nstrength = 2.0')
-    assert read.method == haptid.Entropic(2.0)
+    assert read.method == haptid.estimation.Entropic(2.0)
     with pytest.raises(StudyFileError, match=r"estimate\.passes"):
         study(LOAD, '[estimate]\nmethod = "entropic"\npasses = 2')
 

@@ -62,7 +62,7 @@ def test_every_key_reaches_its_method(study, text, method):
         ('method = "entropic"\nintervals = "profile"', "estimate.intervals"),
     ],
 )
-def test_what_does_not_go_together_is_refused(study, text, where):
+def test_what_does_not_go_together_is_rejected(study, text, where):
     with pytest.raises(StudyFileError, match=where):
         haptid.read_study(study(text))
 

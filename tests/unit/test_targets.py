@@ -110,7 +110,7 @@ def test_units_follow_from_the_expression(tmp_path, text, unit):
 
 
 @pytest.mark.parametrize("text", ["MX1 + 0.3*M2", "(L + 0.1)*M2", "g*MX1 + L*M2"])
-def test_a_unit_that_cannot_be_told_must_be_said(tmp_path, text):
+def test_a_unit_that_cannot_be_inferred_must_be_given(tmp_path, text):
     with pytest.raises(errors.DeviceFileError, match="common unit"):
         written(tmp_path, ARM + f'[targets]\na = "{text}"')
     model = written(tmp_path, ARM + f'[targets]\na = {{ expression = "{text}", unit = "kg m" }}')
@@ -159,7 +159,7 @@ def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(pha
     assert caught.value.where == "t0"
 
 
-def test_a_device_without_targets_is_told_where_to_write_them():
+def test_a_device_without_targets_names_the_table_to_write():
     with pytest.raises(errors.IncompleteDeviceError):
         target_map(haptid.DynamicModel(haptid.read_device("emps")))
 
@@ -234,7 +234,7 @@ def test_targets_that_motors_of_different_gains_show_have_no_unit_of_command(tmp
     assert "tip, moment" in command.summary()
 
 
-def test_a_target_that_one_stretch_alone_tells_has_an_infinite_interval(phantom):
+def test_a_target_that_one_block_alone_determines_has_an_infinite_interval(phantom):
     single_block = replace(targets(phantom), single_block=(3,))
     assert np.isinf(single_block.se[3])
     assert np.isinf(single_block.conf_int()[3]).all()
@@ -242,7 +242,7 @@ def test_a_target_that_one_stretch_alone_tells_has_an_infinite_interval(phantom)
     assert single_block.in_command().single_block == (3,)
 
 
-def test_targets_of_a_held_estimate_take_the_free_fits_interval_widened_to_the_value():
+def test_targets_of_a_constrained_estimate_take_the_free_fits_interval_widened_to_the_value():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     beta = truth(model)
     beta[model.base.names.index("FV1")] = -2e-3  # no damping can be below zero

@@ -38,22 +38,22 @@ def same(a, b):
 def test_rows_fold_into_the_triangles_they_came_from(name, treatment):
     observation = made(name, treatment)
     for part in (observation, *observation.alternate(), observation.only(observation.motors[-1].name)):
-        same(Rows(part).folded(lambda stretch: stretch), part)
+        same(Rows(part).folded(lambda rows: rows), part)
 
 
 def test_two_motions_are_walked_one_after_the_other():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     parts = [haptid.observe(model, motion(model, truth(model), seconds=4.0, seed=seed)) for seed in (1, 2)]
     whole = parts[0] + parts[1]
-    assert sum(stretch.used.sum() for stretch in Rows(whole)) == whole.rows
-    same(Rows(whole).folded(lambda stretch: stretch), whole)
+    assert sum(rows.used.sum() for rows in Rows(whole)) == whole.rows
+    same(Rows(whole).folded(lambda rows: rows), whole)
 
 
 def test_changes_are_made_one_after_the_other():
     observation = made()
-    twice = Rows(observation).folded(lambda stretch: stretch.scaled(np.full(stretch.y.shape, 2.0)))
-    four = Rows(twice).folded(lambda stretch: stretch.scaled(np.full(stretch.y.shape, 2.0)))
-    same(Rows(observation).folded(lambda stretch: stretch.scaled(np.full(stretch.y.shape, 4.0))), four)
+    twice = Rows(observation).folded(lambda rows: rows.scaled(np.full(rows.y.shape, 2.0)))
+    four = Rows(twice).folded(lambda rows: rows.scaled(np.full(rows.y.shape, 2.0)))
+    same(Rows(observation).folded(lambda rows: rows.scaled(np.full(rows.y.shape, 4.0))), four)
 
 
 def test_residuals_are_those_of_the_triangles():

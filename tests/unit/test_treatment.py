@@ -8,6 +8,7 @@ from scipy import signal
 
 import haptid
 from haptid.errors import MotionTooShortError, TreatmentError
+from haptid.motion import WindowedSinc
 from haptid.motion.streaming import delayed, lost
 
 
@@ -35,7 +36,7 @@ def test_position_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(share, orde
     st.integers(2, 60),
     st.floats(0.1, 0.9),
     st.floats(100.0, 5000.0),
-    st.sampled_from([haptid.KaiserSmoother(), haptid.WindowedSinc()]),
+    st.sampled_from([haptid.motion.KaiserSmoother(), WindowedSinc()]),
 )
 def test_parallel_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(decimation, share, rate, shape):
     cutoff = share * 0.5 * rate / decimation
@@ -48,12 +49,12 @@ def test_parallel_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(decimation,
     # A bell's length is not whole: two samples that come in at its ends weigh 1/427 of the middle each. What they add
     # and what they take from the others are two steps each of that size at most.
     assert abs(response[0]) == pytest.approx(
-        np.sqrt(0.5), abs=1e-6 if shape == haptid.WindowedSinc() else 4 * taps.max() / 427
+        np.sqrt(0.5), abs=1e-6 if shape == WindowedSinc() else 4 * taps.max() / 427
     )
 
 
 def test_sharp_filter_stops_what_would_alias():
-    taps = haptid.Treatment(decimation=10, parallel_shape=haptid.WindowedSinc()).taps(1e-3)
+    taps = haptid.Treatment(decimation=10, parallel_shape=WindowedSinc()).taps(1e-3)
     _, response = signal.freqz(taps, worN=[10.0, 30.0, 40.0, 50.0, 60.0], fs=1000.0)
     passed, still, cut, folding, stopped = abs(response)
     assert passed == pytest.approx(1.0, abs=5e-3)
@@ -68,7 +69,7 @@ def test_bell_rings_nowhere_and_reaches_a_third_as_far_as_a_sharp_filter_of_the_
     """Noise of positions grows with the square of frequency in accelerations: their share that each lets through."""
     bell = haptid.Treatment(decimation=10, parallel_cutoff_hz=20.0).taps(1e-3)
     assert (bell > 0).all()
-    sharp = haptid.Treatment(decimation=10, parallel_cutoff_hz=27.5, parallel_shape=haptid.WindowedSinc()).taps(1e-3)
+    sharp = haptid.Treatment(decimation=10, parallel_cutoff_hz=27.5, parallel_shape=WindowedSinc()).taps(1e-3)
     f = np.linspace(0, 500, 2000)
     through = [np.sum(f**4 * np.abs(signal.freqz(taps, worN=f, fs=1000.0)[1]) ** 2) for taps in (bell, sharp)]
     assert through[0] == pytest.approx(through[1], rel=0.15)
@@ -141,13 +142,13 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"parallel_cutoff_hz": 0.0},
     ],
 )
-def test_settings_that_mean_nothing_are_refused(settings_):
+def test_settings_out_of_range_are_rejected(settings_):
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(**settings_)
     assert raised.value.where == next(iter(settings_))
 
 
-def test_a_cutoff_the_rate_cannot_carry_is_refused():
+def test_a_cutoff_the_rate_cannot_carry_is_rejected():
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=600.0).position_filter(1e-3)
     assert (raised.value.where, raised.value.found, raised.value.limit) == ("cutoff_hz", 600, 500)
@@ -156,7 +157,7 @@ def test_a_cutoff_the_rate_cannot_carry_is_refused():
     assert (raised.value.where, raised.value.limit) == ("parallel_cutoff_hz", 50)
 
 
-def test_a_motion_shorter_than_its_filter_is_refused():
+def test_a_motion_shorter_than_its_filter_is_rejected():
     motion = haptid.Motion(1e-3, np.zeros((100, 1)), np.zeros((100, 1)), haptid.Treatment(cutoff_hz=1.0))
     with pytest.raises(MotionTooShortError) as raised:
         motion.usable  # noqa: B018
@@ -164,7 +165,7 @@ def test_a_motion_shorter_than_its_filter_is_refused():
     assert raised.value.found < raised.value.limit
 
 
-def test_a_cutoff_that_drowns_in_rounding_is_refused():
+def test_a_cutoff_that_is_below_rounding_is_rejected():
     with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=1e-6, order=12).position_filter(1e-3)
     assert raised.value.where == "cutoff_hz"

@@ -10,7 +10,7 @@ from haptid.end_effector.characterisation.friction import viscous_matrix
 from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
-from haptid.export.selftest import Golden
+from haptid.export.selftest import ReferenceValues
 from motions import motion
 from small_study import DEVICE
 
@@ -54,7 +54,7 @@ def test_columns_are_the_halves_of_the_velocity(tmp_path):
     np.testing.assert_allclose(tau, [[0.0, 0.0], [3.0, -4.5]], atol=1e-12)
 
 
-def test_both_halves_together_are_viscous_friction_by_both_roads(tmp_path):
+def test_both_halves_together_are_viscous_friction_by_both_methods(tmp_path):
     """Where a file declares both kinds, one of three is regrouped, with lengths as symbols too."""
     model = read(tmp_path, COUPLED + '[[terms]]\nkind = "viscous"\nmotors = "all"\n')
     found = dict(zip(model.regroupings.names, model.regroupings.formulas, strict=True))
@@ -116,12 +116,12 @@ def alike(tmp_path):
 def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
     torques = []
     for model, beta in alike:
-        golden = Golden.at_random(model, beta, 0.01, 200)
-        wanted = golden.functions["friction"]()["tau"]
+        reference = ReferenceValues.at_random(model, beta, 0.01, 200)
+        wanted = reference.functions["friction"]()["tau"]
         folder = tmp_path / f"c{len(torques)}"
         export_c((model, beta), folder, CCode(NAME, reversal_speed=0.01))
         library = Library.built(folder, code_of(model, 0.01), "double")
-        got = library("friction", {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
+        got = library("friction", {x: getattr(reference, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
         assert relative(got, wanted) < 1e-12
         torques.append(wanted)
     np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12)
@@ -145,7 +145,7 @@ def test_it_is_viscous_friction_and_never_negative(tmp_path):
     beta = np.full(len(model.base), 0.4)
     made = motion(model, beta, noise=0.01, dt=4e-3)
     found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
-    assert "viscous" in haptid.decompose_torque(found, made).parts
-    assert "own columns" not in haptid.decompose_torque(found, made).parts
+    assert "viscous" in haptid.end_effector.decompose_torque(found, made).parts
+    assert "own columns" not in haptid.end_effector.decompose_torque(found, made).parts
     beta[model.base.names.index("FVN1")] = -0.2
-    assert not haptid.possible(model, beta).ok
+    assert not haptid.estimation.feasible(model, beta).ok

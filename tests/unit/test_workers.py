@@ -13,7 +13,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import DaskExecutor, ProcessExecutor, SerialExecutor
+from haptid.executors import DaskExecutor, ProcessExecutor, SerialExecutor
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from motions import motion, truth
@@ -166,17 +166,17 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, model: haptid.Device, from_l
 
 def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
     kept = RFactorCache(tmp_path / "partial", least=1)
-    plain = observe_all(model, [from_log], kept=kept)[0]
+    plain = observe_all(model, [from_log], cache=kept)[0]
     torn = next(kept.folder.glob("*.npz"))
     torn.write_bytes(torn.read_bytes()[:1000])
-    same(observe_all(model, [from_log], kept=kept)[0], plain)
+    same(observe_all(model, [from_log], cache=kept)[0], plain)
     kept.forget()
     assert kept.count() == 0
-    assert observe_all(model, [from_log], kept=RFactorCache(tmp_path / "short"))  # too short to be kept
+    assert observe_all(model, [from_log], cache=RFactorCache(tmp_path / "short"))  # too short to be kept
     assert not (tmp_path / "short").exists()
 
 
-def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(errors.MissingDependencyError, match=r"haptid\[cluster\]"):
         list(DaskExecutor("tcp://127.0.0.1:1").map(doubled, [1]))

@@ -8,7 +8,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.study import Study
 from haptid.study.identify import Identification, Run, held_out
-from haptid.validation.validation import direct, validate
+from haptid.validation.validation import fit_errors, validate
 
 
 def with_reduced(found: Identification, reduced: Estimate) -> Identification:
@@ -37,4 +37,4 @@ def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced
         return replace(run, unseen=(validate(reduced, run.observation),))
     others = [other.observation for other in fitted if other is not run]
     unseen = held_out(study, filed, run.observation, others)
-    return replace(run, direct=direct(reduced, run.observation), unseen=unseen)
+    return replace(run, fit_errors=fit_errors(reduced, run.observation), unseen=unseen)

@@ -52,21 +52,21 @@ def bench(
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler whose workers simulate the logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid._internal.workers import DaskExecutor, ProcessExecutor
+    from haptid.executors import DaskExecutor, ProcessExecutor
     from haptid.experiment.bench.run import Job, make_log, make_logs, repeated, truth_paths
 
-    with errors_shown(), progress_bars(quiet) as progress:
-        task = progress.add_task("simulating", total=1.0)
+    with errors_shown(), progress_bars(quiet) as bars:
+        task = bars.add_task("simulating", total=1.0)
         jobs = repeated(Job(device, experiment, out_log, truth, seed, picture), count)
         if len(jobs) == 1:
-            make_log(jobs[0], lambda share: progress.update(task, completed=share))
+            make_log(jobs[0], lambda share: bars.update(task, completed=share))
         else:
             make_logs(
                 jobs,
                 DaskExecutor(scheduler) if scheduler else ProcessExecutor(many),
-                lambda _, share: progress.update(task, completed=share),
+                lambda _, share: bars.update(task, completed=share),
             )
     for job in () if quiet else jobs:
-        beside = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""
-        beside += f", picture in {job.strip}" if picture else ""
-        out.print(f"Log in {job.out}{beside}")
+        also = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""
+        also += f", picture in {job.strip}" if picture else ""
+        out.print(f"Log in {job.out}{also}")

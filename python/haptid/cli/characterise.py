@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
 
 HELP = """\
 Characterise the end-effector of an identified device: apparent (effective) mass, friction, weight and forces at the
@@ -54,8 +54,8 @@ def characterise(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
-    from haptid.cli.handle import asked, chosen, draw, show
-    from haptid.end_effector.characterisation.characterise import characterise as feel
+    from haptid.cli.handle import chosen, draw, show, table_request
+    from haptid.end_effector.characterisation.characterise import characterise as compute
     from haptid.end_effector.characterisation.table import table_columns, write_columns
     from haptid.end_effector.force import WORST_CONDITION
     from haptid.results.result import Result
@@ -64,15 +64,15 @@ def characterise(
         check_writable(out_folder)
         read = Result.load(result)
         poses = chosen(read.model, at or (), sweep, grid, limit or ())
-        wanted = asked(read.model.device, along, speed, stiffness, torque or ())
-        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
-            tell = teller(progress)
-            tell("figures", 0.0)
-            found = feel(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
+        wanted = table_request(read.model.device, along, speed, stiffness, torque or ())
+        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+            progress = progress_callback(bars)
+            progress("figures", 0.0)
+            found = compute(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
             made = table_columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")
-            tell("figures", 1.0)
-            draw(poses, found, folder / "masses.png", tell)
+            progress("figures", 1.0)
+            draw(poses, found, folder / "masses.png", progress)
     if not quiet:
         show(out, found, made)
         out.print(f"Figures in {out_folder}")

@@ -57,14 +57,14 @@ def progress_bars(quiet: bool) -> Progress:
     return progress.Progress(*columns, *times, console=err, transient=True, disable=quiet)
 
 
-def teller(progress: Progress) -> Callable[[str, float], None]:
+def progress_callback(bars: Progress) -> Callable[[str, float], None]:
     """A progress callback with one bar for each step; text after a colon is a changing detail."""
     tasks: dict[str, TaskID] = {}
 
-    def tell(what: str, share: float) -> None:
+    def progress(what: str, share: float) -> None:
         name = what.partition(": ")[0]
         if name not in tasks:
-            tasks[name] = progress.add_task(what, total=1.0)
-        progress.update(tasks[name], completed=share, description=what)
+            tasks[name] = bars.add_task(what, total=1.0)
+        bars.update(tasks[name], completed=share, description=what)
 
-    return tell
+    return progress

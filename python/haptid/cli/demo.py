@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
 
 HELP = """\
 Reproduce a published identification on the virtual bench. Without a NAME, list the demos.
@@ -48,8 +48,8 @@ def demo(
     with errors_shown():
         check_writable(out_folder)
         plan = read_demo(name)
-        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
-            found = run_demo(plan, folder, teller(progress))
+        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+            found = run_demo(plan, folder, progress_callback(bars))
     if not quiet:
         out.print(kind_of(plan).summary(found))
         out.print(f"Page in {out_folder / PAGE}")

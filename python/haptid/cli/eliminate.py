@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
 
 if TYPE_CHECKING:
     from haptid.inference.elimination import Elimination
@@ -58,21 +58,21 @@ def essential(
         check_writable(out_folder)
         plan = read_study(study)
         how = BackwardElimination(GautierRatio() if at_most is None else MaxRelativeStd(at_most), level)
-        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
-            tell = teller(progress)
-            found = identify(plan, data, tell)
-            tell("eliminating", 0.0)
+        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+            progress = progress_callback(bars)
+            found = identify(plan, data, progress)
+            progress("eliminating", 0.0)
             unseen = _unseen(found)
             reductions = {"all motors": reduce(found.estimate, how, unseen)}
             if by_motor:
                 labels = [motor.label for motor in found.estimate.observation.motors]
                 reductions |= dict(zip(labels, eliminate_by_motor(found.estimate, how, unseen), strict=True))
-            tell("eliminating", 1.0)
-            tell("diagnosing", 0.0)
+            progress("eliminating", 1.0)
+            progress("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
             Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
-            tell("diagnosing", 1.0)
+            progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
             (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
@@ -97,9 +97,9 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
     from haptid.results.result import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}
-    kept = [found.reduced.parameters[k] for k in found.reduced.kept]
+    cache = [found.reduced.parameters[k] for k in found.reduced.free_parameters]
     made = {
-        "parameters": len(found.full.kept),
+        "parameters": len(found.full.free_parameters),
         "reason": found.reason,
         "left_out": [
             {
@@ -109,9 +109,9 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "p": d.test.p,
                 "error_percent": d.error,
             }
-            for d in found.drops
+            for d in found.steps
         ],
-        "refused": None if found.refused is None else {"name": found.refused.name, "p": found.refused.test.p},
+        "refused": None if found.rejected is None else {"name": found.rejected.name, "p": found.rejected.test.p},
         "essential": [
             {
                 "name": p.name,
@@ -121,7 +121,7 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "unit": p.unit,
                 "moved_sd": m,
             }
-            for p, m in zip(kept, found.shift[list(found.reduced.kept)].tolist(), strict=True)
+            for p, m in zip(cache, found.shift[list(found.reduced.free_parameters)].tolist(), strict=True)
         ],
         "error_percent": {
             kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both

@@ -58,7 +58,7 @@ def excite(
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import Search, design, write_experiment
+    from haptid.experiment.excitation import Search, design_excitation, write_experiment
     from haptid.experiment.excitation.writing import plain_experiment, write_samples
 
     with errors_shown():
@@ -69,16 +69,16 @@ def excite(
         beta = None if other is None else model.base.of(other.setup(model).chi)
         within, family = _limits(model.device, centre, stroke, speed, acceleration), _family(triangles, seconds)
         columns = tuple(keep) if keep else None
-        with progress_bars(quiet) as progress:
-            task = progress.add_task("searching", total=1.0)
-            found = design(
+        with progress_bars(quiet) as bars:
+            task = bars.add_task("searching", total=1.0)
+            found = design_excitation(
                 model,
                 family,
                 within,
                 columns=columns,
                 beta=beta,
                 search=Search(tries=tries, seed=seed),
-                progress=lambda share, cost: progress.update(task, completed=share, description=_so_far(cost)),
+                progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(cost)),
             )
         write_experiment(out_file, found, plain_experiment(found) if other is None else other)
         write_samples(found, out_file.with_suffix(".csv"), rate_hz)

@@ -58,7 +58,7 @@ def export(
 
     with errors_shown():
         read = Result.load(result)
-        made = haptid.export.export(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=anyway)
+        made = haptid.export_model(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=anyway)
     if quiet:
         return
     for written in made.values():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -56,17 +56,17 @@ def friction(
         check_writable(out_folder)
         settings = {"tolerance": tolerance, "slowest": slowest}
         constant = ConstantVelocity(**{name: value for name, value in settings.items() if value is not None})
-        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
-            tell = teller(progress)
-            model, motion = _test(what, log, data, tell)
-            tell("friction by velocity", 0.0)
+        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+            progress = progress_callback(bars)
+            model, motion = _test(what, log, data, progress)
+            progress("friction by velocity", 0.0)
             curve = friction_curve(model, motion, constant=constant)
             choice = choose_friction(curve)
             write_points(curve, folder / "friction.csv")
             text = json.dumps(choice_values(choice), indent=1, allow_nan=False)
             (folder / "friction.json").write_text(text + "\n", encoding="utf-8")
             plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
-            tell("friction by velocity", 1.0)
+            progress("friction by velocity", 1.0)
     if not quiet:
         for sentence in (*choice.summary().splitlines(), *curve.notes):
             out.print(sentence, highlight=False, soft_wrap=True)
@@ -74,7 +74,7 @@ def friction(
 
 
 def _test(
-    what: str, log: Path | None, data: Path | None, tell: Callable[[str, float], None]
+    what: str, log: Path | None, data: Path | None, progress: Callable[[str, float], None]
 ) -> tuple[DynamicModel, Motion]:
     """Device and motion of the test, from a study or as given."""
     from haptid.device import read_device
@@ -84,13 +84,13 @@ def _test(
     from haptid.study import read_study
     from haptid.treatment_choice.propose import propose
 
-    tell("reading the log", 0.0)
+    progress("reading the log", 0.0)
     if log is not None:
         model, read, asked = DynamicModel(read_device(what)), read_log(log), {}
     else:
         study = read_study(what)
         entry = next(one for one in study.logs if one.role == "identify")
         model, asked = DynamicModel(read_device(study.device)), dict(study.treatment)
-        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, stretch=entry.stretch)
-    tell("reading the log", 1.0)
+        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, time_range=entry.time_range)
+    progress("reading the log", 1.0)
     return model, treat(read, propose(model, read, **asked).treatment)

@@ -18,7 +18,7 @@ from haptid.end_effector.characterisation import Characterisation, apparent_mass
 from haptid.end_effector.characterisation.characterise import POSES
 from haptid.end_effector.characterisation.plots import SweepCurve, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
-from haptid.end_effector.characterisation.table import Asked, TableColumn
+from haptid.end_effector.characterisation.table import TableColumn, TableRequest
 from haptid.report.tables import table
 
 # Poses of a sweep, and of each side of a map.
@@ -62,9 +62,9 @@ def chosen(
     return Poses(where.grid(grid or POSES), where=where)
 
 
-def asked(
+def table_request(
     device: Device, along: str | None, speed: float | None, stiffness: str | None, torque: Sequence[str]
-) -> Asked:
+) -> TableRequest:
     """Inputs of the figures in addition to the model.
 
     Raises:
@@ -76,7 +76,7 @@ def asked(
     for name in limits:
         if name not in motors:
             raise wrong_option("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
-    return Asked(
+    return TableRequest(
         along=numbers("--along", along, "x, y, z", 3) if along is not None else None,
         speed=speed,
         stiffness=spread("--stiffness", stiffness, joints, len(device.active)) if stiffness is not None else None,
@@ -84,11 +84,11 @@ def asked(
     )
 
 
-def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str, float], None]) -> None:
+def draw(poses: Poses, found: Characterisation, path: Path, progress: Callable[[str, float], None]) -> None:
     """Plot the masses along a sweep, or the largest one over two joints of a grid; nothing for single poses."""
     if poses.path is None and (poses.where is None or len(poses.where.limits) < 2):
         return
-    tell("drawing", 0.0)
+    progress("drawing", 0.0)
     if poses.path is not None:
         label = "from the first pose (0) to the second (1)"
         plot_sweeps(
@@ -96,7 +96,7 @@ def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str,
         )
     elif poses.where is not None:
         _draw_map(poses.where, found, path)
-    tell("drawing", 1.0)
+    progress("drawing", 1.0)
 
 
 def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
@@ -108,7 +108,7 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
     qa[-2:] = across.ravel(), up.ravel()
     mass = np.full(SIDE * SIDE, np.nan)
     inside = where.holds(qa)
-    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.values[:, 0]
+    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.handle.worst).mass.values[:, 0]
     joints = [found.model.device.joints[j] for j in found.model.device.active[-2:]]
     across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
     labels = (across_label, up_label, "largest apparent mass, kg")
@@ -117,11 +117,11 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
 
 def show(console: Console, found: Characterisation, made: Sequence[TableColumn]) -> None:
     """Print the figures: of one pose with intervals, of several poses median and range; and the notes."""
-    grasp = found.grasp
+    handle = found.handle
     console.print(
-        f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses", style="bold"
+        f"{found.model.device.name} at the handle: {int(handle.usable.sum())} of {len(handle)} poses", style="bold"
     )
-    single = len(grasp) == 1
+    single = len(handle) == 1
     heads = ("value", "95 % interval") if single else ("median", "lowest", "highest", "max 95 % half-width")
     rows = [
         ([c.name, *(_single(c) if single else _several(c)), "" if c.figure.unit == "1" else c.figure.unit], False)

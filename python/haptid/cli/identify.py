@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import EXIT_CRITERIA, app, errors_shown, out, progress_bars, teller
+from haptid.cli.common import EXIT_CRITERIA, app, errors_shown, out, progress_bars, progress_callback
 
 HELP = """\
 Identify a device from the logs of a study, and validate the model.
@@ -60,35 +60,35 @@ def identify(
     from haptid.report.plots import plot_torque
     from haptid.results.result import Result
     from haptid.study import read_study
-    from haptid.study.identify import identify as walk
+    from haptid.study.identify import identify as run_study
     from haptid.validation.prediction import predictions
 
     with errors_shown():
         check_writable(out_folder)
         plan = read_study(study)
-        kept = resumed(out_folder, fresh, quiet or as_json)
+        cache = resumed(out_folder, fresh, quiet or as_json)
         with (
-            interruptible(kept),
-            progress_bars(quiet or as_json) as progress,
+            interruptible(cache),
+            progress_bars(quiet or as_json) as bars,
             publishing(out_folder) as folder,
         ):
-            tell = teller(progress)
-            found = walk(plan, data, tell, workers(count, scheduler), kept)
-            tell("writing the report", 0.0)
+            progress = progress_callback(bars)
+            found = run_study(plan, data, progress, workers(count, scheduler), cache)
+            progress("writing the report", 0.0)
             source = ReportSource(found, _typed(study, data, out_folder))
             result = Result.of(found, source.diagnosis.verdict)
             result.save(folder)
             report_of(source).write(folder)
-            tell("writing the report", 1.0)
+            progress("writing the report", 1.0)
             for k, run in enumerate(found.runs):
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
-                tell(f"drawing {name}", 0.0)
-                kind = "rows of the fit" if run.direct else "unseen"
+                progress(f"drawing {name}", 0.0)
+                kind = "rows of the fit" if run.fit_errors else "unseen"
                 title = f"{plan.name}: {run.entry.path} ({kind})"
                 parts = predictions(found.estimate, run.motion)
                 plot_torque(parts, Plan.of(found.model, run.motion).rows, title, folder / name)
-                tell(f"drawing {name}", 1.0)
-        kept.forget()
+                progress(f"drawing {name}", 1.0)
+        cache.forget()
     if as_json:
         sys.stdout.write(result.to_json())
     elif not quiet:

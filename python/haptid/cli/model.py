@@ -45,9 +45,9 @@ def model(
 def _not_kept(model: DynamicModel) -> Iterator[str]:
     """Preferred parameters that cannot be base parameters, with the reason."""
     base = model.base
-    kept = {base.standard[k] for k in base.independent_columns}
+    cache = {base.standard[k] for k in base.independent_columns}
     for name in model.device.keep:
         if name in base.no_effect:
             yield f"{name} cannot be a base parameter: it has no effect on the torque."
-        elif name not in kept:
+        elif name not in cache:
             yield f"{name} cannot be a base parameter: it depends linearly on preferred parameters before it."

@@ -38,11 +38,11 @@ def report(
         if len(results) == 1:
             written = page or results[0] / "report.html"
             read_report(results[0]).write_page(written)
-            said: tuple[str, ...] = ()
+            sentences: tuple[str, ...] = ()
         else:
             written = page or Path("comparison.html")
             made = write_comparison(results, written)
-            said = tuple(f"{pair['second']}: {line}" for pair in made.pairs for line in pair["sentences"])
+            sentences = tuple(f"{pair['second']}: {line}" for pair in made.pairs for line in pair["sentences"])
     if not quiet:
-        for line in (*said, f"Report in {written}"):
+        for line in (*sentences, f"Report in {written}"):
             out.print(line, highlight=False, soft_wrap=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
-from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
+from haptid.executors import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.observation.cache import RFactorCache
 
 
@@ -23,21 +23,21 @@ def workers(count: int, scheduler: str | None) -> Executor:
 def resumed(out: Path, fresh: bool, quiet: bool) -> RFactorCache:
     """Stored intermediate results of an interrupted run; none where the run is to start again."""
     target = out.resolve()
-    kept = RFactorCache(target.with_name(f".{target.name}.partial"))
+    cache = RFactorCache(target.with_name(f".{target.name}.partial"))
     if fresh:
-        kept.forget()
-    elif not quiet and (parts := kept.count()):
-        err.print(f"Resuming an interrupted run: {parts} parts in {kept.folder}. --fresh starts again.")
-    return kept
+        cache.forget()
+    elif not quiet and (parts := cache.count()):
+        err.print(f"Resuming an interrupted run: {parts} parts in {cache.folder}. --fresh starts again.")
+    return cache
 
 
 @contextmanager
-def interruptible(kept: RFactorCache) -> Iterator[None]:
+def interruptible(cache: RFactorCache) -> Iterator[None]:
     """Report an interruption in one line and exit with its status."""
     try:
         yield
     except KeyboardInterrupt:
-        parts = kept.count()
-        there = f"{parts} parts are stored in {kept.folder}; the same command resumes from there"
+        parts = cache.count()
+        there = f"{parts} parts are stored in {cache.folder}; the same command resumes from there"
         complain(f"interrupted: {there if parts else 'nothing is stored'}.")
         raise typer.Exit(EXIT_INTERRUPTED) from None

@@ -19,7 +19,7 @@ from haptid.uncertainty.quantities import aligned
 
 DATA = Path(__file__).parent
 # Called with the current step and the completed share of it.
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 
 
 class Part(BaseModel):
@@ -94,7 +94,7 @@ class Kind:
 
     plan: type[Demo]
     takes: Callable[[Any, Path], list[Take]]
-    find: Callable[[Any, Path, Tell], Any]
+    find: Callable[[Any, Path, Progress], Any]
     write_files: Callable[[Any, Path], None]
     values: Callable[[Any], dict[str, Any]]
     sections: Callable[[Any], list[DocumentSection]]

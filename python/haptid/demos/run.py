@@ -9,7 +9,7 @@ from typing import Any
 
 from haptid.demos.cea_branches import CEA_BRANCHES
 from haptid.demos.phantom_configurations import PHANTOM_CONFIGURATIONS
-from haptid.demos.plan import DATA, Demo, Kind, Tell, write_json
+from haptid.demos.plan import DATA, Demo, Kind, Progress, write_json
 from haptid.demos.recordings import record_all
 from haptid.errors import UnknownNameError, suggestion
 from haptid.experiment.bench.simulation import load_mujoco
@@ -46,13 +46,13 @@ def read_demo(name: str) -> Demo:
     return _KINDS[plan["kind"]].plan.model_validate({**plan, "claims": claims, "name": name})
 
 
-def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None) -> Any:
+def run_demo(demo: Demo, folder: Path, progress: Progress, processes: int | None = None) -> Any:
     """Record into `folder`/logs, identify, and write tables, result.json and the page into `folder`.
 
     Args:
         demo: the demonstration.
         folder: an empty folder.
-        tell: called with the current step and the completed share of it.
+        progress: called with the current step and the completed share of it.
         processes: simulations in parallel; None for one per processor.
 
     Returns:
@@ -66,13 +66,13 @@ def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None)
     kind, logs = kind_of(demo), folder / "logs"
     logs.mkdir()
     takes = kind.takes(demo, logs)
-    tell("simulating", 0.0)
+    progress("simulating", 0.0)
     for done, _ in enumerate(record_all(takes, processes), 1):
-        tell("simulating", done / len(takes))
-    found = kind.find(demo, logs, tell)
-    tell("writing", 0.0)
+        progress("simulating", done / len(takes))
+    found = kind.find(demo, logs, progress)
+    progress("writing", 0.0)
     write_results(demo, found, folder)
-    tell("writing", 1.0)
+    progress("writing", 1.0)
     return found
 
 

@@ -2,3 +2,25 @@
 
 It knows devices and their numbers (a pose, a motion, parameter values), but no log and no estimate.
 """
+
+from haptid.dynamics.base_parameters import BaseParameters, base_parameters
+from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
+from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.workspace import Box, Workspace, workspace
+
+__all__ = [
+    "BaseParameters",
+    "Box",
+    "DynamicModel",
+    "HandleMotion",
+    "Workspace",
+    "base_parameters",
+    "bias_torque",
+    "gravity_torque",
+    "handle_motion",
+    "inverse_dynamics",
+    "link_poses",
+    "mass_matrix",
+    "workspace",
+]

@@ -208,7 +208,7 @@ class ForwardDynamics:
         if not (np.linalg.eigvalsh(M)[:, 0] > INVERTIBLE * np.abs(M).max(axis=(1, 2))).all():
             raise self.massless(M)
 
-    def slopes(self, c: Array, cd: Array, cdd: Array) -> tuple[Array, Array]:
+    def gradients(self, c: Array, cd: Array, cdd: Array) -> tuple[Array, Array]:
         """Derivatives of the first set's inverse dynamics by position and by velocity, each (states, n, n).
 
         Column k is the derivative by coordinate k.
@@ -224,7 +224,7 @@ class ForwardDynamics:
         """
         still = np.zeros_like(c)
         M = core_mass(self.model, self.chi[0], c)
-        _, damping = self.slopes(c, still, still)
+        _, damping = self.gradients(c, still, still)
         try:
             return float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))
         except np.linalg.LinAlgError:
@@ -309,6 +309,6 @@ class ParametricForwardDynamics:
         forward, column = ForwardDynamics(self.model, self.base @ beta), (c[:, None], cd[:, None])
         cdd = forward.acceleration(*column, tau[:, None])
         inverse = np.linalg.inv(forward.mass(column[0])[0])
-        by_state = -inverse @ np.concatenate(forward.slopes(*column, cdd), axis=2)[0]
+        by_state = -inverse @ np.concatenate(forward.gradients(*column, cdd), axis=2)[0]
         Y = regressor_columns(self.model, *column, cdd, self.base)[:, :, 0]
         return cdd[:, 0], by_state, -inverse @ Y, inverse

@@ -119,7 +119,7 @@ class DynamicModel:
 
     @cached_property
     def regroupings(self) -> Regroupings:
-        """Base parameters with symbolic lengths; see `haptid.regroupings` for the errors raised."""
+        """Base parameters with symbolic lengths; see `haptid.dynamics.symbolic.regroupings` for the errors raised."""
         from haptid.dynamics.symbolic import regroupings
 
         return regroupings(self)
@@ -256,12 +256,12 @@ class DynamicModel:
         """Dry-friction terms that act on a torque row, one for each velocity whose sign they depend on."""
         found: list[TermColumn] = []
         for term in self.terms:
-            acts = term.kind in DRY and self.feels(row, term)
+            acts = term.kind in DRY and self.friction_acts(row, term)
             if acts and not any(term.moves_as(known) for known in found):
                 found.append(term)
         return tuple(found)
 
-    def feels(self, row: int, term: TermColumn) -> bool:
+    def friction_acts(self, row: int, term: TermColumn) -> bool:
         """Whether a term's torque acts on a torque row."""
         return bool(term.weights[row] != 0 or (term.joint is not None and self.device.varying[term.joint, row]))
 

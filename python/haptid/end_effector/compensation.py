@@ -47,7 +47,7 @@ from haptid.dynamics.regressor import external
 from haptid.end_effector.characterisation.apparent_mass import apparent_mass
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
 from haptid.end_effector.force import force_setting_error
-from haptid.observation.reversals import softened
+from haptid.observation.reversals import smoothed_friction
 
 # From time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
 # coordinates, (motors,), N m or N.
@@ -182,7 +182,7 @@ class _Controller:
         self.bodies = rigid(model, raw)
         resists = [False] * (10 * len(model.device.joints)) + [term.resists for term in model.terms]
         self.friction = np.where(resists, raw, 0.0)
-        self.soft = softened(model, settings.slow)
+        self.soft = smoothed_friction(model, settings.slow)
         self.to_joints = np.linalg.inv(model.device.row_map)
         self.to_motors = np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]]
         self.last: Array | None = None

@@ -20,10 +20,10 @@ from haptid.dynamics.wrench import Lever, lever
 from haptid.errors import SettingError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.reversals import doubt, softened
+from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.observation.rows import chunks
 from haptid.uncertainty.quantities import LEVEL, half_width
-from haptid.validation.validation import Validation, direct
+from haptid.validation.validation import Validation, fit_errors
 
 # Speed below which the sign of a velocity is smoothed, rad/s or m/s.
 REVERSAL_SPEED = 0.01
@@ -189,7 +189,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
     """Residual RMS of each measured torque row, (rows,), N m or N."""
-    errors = (validation or direct(estimate)).motors
+    errors = (validation or fit_errors(estimate)).motors
     expect("validation.motors", (len(errors),), (sum(estimate.model.device.measured),))
     return np.array([error.rmse for error in errors])
 
@@ -246,7 +246,7 @@ class Torques:
 def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: float) -> Iterator[Torques]:
     """Torques of the motion's rows, chunk by chunk."""
     model = estimate.model
-    soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
+    soft, chi = smoothed_friction(model, speed), raw_parameters(model, estimate.beta)
     to_joints = np.linalg.inv(model.device.row_map)
     for hard in chunks(model, motion):
         s = replace(hard, model=soft)
@@ -263,7 +263,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             qa=to_joints @ s.centres(s.c),
             motors=motors,
             external=s.torque(chi) - motors,
-            covariance=_spread(parts, s.sizes(doubt(soft, chi, s.c, s.cd, speed))),
+            covariance=_spread(parts, s.sizes(friction_uncertainty(soft, chi, s.c, s.cd, speed))),
             moment=shown,
         )
 

@@ -35,11 +35,11 @@ from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import check_beta
 from haptid.motion.channels import coordinate_torque, state
 from haptid.motion.treatment import Motion
-from haptid.observation.reversals import doubt, softened
+from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.validation.validation import Validation
 
 # Time constants after which a singular pose no longer affects the low-pass: 0.7 % is left.
-SETTLING = 5.0
+TRANSIENT_DELAYS = 5.0
 # Samples passed to the core at a time.
 _CHUNK = 1 << 14
 
@@ -160,7 +160,7 @@ class MomentumObserver:
 
     def _balance(self, model: DynamicModel, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
         """Momentum, and its rate without the hand and the motors, each (rows, samples)."""
-        soft, bodies, pieces = softened(model, self.reversal_speed), rigid(model, chi), []
+        soft, bodies, pieces = smoothed_friction(model, self.reversal_speed), rigid(model, chi), []
         for low in range(0, c.shape[1], _CHUNK):
             here, rates = c[:, low : low + _CHUNK], cd[:, low : low + _CHUNK]
             p, rest = momentum(model, bodies, here, rates)
@@ -258,7 +258,7 @@ class _Path:
         sizes = self._friction_errors(observer)[rows]
         for m, size in enumerate(sizes):
             variance += smooth(np.abs(found.inverse[:, :, m].T) * size) ** 2
-        long = min(len(self.t), 1 + round(SETTLING * observer.delay / dt))
+        long = min(len(self.t), 1 + round(TRANSIENT_DELAYS * observer.delay / dt))
         return WrenchEstimate(
             t=self.t,
             external=observer.follow(model, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
@@ -273,4 +273,4 @@ class _Path:
         """Uncertainty of dry friction, (active, samples), N m or N."""
         model = self.estimate.model
         c, cd = model.device.row_map @ self.qa, model.device.row_map @ self.qda
-        return doubt(model, raw_parameters(model, self.estimate.beta), c, cd, observer.reversal_speed)
+        return friction_uncertainty(model, raw_parameters(model, self.estimate.beta), c, cd, observer.reversal_speed)

@@ -6,11 +6,10 @@ and simulations; it does not use validation or inference.
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
+from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, project_to_feasible
 from haptid.estimation.intervals.bootstrap import Bootstrap
-from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust
+from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust, FixedB
 from haptid.estimation.intervals.covariance import Intervals, Spread
-from haptid.estimation.intervals.fixed_b import FixedB
 from haptid.estimation.intervals.model_based import Classical, Sandwich
 from haptid.estimation.intervals.profile import Profile
 from haptid.estimation.least_squares import Knowledge
@@ -84,7 +83,7 @@ __all__ = [
     "StudentT",
     "Tukey",
     "estimate",
-    "possible",
+    "feasible_parameters",
     "project_to_feasible",
     "pseudo_inertia",
 ]

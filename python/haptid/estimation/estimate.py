@@ -31,7 +31,7 @@ WELL_CONDITIONED = 200.0
 class Restricted(Method, Protocol):
     """A method with inequality constraints, such as `PhysicallyConsistent`."""
 
-    def hold(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
+    def constrain(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
         """The constrained solution, with the unconstrained one."""
 
 
@@ -88,6 +88,9 @@ class Parameter:
 class Estimate:
     """Base parameters estimated from an observation.
 
+    `beta` is the symbol of the base parameters throughout, as in y = W beta + rho: of an estimate it is
+    `quantities.values`, of a function's argument a vector in the order of `model.base`.
+
     With inequality constraints, covariance, standard errors and degrees of freedom are those of the unconstrained fit.
 
     Attributes:
@@ -101,8 +104,8 @@ class Estimate:
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
         status: "ok", "weak" (ill-conditioned), or "strained" where constraints contradict an interval.
         notes: for the user.
-        held: of a method with inequality constraints: the constrained and the unconstrained estimate, and the active
-            constraints; None of the others.
+        constrained_fit: of a method with inequality constraints: the constrained and the unconstrained estimate, and
+            the active constraints; None of the others.
         zero: indices of the parameters fixed at zero, without uncertainty.
         nuisances: by how much one standard error of each nuisance (a delay, the noise of the encoders) moves the
             parameters, by its name, (k, p) each, SI; part of `covariance`.
@@ -117,7 +120,7 @@ class Estimate:
     weights: Array
     status: str
     notes: tuple[str, ...]
-    held: Constrained | BoundedSolution | None = None
+    constrained_fit: Constrained | BoundedSolution | None = None
     zero: tuple[int, ...] = ()
     nuisances: Mapping[str, Array] = field(default_factory=dict)
 
@@ -151,7 +154,7 @@ class Estimate:
     @property
     def free(self) -> Array:
         """Base parameters of the unconstrained fit, to which covariance and standard errors belong, (p,), SI."""
-        return self.held.free if self.held else self.beta
+        return self.constrained_fit.free if self.constrained_fit else self.beta
 
     @cached_property
     def unconstrained(self) -> Quantities:
@@ -161,17 +164,17 @@ class Estimate:
     @property
     def constrained(self) -> bool:
         """Whether a constraint is active, so that `beta` differs from `free`."""
-        return bool(self.held and self.held.active)
+        return bool(self.constrained_fit and self.constrained_fit.active)
 
     @property
-    def kept(self) -> tuple[int, ...]:
+    def free_parameters(self) -> tuple[int, ...]:
         """Indices of the parameters that are not fixed at zero."""
         return tuple(k for k in range(len(self.base)) if k not in self.zero)
 
     @property
-    def possible(self) -> FeasibleParameters | None:
+    def feasible(self) -> FeasibleParameters | None:
         """Bodies that have these base parameters, of a method that looks for them."""
-        return self.held.possible if isinstance(self.held, Constrained) else None
+        return self.constrained_fit.feasible if isinstance(self.constrained_fit, Constrained) else None
 
     @property
     def beta(self) -> Array:
@@ -209,14 +212,14 @@ class Estimate:
         With inequality constraints: by `Profile`, or those of the unconstrained fit, cut at the constraints and widened
         to the estimate.
         """
-        if self.held is None:
+        if self.constrained_fit is None:
             return self.quantities.conf_int(level)
         if level not in self._constrained_intervals:
             half = half_width(self.se, self.dof, level)
             if isinstance(self.intervals, Limiting):
-                ends = self.intervals.limits(self.fit, self.held, half)
+                ends = self.intervals.limits(self.fit, self.constrained_fit, half)
             else:
-                ends = self.held.interval(half)
+                ends = self.constrained_fit.interval(half)
             self._constrained_intervals[level] = read_only(ends)
         return self._constrained_intervals[level]
 
@@ -229,7 +232,9 @@ class Estimate:
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
         classical = np.sqrt(np.diag(self.classical_covariance))
-        constrained_outside_ci = self.held.constrained_outside_ci(half_width(self.se, self.dof)) if self.held else ()
+        constrained_outside_ci = (
+            self.constrained_fit.constrained_outside_ci(half_width(self.se, self.dof)) if self.constrained_fit else ()
+        )
         return tuple(
             Parameter(
                 name=name,
@@ -291,16 +296,16 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
     fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
     solution, spread = fit.solution, intervals.spread(fit)
-    held = method.hold(observation, solution) if isinstance(method, Restricted) else None
+    constrained = method.constrain(observation, solution) if isinstance(method, Restricted) else None
     quantities = Quantities(
         names=observation.base.names,
         units=observation.base.units,
-        values=held.beta if held else solution.beta,
+        values=constrained.beta if constrained else solution.beta,
         covariance=spread.covariance,
         dof=spread.dof,
         unbounded=tuple(int(k) for k in spread.alone),
     )
-    status, notes = _status_and_notes(observation, quantities, held, zero)
+    status, notes = _status_and_notes(observation, quantities, constrained, zero)
     own = fit.observation is observation
     return Estimate(
         observation=observation,
@@ -312,7 +317,7 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,
-        held=held,
+        constrained_fit=constrained,
         zero=zero,
     )
 
@@ -326,7 +331,10 @@ def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> F
 
 
 def _status_and_notes(
-    observation: Observation, quantities: Quantities, held: Constrained | BoundedSolution | None, zero: tuple[int, ...]
+    observation: Observation,
+    quantities: Quantities,
+    constrained: Constrained | BoundedSolution | None,
+    zero: tuple[int, ...],
 ) -> tuple[str, tuple[str, ...]]:
     """The status of an estimate, and notes for the user, each once."""
     notes = list(observation.model.device.notes)
@@ -348,8 +356,8 @@ def _status_and_notes(
             f"Excited in a single time block: {names}. The standard error cannot be estimated (interval: unbounded). "
             f"Record longer, or repeat the motion."
         )
-    if held:
+    if constrained:
         half = half_width(quantities.se, quantities.dof)
-        status = "strained" if held.constrained_outside_ci(half) else status
-        notes += held.notes(half)
+        status = "strained" if constrained.constrained_outside_ci(half) else status
+        notes += constrained.notes(half)
     return status, tuple(notes)

@@ -214,9 +214,9 @@ class UnitVarianceRows:
         return np.ones(len(observation.motors))
 
 
-def only_weighs(method: Method) -> bool:
+def only_weights_rows(method: Method) -> bool:
     """Whether a method does no more than weight rows: no constraints, priors or fixed parameters."""
-    return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"))
+    return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "constrain"))
 
 
 def setting_error(owner: str, name: str, value: object, wanted: str) -> SettingError:
@@ -242,7 +242,7 @@ def expect_weighting(owner: str, method: Method) -> None:
     Raises:
         SettingError: it constrains or fixes parameters or has a prior, which the wrapping method would ignore.
     """
-    if not only_weighs(method):
+    if not only_weights_rows(method):
         wanted = "a method that only weights rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
         raise setting_error(owner, "weighting", method.name, wanted)
 

@@ -4,7 +4,7 @@
 everything up to `results`.
 """
 
-from haptid.export.all_formats import EXPORTERS, export
+from haptid.export.all_formats import EXPORTERS, export_model
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c import CExport, export_c
 from haptid.export.formats.json import export_json
@@ -21,12 +21,12 @@ __all__ = [
     "CExport",
     "Export",
     "Operations",
-    "export",
     "export_c",
     "export_json",
     "export_latex",
     "export_matlab",
     "export_mjcf",
+    "export_model",
     "export_rust",
     "export_urdf",
 ]

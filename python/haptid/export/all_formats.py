@@ -41,16 +41,16 @@ def _single(identified: ExportSource, folder: Path, code: CCode, *, anyway: bool
 
 
 CODE: Mapping[str, Coder] = {"c": _double, "c-single": _single, "matlab": export_matlab, "rust": export_rust}
-OTHERS: Mapping[str, Exporter] = {
+_OTHERS: Mapping[str, Exporter] = {
     "mjcf": export_mjcf,
     "urdf": export_urdf,
     "json": export_json,
     "latex": export_latex,
 }
-EXPORTERS = (*CODE, *OTHERS)
+EXPORTERS = (*CODE, *_OTHERS)
 
 
-def export(
+def export_model(
     identified: ExportSource,
     folder: str | Path,
     formats: Sequence[str],
@@ -84,6 +84,6 @@ def export(
             if name in CODE:
                 written = CODE[name](identified, scratch / name, code, anyway=anyway)
             else:
-                written = OTHERS[name](identified, scratch / name, anyway=anyway)
+                written = _OTHERS[name](identified, scratch / name, anyway=anyway)
             made[name] = Export(folder / name, written.files, written.verdict)
     return made

@@ -19,15 +19,15 @@ from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
 from haptid.motion.filters import HighPass
-from haptid.observation.reversals import softened
+from haptid.observation.reversals import smoothed_friction
 
 # Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
 _WORST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Golden:
-    """Reference ("golden") values of the Python model at some states.
+class ReferenceValues:
+    """Reference values of the Python model at some states.
 
     Attributes:
         model: the dynamic model.
@@ -45,13 +45,13 @@ class Golden:
     tau: Array
 
     @staticmethod
-    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
+    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> ReferenceValues:
         """Random states: positions in +-pi, rates in +-2, torques in +-1."""
         rng = np.random.default_rng(seed)
         n = len(model.device.drives)
         q = rng.uniform(-np.pi, np.pi, (n, samples))
         qd, qdd = rng.uniform(-2, 2, (2, n, samples))
-        return Golden(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
+        return ReferenceValues(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
@@ -80,7 +80,7 @@ class Golden:
             return np.asarray(sizes[:, -1] > np.sqrt(_WORST) * sizes[:, 0])
         return np.ones(self.q.shape[1], dtype=bool)
 
-    def at(self, samples: np.ndarray) -> Golden:
+    def at(self, samples: np.ndarray) -> ReferenceValues:
         """A subset of the states."""
         q, qd, qdd, tau = (x[:, samples] for x in (self.q, self.qd, self.qdd, self.tau))
         return replace(self, q=q, qd=qd, qdd=qdd, tau=tau)
@@ -121,7 +121,7 @@ class Golden:
         kept = [False] * links + [wanted(term) for term in self.model.terms]
         chi = np.where(kept, self._chi, 0.0)
         own = external(self.model, self.q, self.qd, self._none)
-        return core_torque(softened(self.model, self.speed), chi, self.q, self.qd, self._none, own)
+        return core_torque(smoothed_friction(self.model, self.speed), chi, self.q, self.qd, self._none, own)
 
     def _solved(self, torque: Array) -> Array:
         return np.asarray(np.linalg.solve(self._M, torque.T[:, :, None])[:, :, 0])
@@ -132,25 +132,25 @@ class Golden:
 
 
 # Compared states, and random states of which the best-conditioned are taken.
-SAMPLES = 12
+_SAMPLES = 12
 POOL = 200
 # Relative tolerances, with a margin for ill-conditioned linear systems.
 TOLERANCES = {"double": "1e-9", "float": "2e-3"}
 # Motion of the observer and the differentiator: amplitude, rad or m, and lowest frequency, rad/s.
-AMPLITUDE, SLOWEST = 0.2, 20.0
+AMPLITUDE, _SLOWEST = 0.2, 20.0
 
 
 def selftest(files: Files) -> str:
     """Source of the self-test program."""
-    golden = states(files)
+    reference = states(files)
     parts, calls = [], []
     for name in ("q", "qd", "qdd", "tau"):
-        parts.append(_table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
+        parts.append(_table(f"in_{name}", getattr(reference, name).T, files.dialect, inputs=True))
     for function in files.code.functions:
-        if not golden.sound(function.name).all():
+        if not reference.sound(function.name).all():
             calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
             continue
-        wanted = golden.functions[function.name]()
+        wanted = reference.functions[function.name]()
         parts += [_table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
     q, qd, tau = path(len(files.model.device.drives))
@@ -161,7 +161,7 @@ def selftest(files: Files) -> str:
     parts.append(_table("differentiator_wanted", differentiated, DOUBLE))
     return files.filled(
         "selftest.c",
-        samples=SAMPLES,
+        samples=_SAMPLES,
         tolerance=TOLERANCES[files.dialect.real],
         values="\n\n".join(parts),
         calls="\n".join(f"        {line}" for line in calls),
@@ -170,17 +170,17 @@ def selftest(files: Files) -> str:
     )
 
 
-def states(files: Files) -> Golden:
+def states(files: Files) -> ReferenceValues:
     """Random states, chosen so that as many functions as possible are well-conditioned."""
-    golden = Golden.at_random(files.model, files.source.beta, files.code.speed, POOL)
-    unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
-    return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
+    reference = ReferenceValues.at_random(files.model, files.source.beta, files.code.speed, POOL)
+    unsound = np.sum([~reference.sound(function.name) for function in files.code.functions], axis=0)
+    return reference.at(np.argsort(unsound, kind="stable")[:_SAMPLES])
 
 
 def path(active: int) -> tuple[Array, Array, Array]:
     """Positions, rates and torques of a short motion, each (active, samples)."""
-    t = STEP * np.arange(SAMPLES)
-    omega = SLOWEST * (1 + np.arange(active))[:, None]
+    t = STEP * np.arange(_SAMPLES)
+    omega = _SLOWEST * (1 + np.arange(active))[:, None]
     q, qd = AMPLITUDE * np.sin(omega * t + 0.5), AMPLITUDE * omega * np.cos(omega * t + 0.5)
     return np.asarray(q), np.asarray(qd), np.asarray(np.cos(omega * t))
 

@@ -17,7 +17,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
 from haptid.observation.plan import Block
-from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
+from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import Quantities, aligned, half_width
 
 # Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
@@ -209,7 +209,7 @@ class Series:
     @cached_property
     def common(self) -> Array:
         """Inverse-variance weighted mean of each parameter, (k,); NaN where every standard error is infinite."""
-        se = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.se.T, strict=True)])
+        se = np.column_stack([se_above_rounding(*pair) for pair in zip(self.value.T, self.se.T, strict=True)])
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = np.where(se > 0, (se.min(axis=0) / se) ** 2, 1.0)  # all zero without error: any weight will do
             return freeze(np.asarray((weight * self.value).sum(axis=0) / weight.sum(axis=0)))
@@ -261,9 +261,9 @@ class Series:
         """What differs, in order of significance; then the notes."""
         order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
         at = family_wise(self.confidence, len(self.names))
-        said = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
+        sentences = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
         rest = len(self.names) - len(order)
-        return (*said, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
+        return (*sentences, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
 
     def _sentence(self, k: int) -> str:
         low, high = int(np.argmin(self.value[:, k])), int(np.argmax(self.value[:, k]))

@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
-from haptid.uncertainty.multiple_testing import deviations_to_weigh, together, two_sided
+from haptid.uncertainty.multiple_testing import se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
 
 
@@ -125,10 +125,10 @@ class Drift:
         """What drifts, in order of significance; then what is not linear in time."""
         order = sorted((self.names.index(name) for name in self.drifts), key=lambda k: self.p[k])
         at = family_wise(self.series.confidence, len(self.names))
-        said = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
+        sentences = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
         if self.bent:
-            said.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
-        return tuple(said)
+            sentences.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
+        return tuple(sentences)
 
     def _sentence(self, k: int) -> str:
         size, unit = abs(self.series.common[k]), f"{self.series.units[k]} in a {self.unit}"
@@ -183,7 +183,7 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
 
 def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     """Coefficients of a slope, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
-    se = deviations_to_weigh(value, se)
+    se = se_above_rounding(value, se)
     least = se.min()
     if not np.isfinite(least):
         return np.zeros(len(t)), np.ones(len(t))

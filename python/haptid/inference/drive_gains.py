@@ -19,7 +19,7 @@ from haptid.observation.r_factor import triangle
 from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Gauss-Newton: largest number of steps, and relative change of the scales at convergence.
-MOST_STEPS, CONVERGED = 50, 1e-10
+MOST_STEPS, _CONVERGED = 50, 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +99,13 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: PriorBo
         beta, moved = solution.beta[:p], solution.beta[p:]
         scale = scale + moved
         weights = np.array([np.sqrt(m.rows.sum()) / m.residual(solution.beta) for m in rows])
-        if np.abs(moved).max() < CONVERGED * np.abs(scale).max():
+        if np.abs(moved).max() < _CONVERGED * np.abs(scale).max():
             break
     else:
         raise ConvergenceError(
-            f"the gains still change by {np.abs(moved).max():.2g} after {MOST_STEPS} steps, limit {CONVERGED:.2g}.",
+            f"the gains still change by {np.abs(moved).max():.2g} after {MOST_STEPS} steps, limit {_CONVERGED:.2g}.",
             found=float(np.abs(moved).max()),
-            limit=CONVERGED,
+            limit=_CONVERGED,
             advice="Record longer, with a heavier payload that loads every motor.",
         )
     motors = np.eye(p + many)[p:]

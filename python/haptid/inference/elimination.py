@@ -29,7 +29,7 @@ from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
-from haptid.validation.validation import Validation, direct, validate
+from haptid.validation.validation import Validation, fit_errors, validate
 
 # Significance level of the F-test.
 _SIGNIFICANCE = 0.05
@@ -113,7 +113,7 @@ class FTest:
 
 
 @dataclass(frozen=True)
-class Drop:
+class EliminationStep:
     """One step of the elimination.
 
     Attributes:
@@ -136,8 +136,8 @@ class Elimination:
     Attributes:
         full: the estimate at the start.
         reduced: the estimate at the end, with zero for the eliminated parameters.
-        drops: the steps, in order.
-        refused: the step that the F-test rejected, None where there was none.
+        steps: the steps, in order.
+        rejected: the step that the F-test rejected, None where there was none.
         reason: the stopping criterion that was met, a sentence.
         seen: errors of both on the rows of the fit, full and reduced.
         unseen: the same on unseen rows, None without them.
@@ -145,8 +145,8 @@ class Elimination:
 
     full: Estimate
     reduced: Estimate
-    drops: tuple[Drop, ...]
-    refused: Drop | None
+    steps: tuple[EliminationStep, ...]
+    rejected: EliminationStep | None
     reason: str
     seen: tuple[Validation, Validation]
     unseen: tuple[Validation, Validation] | None
@@ -154,7 +154,7 @@ class Elimination:
     @property
     def essential(self) -> tuple[str, ...]:
         """Names of the essential parameters: those that remain."""
-        return tuple(self.reduced.base.names[k] for k in self.reduced.kept)
+        return tuple(self.reduced.base.names[k] for k in self.reduced.free_parameters)
 
     @property
     def shift(self) -> Array:
@@ -165,12 +165,12 @@ class Elimination:
 
     def summary(self) -> str:
         """As text: the steps, the reduced estimate with the change of each parameter, and both errors."""
-        lines = [f"{len(self.full.kept)} parameters, {len(self.essential)} essential. {self.reason}"]
-        for k, drop in enumerate(self.drops, 1):
-            lines.append(f"  {k:2d} without {_line(drop)}")
-        if self.refused:
-            lines.append(f"     refused {_line(self.refused)}")
-        for k in self.reduced.kept:
+        lines = [f"{len(self.full.free_parameters)} parameters, {len(self.essential)} essential. {self.reason}"]
+        for k, step in enumerate(self.steps, 1):
+            lines.append(f"  {k:2d} without {_line(step)}")
+        if self.rejected:
+            lines.append(f"     rejected {_line(self.rejected)}")
+        for k in self.reduced.free_parameters:
             p = self.reduced.parameters[k]
             lines.append(
                 f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.conf_int()[0]:11.4g} .. {p.conf_int()[1]:.4g}, "
@@ -182,11 +182,11 @@ class Elimination:
         return "\n".join(lines)
 
 
-def _line(drop: Drop) -> str:
-    F, (above, below) = drop.test.F, drop.test.dof
+def _line(step: EliminationStep) -> str:
+    F, (above, below) = step.test.F, step.test.dof
     return (
-        f"{drop.name:8s} relative standard error {drop.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
-        f"p = {drop.test.p:.2g}, error {drop.error:.3f} %"
+        f"{step.name:8s} relative standard error {step.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
+        f"p = {step.test.p:.2g}, error {step.error:.3f} %"
     )
 
 
@@ -226,18 +226,20 @@ def eliminate(
     how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
-    now, refused = full, None
-    drops: list[Drop] = []
+    now, rejected = full, None
+    steps: list[EliminationStep] = []
     while (name := least_precise(now)) is not None and not satisfied(now, how.rule):
-        smaller = refit_without(full, (*(drop.name for drop in drops), name))
-        drop = Drop(name, now[name].relative_se, rao_scott_test(full, smaller.zero), direct(smaller).relative)
-        if drop.test.p < how.level:
-            refused = drop
+        smaller = refit_without(full, (*(step.name for step in steps), name))
+        step = EliminationStep(
+            name, now[name].relative_se, rao_scott_test(full, smaller.zero), fit_errors(smaller).relative
+        )
+        if step.test.p < how.level:
+            rejected = step
             break
-        now, drops = smaller, [*drops, drop]
+        now, steps = smaller, [*steps, step]
     both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
     return Elimination(
-        full, now, tuple(drops), refused, stop_reason(now, refused, how), (direct(full), direct(now)), both
+        full, now, tuple(steps), rejected, stop_reason(now, rejected, how), (fit_errors(full), fit_errors(now)), both
     )
 
 
@@ -304,7 +306,7 @@ class FixedWeights:
 
 def least_precise(now: Estimate) -> str | None:
     """The parameter with the largest relative standard error; None where only one is left."""
-    kept = now.kept
+    kept = now.free_parameters
     if len(kept) < 2:
         return None
     return now.base.names[max(kept, key=lambda k: now.parameters[k].relative_se)]
@@ -312,7 +314,7 @@ def least_precise(now: Estimate) -> str | None:
 
 def satisfied(now: Estimate, rule: Rule) -> bool:
     """Whether the largest relative standard error satisfies the rule."""
-    relative = [now.parameters[k].relative_se for k in now.kept]
+    relative = [now.parameters[k].relative_se for k in now.free_parameters]
     return max(relative) <= rule.limit(min(relative))
 
 
@@ -331,14 +333,14 @@ def rao_scott_test(full: Estimate, zero: tuple[int, ...]) -> FTest:
     return FTest(F, (above, below), float(stats.f.sf(F, above, below)))
 
 
-def stop_reason(now: Estimate, refused: Drop | None, how: BackwardElimination) -> str:
+def stop_reason(now: Estimate, rejected: EliminationStep | None, how: BackwardElimination) -> str:
     """Which stopping criterion was met."""
-    if refused is not None:
+    if rejected is not None:
         return (
-            f"The F-test rejects the elimination of {refused.name}, whose relative standard error is "
-            f"{refused.relative_se:.3g} %: p = {refused.test.p:.2g}, below {how.level:g}."
+            f"The F-test rejects the elimination of {rejected.name}, whose relative standard error is "
+            f"{rejected.relative_se:.3g} %: p = {rejected.test.p:.2g}, below {how.level:g}."
         )
-    if len(now.kept) < 2:
+    if len(now.free_parameters) < 2:
         return "Only one parameter is left."
     return f"The largest relative standard error is within {how.rule.text}."
 

@@ -18,7 +18,7 @@ from haptid.log.lazy import MotionProfile, OnDisk, as_array
 
 Side = Literal["joint", "motor"]
 # Fewest samples of the part that `Log.busiest` returns.
-LEAST_STRETCH = 4096
+LEAST_ACTIVE_SAMPLES = 4096
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Log:
                 where=self.path,
                 found=self.t.size,
                 limit=2,
-                advice="Record longer, or widen `stretch`.",
+                advice="Record longer, or widen `time_range`.",
             )
         for name, signal in (("position", self.channels.position), ("torque", self.channels.torque)):
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))
@@ -210,7 +210,7 @@ class Log:
 
     def busiest(self, seconds: float) -> Log:
         """The part of given length with the largest activity of its positions; at least LEAST_STRETCH samples."""
-        keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
+        keep = min(self.t.size, max(LEAST_ACTIVE_SAMPLES, round(seconds / self.dt)))
         if keep == self.t.size:
             return self
         total = np.concatenate([[0.0], np.cumsum(self.profile.activity)])

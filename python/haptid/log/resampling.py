@@ -25,7 +25,7 @@ UNIFORM = 1e-4
 _GAP = 1.5
 LONGEST_GAP = 10.0
 # Longest sampling period, s; a longer one almost certainly means stamps in another unit.
-SLOWEST = 0.5
+_SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
 # Steps above which the median is estimated from every second one, every third one, ...
@@ -76,21 +76,21 @@ def since_first(path: Path, name: str, raw: RawChannel, scale: float) -> Array:
     return seconds
 
 
-def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> slice:
+def part(path: Path, seconds: Array, time_range: tuple[float, float] | None) -> slice:
     """Rows from the first to the last stamp inside a time range.
 
     Raises:
         LogTimeError: no stamp is inside.
     """
-    if stretch is None:
+    if time_range is None:
         return slice(0, seconds.size)
-    inside = np.flatnonzero((seconds >= stretch[0]) & (seconds <= stretch[1]))
+    inside = np.flatnonzero((seconds >= time_range[0]) & (seconds <= time_range[1]))
     if inside.size == 0:
         last = float(np.nanmax(seconds))
         raise LogTimeError(
-            f"{path}: no samples from {stretch[0]:g} to {stretch[1]:g} s.",
-            where="stretch",
-            found=stretch,
+            f"{path}: no samples from {time_range[0]:g} to {time_range[1]:g} s.",
+            where="time_range",
+            found=time_range,
             limit=(0.0, last),
             advice=f"The log runs from 0 to {last:g} s, counted from its first sample; give (from, to) inside it.",
         )
@@ -127,7 +127,7 @@ def check_length(path: Path, samples: int) -> None:
             where=path,
             found=samples,
             limit=FEWEST_SAMPLES,
-            advice="Record longer, or widen `stretch`.",
+            advice="Record longer, or widen `time_range`.",
         )
 
 
@@ -149,17 +149,17 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
     Raises:
         LogDataError: a stamp is missing.
         LogTimeError: a stamp is earlier than the one before, or too many equal the one before; a gap of more than
-            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `SLOWEST`.
+            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; too long a sampling period.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
     step = float(np.median(np.diff(seconds[:SAMPLES_RESAMPLED])))
-    if step > SLOWEST:
+    if step > _SLOWEST:
         raise LogTimeError(
-            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {SLOWEST:g} s).",
+            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {_SLOWEST:g} s).",
             where=name,
             found=step,
-            limit=SLOWEST,
+            limit=_SLOWEST,
             advice="Give the channel's `time_unit`: 'ms', 'us' or 'ns'.",
         )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
@@ -191,8 +191,8 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
             f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
             where=k + 1,
             found=(float(seconds[k]), float(seconds[k + 1])),
-            advice="Either two recordings are in one file (split them, or keep one with `stretch`), a counter of the "
-            "clock overflowed, or rows are out of order.",
+            advice="Either two recordings are in one file (split them, or keep one with `time_range`), a counter of "
+            "the clock overflowed, or rows are out of order.",
         )
 
 
@@ -270,7 +270,7 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
             where=float(seconds[k]),
             found=float(steps[k]),
             limit=LONGEST_GAP * ordinary,
-            advice="Keep a part without it with `stretch`, or split the log there.",
+            advice="Keep a part without it with `time_range`, or split the log there.",
         )
     missing = int(np.maximum(np.rint(steps[gaps] / ordinary) - 1, 1).sum())
     samples = seconds.size + missing
@@ -281,8 +281,8 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
             where=path,
             found=missing / samples,
             limit=MISSING_LIMIT,
-            advice="Keep a part without them with `stretch`, or leave `time` out and give `rate_hz` if the samples are "
-            "regular and only their stamps are not.",
+            advice="Keep a part without them with `time_range`, or leave `time` out and give `rate_hz` if the samples "
+            "are regular and only their stamps are not.",
         )
     return missing
 

@@ -2,3 +2,8 @@
 
 May use device and log.
 """
+
+from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
+from haptid.motion.treatment import Motion, Treatment, treat
+
+__all__ = ["Causal", "HighPass", "KaiserSmoother", "Motion", "Treatment", "WindowedSinc", "treat"]

@@ -47,7 +47,7 @@ class Filtered(OnDisk):
 
 
 @dataclass(frozen=True, eq=False)
-class Late(OnDisk):
+class Delayed(OnDisk):
     """Channels on disk shifted to later samples, (n, channels); see `delayed`.
 
     Attributes:
@@ -100,7 +100,7 @@ def memory(sections: Array) -> int:
     """Samples until the slowest filter's transient falls below FORGOTTEN; at least sosfiltfilt's padding."""
     slowest = max(float(np.abs(signal.sos2zpk(own)[1]).max()) for own in sections)
     forgets = int(np.ceil(np.log(_FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
-    return max(forgets, 3 * (2 * sections.shape[1] + 1))
+    return max(forgets, 3 * (2 * int(sections.shape[1]) + 1))
 
 
 # Samples to either side that interpolate a channel between samples: of torques, which may jump (cubic), and of filtered

@@ -34,10 +34,10 @@ from haptid.motion.filters import (
     centred,
     high_cutoff,
 )
-from haptid.motion.streaming import CUBIC, SMOOTH, Late, delayed, filtered, lost
+from haptid.motion.streaming import CUBIC, SMOOTH, Delayed, delayed, filtered, lost
 
-# Tail of an impulse response after which a filter counts as settled, as a share of the response.
-SETTLED = 1e-3
+# Tail of an impulse response after which a transient counts as over, as a share of the response.
+TRANSIENT_LEFT = 1e-3
 # Samples to either side that a central difference requires.
 SIDE = len(DIFFERENCES) // 2
 
@@ -295,12 +295,12 @@ class Motion:
             return 0, len(self)
         shifted = self.treatment.lost_to_delay(self.dt)
         if self.treatment.velocity is not None:
-            start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
+            start = shifted + self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
             if len(self) - start - shifted < 2:
                 raise too_short(len(self) * self.dt, start * self.dt, "the differentiator's start")
             return start, len(self) - shifted
         sections = self.treatment.position_filter(self.dt)
-        edge = shifted + SIDE + (0 if sections is None else settling(sections, len(self)))
+        edge = shifted + SIDE + (0 if sections is None else transient_samples(sections, len(self)))
         if len(self) - 2 * edge < 2:
             raise too_short(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
@@ -338,22 +338,22 @@ class Motion:
         return made
 
 
-def settling(sections: Array, longest: int) -> int:
-    """Samples after which less than SETTLED of the two-pass impulse response is left, at most `longest`."""
-    return max(_settling(own.tobytes(), longest) for own in sections)
+def transient_samples(sections: Array, longest: int) -> int:
+    """Samples after which less than TRANSIENT_LEFT of the two-pass impulse response is left, at most `longest`."""
+    return max(_transient_samples(own.tobytes(), longest) for own in sections)
 
 
 @lru_cache(maxsize=256)
-def _settling(one_pass: bytes, longest: int) -> int:
+def _transient_samples(one_pass: bytes, longest: int) -> int:
     """The same for the filter of one channel: the bytes of its sections, (sections, 6)."""
     sections, half = np.frombuffer(one_pass).reshape(-1, 6).copy(), 256
     while True:
         impulse = np.zeros(2 * half + 1)
         impulse[half] = 1.0
         response = np.abs(signal.sosfiltfilt(sections, impulse, padlen=0))[half:]
-        settled = int(np.argmax(np.cumsum(response) > (1 - SETTLED) * response.sum()))
-        if settled < half // 2:
-            return min(settled, longest)
+        reached = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
+        if reached < half // 2:
+            return min(reached, longest)
         if half > longest:
             return longest
         half *= 2
@@ -411,7 +411,9 @@ def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> A
     """`delayed` channels in memory or on disk; as they are without a shift."""
     if not np.any(samples):
         return channels
-    return as_array(Late(channels, samples, half)) if isinstance(channels, OnDisk) else delayed(channels, samples, half)
+    if isinstance(channels, OnDisk):
+        return as_array(Delayed(channels, samples, half))
+    return delayed(channels, samples, half)
 
 
 def too_short(seconds: float, needed: float, what: str) -> MotionTooShortError:

@@ -2,3 +2,22 @@
 
 May use device, log, dynamics and motion; contains no estimate.
 """
+
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import RFactorCache
+from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
+from haptid.observation.observation import MotorRows, Observation, observe
+from haptid.observation.plan import Block
+
+__all__ = [
+    "Block",
+    "MotorRows",
+    "Observation",
+    "Payload",
+    "RFactorCache",
+    "log_without_payload",
+    "observe",
+    "observe_all",
+    "payload_torque",
+    "without_payload",
+]

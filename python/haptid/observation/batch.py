@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
+from haptid.executors import Executor, SerialExecutor
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
 from haptid.observation.cache import CachedPart, RFactorCache
@@ -31,7 +31,7 @@ def observe_all(
     model: DynamicModel,
     motions: Sequence[Motion],
     workers: Executor | None = None,
-    kept: RFactorCache | None = None,
+    cache: RFactorCache | None = None,
     progress: _Progress | None = None,
 ) -> tuple[Observation, ...]:
     """The observation of each motion, as by `observe`, computed part by part by workers.
@@ -40,7 +40,7 @@ def observe_all(
         model: the dynamic model.
         motions: treated signals.
         workers: that reduce the parts; this process where None.
-        kept: cache of long motions' R factors; none where None.
+        free_parameters: cache of long motions' R factors; none where None.
         progress: called with a motion and the share of its rows that are done, 0 to 1.
 
     Raises:
@@ -53,7 +53,7 @@ def observe_all(
     plans = tuple(Plan.of(model, motion) for motion in motions)
     parts = [(k, start, stop) for k, plan in enumerate(plans) for start, stop in plan.segments()]
     rows, done = [0] * len(plans), {}
-    for k, made in _reduced(plans, parts, workers or SerialExecutor(), kept):
+    for k, made in _reduced(plans, parts, workers or SerialExecutor(), cache):
         done[k] = made
         which, start, stop = parts[k]
         rows[which] += stop - start
@@ -66,19 +66,19 @@ def observe_all(
 
 
 def _reduced(
-    plans: tuple[Plan, ...], parts: list[CachedPart], workers: Executor, kept: RFactorCache | None
+    plans: tuple[Plan, ...], parts: list[CachedPart], workers: Executor, cache: RFactorCache | None
 ) -> Iterator[tuple[int, RFactors]]:
     """Index of a part and its R factors: first those from the cache, then the others as workers finish them."""
-    files = kept.files(plans, parts) if kept else [None] * len(parts)
+    files = cache.files(plans, parts) if cache else [None] * len(parts)
     missing = []
     for k, file in enumerate(files):
-        found = kept.read(file) if kept and file else None
+        found = cache.read(file) if cache and file else None
         if found is None:
             missing.append(k)
         else:
             yield k, found
     for m, made in workers.map(Reducer(plans), [parts[k] for k in missing]):
         file = files[missing[m]]
-        if kept and file:
-            kept.write(file, made)
+        if cache and file:
+            cache.write(file, made)
         yield missing[m], made

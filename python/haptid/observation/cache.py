@@ -22,7 +22,7 @@ from haptid.observation.plan import Plan, RFactors
 # Fewest samples of a motion that is cached; a shorter one is reduced again faster than its R factors are read.
 LEAST_KEPT = 2**19
 # Places in a motion that its fingerprint contains, and samples at each: a place in a log on disk costs reading a chunk.
-PLACES, SAMPLES = 16, 4
+_PLACES, _SAMPLES = 16, 4
 
 # Rows start..stop of one of several plans: index of the plan, start, stop.
 CachedPart = tuple[int, int, int]
@@ -105,5 +105,5 @@ def fingerprint(plan: Plan) -> str:
 
 def _some(signals: Array, first: int) -> list[list[float]]:
     """Samples at PLACES places between the first and the last."""
-    where = np.linspace(first, len(signals) - SAMPLES, PLACES, dtype=int).tolist()
-    return [row for k in where for row in signals[k : k + SAMPLES].tolist()]
+    where = np.linspace(first, len(signals) - _SAMPLES, _PLACES, dtype=int).tolist()
+    return [row for k in where for row in signals[k : k + _SAMPLES].tolist()]

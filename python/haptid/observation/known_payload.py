@@ -98,7 +98,7 @@ def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, loa
     """Log with the torque of a payload subtracted, that was fixed to a link during the recording.
 
     The payload's torque is computed from the treated positions and delayed by the treatment's torque delay. At the
-    ends, where the filters have not settled, the torque is unchanged: no rows are computed there.
+    ends, within the transients of the filters, the torque is unchanged: no rows are computed there.
 
     Args:
         model: the dynamic model.

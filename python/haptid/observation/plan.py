@@ -76,7 +76,7 @@ class Plan:
 
     @staticmethod
     def of(model: DynamicModel, motion: Motion) -> Plan:
-        """Place the rows between the ends where the filters have not settled.
+        """Place the rows between the ends within the transients of the filters.
 
         Raises:
             MotionTooShortError: not one row fits.

@@ -16,7 +16,7 @@ _CACHED = 8
 
 
 @lru_cache(maxsize=_CACHED)
-def softened(model: DynamicModel, speed: float) -> DynamicModel:
+def smoothed_friction(model: DynamicModel, speed: float) -> DynamicModel:
     """The model with tanh(v / speed) in place of sgn(v), wherever its file has a sharper transition.
 
     Args:
@@ -32,7 +32,7 @@ def _softer(term: TermColumn, speed: float) -> TermColumn:
     return term.with_constant("width", max(term.constant("width"), speed))
 
 
-def doubt(model: DynamicModel, chi: Array, c: Array, cd: Array, speed: float) -> Array:
+def friction_uncertainty(model: DynamicModel, chi: Array, c: Array, cd: Array, speed: float) -> Array:
     """Uncertainty of the dry friction torque near reversals, (rows, samples), N m or N: all of it at rest, 0 at speed.
 
     Where the smoothed sign is s, the friction is FC s with an uncertainty of FC sqrt(1 - s^2): the friction of a joint

@@ -13,8 +13,8 @@ from haptid.dynamics.symbolic import Regroupings
 from haptid.dynamics.symbolic.formulas import NAME, Style, grouping_formula
 
 # An element is represented in a text by its number between these two, so that texts can be concatenated.
-OPEN, CLOSE = "\ue000", "\ue001"
-TOKEN = re.compile(rf"{OPEN}(\d+){CLOSE}|(\d+(?:\.\d+)?(?:e[-+]?\d+)?)|([-+()])")
+OPEN, _CLOSE = "\ue000", "\ue001"
+TOKEN = re.compile(rf"{OPEN}(\d+){_CLOSE}|(\d+(?:\.\d+)?(?:e[-+]?\d+)?)|([-+()])")
 
 
 def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ class _Typesetter:
     def kept(self, element: str) -> str:
         """A placeholder for an element."""
         self.made.append(element)
-        return f"{OPEN}{len(self.made) - 1}{CLOSE}"
+        return f"{OPEN}{len(self.made) - 1}{_CLOSE}"
 
     def row(self, text: str) -> str:
         """A text as one element."""

@@ -17,13 +17,13 @@ from haptid._internal.arrays import Array
 from haptid.validation.prediction import Prediction
 
 # Colour-blind safe palette (Okabe and Ito 2008).
-MEASURED, PREDICTED, RESIDUAL = "#000000", "#0072B2", "#D55E00"
+_MEASURED, _PREDICTED, _RESIDUAL = "#000000", "#0072B2", "#D55E00"
 # Shade of excluded rows.
 DROPPED = "0.85"
 # PNG compression level: a tenth larger than the default, in a third of the time.
 _FAST = 1
 # Horizontal resolution: below it every row is drawn, above it the minimum and maximum of each bin.
-PIXELS = 2000
+_PIXELS = 2000
 
 
 def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) -> None:
@@ -66,7 +66,7 @@ class Outline:
 
 def outline(part: Prediction, rows: int) -> Outline:
     """A chunk of a prediction of `rows` rows in all, thinned to the resolution of the plot."""
-    bins = max(1, round(PIXELS * len(part.t) / max(rows, 1))) if rows > 2 * PIXELS else len(part.t)
+    bins = max(1, round(_PIXELS * len(part.t) / max(rows, 1))) if rows > 2 * _PIXELS else len(part.t)
     curves = [
         tuple(_thinned(part.t, y, bins) for y in (measured, predicted, measured - predicted))
         for measured, predicted in zip(part.measured, part.predicted, strict=True)
@@ -78,7 +78,7 @@ def outline(part: Prediction, rows: int) -> Outline:
 
 def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
     """Measured, predicted and residual torque of one motor; excluded rows are shaded."""
-    styles = ((MEASURED, "measured", 2.2), (PREDICTED, "predicted", 0.9), (RESIDUAL, "residual", 0.7))
+    styles = ((_MEASURED, "measured", 2.2), (_PREDICTED, "predicted", 0.9), (_RESIDUAL, "residual", 0.7))
     for curve, (colour, name, width) in enumerate(styles):
         t, y = (np.concatenate([part.curves[k][curve][axis] for part in drawn]) for axis in (0, 1))
         panel.plot(t, y, color=colour, label=name, linewidth=width)

@@ -23,7 +23,7 @@ from haptid.validation.validation import Validation
 # A log with more rows is not decomposed: memory.
 LARGEST_DECOMPOSITION = 2_000_000
 # Approximate number of points of the path along a log.
-TRAIL = 400
+_TRAIL = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def track(estimate: Estimate, run: Run) -> Track:
     t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(model, motion).rows)
     return Track(
         name=run.entry.path,
-        seen=run.direct is not None,
+        seen=run.fit_errors is not None,
         t0=float(t[0]),
         step=motion.treatment.decimation * motion.dt,
         labels=tuple(model.device.row_labels[k] for k in rows),
@@ -195,5 +195,5 @@ def track(estimate: Estimate, run: Run) -> Track:
         position=c[rows],
         velocity=velocity,
         coordinate_units=tuple(model.device.coordinate_units[k] for k in rows),
-        trail=c[:, :: max(1, c.shape[1] // TRAIL)],
+        trail=c[:, :: max(1, c.shape[1] // _TRAIL)],
     )

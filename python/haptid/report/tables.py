@@ -116,7 +116,7 @@ def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
     motors = [m.name for m in runs[0].observation.motors]
     each = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
-    validations = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
+    validations = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
     rows = [([path, *error_cells(validation, len(motors))], False) for path, validation in validations]
     return table("\nRelative error of the torque, %", ("log", "rows", "all", *each), rows, left=("rows",))
 

@@ -117,7 +117,7 @@ class Result(ResultTable):
                 targets=list(_targets(estimate)),
                 nonlinear_constants=list(_constants(projection)),
                 load_friction_parameters=None if model.load is None else model.load.tolist(),
-                constraints=_constraints(estimate.held),
+                constraints=_constraints(estimate.constrained_fit),
                 covariance=estimate.covariance.tolist(),
             ),
             validation=[entry for run in identification.runs for entry in _errors(run)],
@@ -226,7 +226,7 @@ class Result(ResultTable):
         return tuple(Block(log.sha256, log.start, log.stop) for log in self.logs if log.role == "identify")
 
     @property
-    def direct(self) -> tuple[Validation, ...]:
+    def fit_errors(self) -> tuple[Validation, ...]:
         """Errors on the rows of the fit, log by log."""
         return tuple(_validations(self.validation, self.model, seen=True))
 
@@ -253,11 +253,10 @@ def result_schema() -> dict[str, Any]:
 
 def interval(estimate: Estimate) -> str:
     """How the confidence intervals were made."""
-    if estimate.held is None:
+    if estimate.constrained_fit is None:
         return estimate.intervals.name
-    return (
-        f"{estimate.intervals.name}, {PHYSICAL_INTERVAL if isinstance(estimate.held, Constrained) else BOUNDS_INTERVAL}"
-    )
+    limited = PHYSICAL_INTERVAL if isinstance(estimate.constrained_fit, Constrained) else BOUNDS_INTERVAL
+    return f"{estimate.intervals.name}, {limited}"
 
 
 def device_file(model: DynamicModel) -> dict[str, Any]:
@@ -324,12 +323,12 @@ def _constraints(found: Constrained | BoundedSolution | None) -> PhysicalConstra
         return None
     if isinstance(found, BoundedSolution):
         return BoundConstraints(active=list(found.active))
-    inside, names = found.possible, found.possible.model.device.parameters.names
+    inside, names = found.feasible, found.feasible.model.device.parameters.names
     return PhysicalConstraints(
         margin=inside.margin,
         active=list(found.active),
         cost_percent=[
-            ResultCost(motor=cost.label, unconstrained=cost.free, constrained=cost.held) for cost in found.costs
+            ResultCost(motor=cost.label, unconstrained=cost.free, constrained=cost.constrained) for cost in found.costs
         ],
         standard_parameters=dict(zip(names, inside.chi.tolist(), strict=True)),
     )
@@ -346,7 +345,7 @@ def _uses(verdict: Verdict | None) -> Iterator[ResultUse]:
 
 def _errors(run: Run) -> Iterator[ErrorTable]:
     """Errors by motor, then of all motors (whose RMSE and norms would mix units, and are null)."""
-    for validation in (run.direct, *run.unseen):
+    for validation in (run.fit_errors, *run.unseen):
         if validation is None:
             continue
         common: dict[str, Any] = {"log": run.entry.path, "rows": "fit" if validation.seen else "unseen"}

@@ -3,16 +3,16 @@
 May use device, log, dynamics and motion.
 """
 
-from haptid.simulation.closed_loop import Course, Steps, Stretches, closed_loop, measured_state, open_loop, smooth
+from haptid.simulation.closed_loop import Course, Segments, Steps, closed_loop, measured_state, open_loop, smooth
 from haptid.simulation.control import PID
 from haptid.simulation.sensitivity import Sensitivity, sensitivity
 
 __all__ = [
     "PID",
     "Course",
+    "Segments",
     "Sensitivity",
     "Steps",
-    "Stretches",
     "closed_loop",
     "measured_state",
     "open_loop",

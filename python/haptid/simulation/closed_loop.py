@@ -28,7 +28,7 @@ LEAST_WIDTH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches:
+class Segments:
     """Segments of a log that are simulated in parallel (multiple shooting): the sample of each at every step.
 
     Attributes:
@@ -42,15 +42,15 @@ class Stretches:
     samples: int
 
     @staticmethod
-    def of(samples: int, length: int, settle: int) -> Stretches:
-        """Segments of `length` samples, each after a run-in of `settle` samples, except the first."""
+    def of(samples: int, length: int, run_in: int) -> Segments:
+        """Segments of `length` samples, each after a run-in of `run_in` samples, except the first."""
         length = max(1, min(length, samples))
         first = np.arange(0, samples, length)
-        begin = np.maximum(first - settle, 0)
-        step = np.arange(length + min(settle, samples))[:, None]
+        begin = np.maximum(first - run_in, 0)
+        step = np.arange(length + min(run_in, samples))[:, None]
         sample = begin + step
         own = (sample >= first) & (sample < np.minimum(first + length, samples))
-        return Stretches(np.minimum(sample, samples - 1), own, samples)
+        return Segments(np.minimum(sample, samples - 1), own, samples)
 
     @property
     def count(self) -> int:
@@ -87,13 +87,13 @@ class Steps:
     """Simulated states and torques at every control period of every segment.
 
     Attributes:
-        stretches: the segments.
+        segments: the segments.
         per: control periods per sample.
         c, cd, cdd, tau: each (steps * per, n, segments * sets).
         free: which motors were not saturated, (steps * per, motors, segments * sets).
     """
 
-    stretches: Stretches
+    segments: Segments
     per: int
     c: Array
     cd: Array
@@ -103,9 +103,9 @@ class Steps:
 
     def course(self, motion: Motion, k: int = 0) -> Course:
         """Trajectory of the k-th set of parameters."""
-        count = self.stretches.count
+        count = self.segments.count
         here = slice(k * count, (k + 1) * count)
-        parts = (freeze(self.stretches.joined(x[:: self.per, :, here])) for x in (self.c, self.cd, self.cdd, self.tau))
+        parts = (freeze(self.segments.joined(x[:: self.per, :, here])) for x in (self.c, self.cd, self.cdd, self.tau))
         return Course(motion, *parts)
 
 
@@ -119,17 +119,17 @@ def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
     return change(np.ascontiguousarray(motion.q.T)), change(np.ascontiguousarray(motion.qd.T))
 
 
-def between(values: Array, stretches: Stretches, per: int) -> Array:
+def between(values: Array, segments: Segments, per: int) -> Array:
     """Linear interpolation to every control period, (steps * per, n, segments), from (n, samples)."""
     last = values.shape[1] - 1
-    at = stretches.sample[:, None, :] + np.arange(per)[None, :, None] / per
+    at = segments.sample[:, None, :] + np.arange(per)[None, :, None] / per
     low = np.minimum(at.astype(int), last)
     share = at - low
     made = values[:, low] * (1 - share) + values[:, np.minimum(low + 1, last)] * share
-    return np.ascontiguousarray(np.moveaxis(made.reshape(len(values), -1, stretches.count), 0, 1))
+    return np.ascontiguousarray(np.moveaxis(made.reshape(len(values), -1, segments.count), 0, 1))
 
 
-def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, stretches: Stretches) -> Steps:
+def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, segments: Segments) -> Steps:
     """Simulate the model under its controller.
 
     Args:
@@ -137,7 +137,7 @@ def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, 
         law: the controller.
         motion: along which; segments begin at its states.
         place: index of the motion in the observation.
-        stretches: the segments.
+        segments: the segments.
 
     Raises:
         SimulationError: the simulation diverges, or a mass matrix cannot be inverted.
@@ -146,19 +146,19 @@ def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, 
     model, sets, per = forward.model, len(forward.chi), law.periods(motion.dt)
     target = reference(law, model, motion, place)
     speed = np.gradient(target, motion.dt, axis=1)
-    wanted, rate = (np.tile(between(x, stretches, per), sets) for x in (target, speed))
-    c, cd = (np.tile(x[:, stretches.sample[0]], sets) for x in measured_state(model, motion))
+    wanted, rate = (np.tile(between(x, segments, per), sets) for x in (target, speed))
+    c, cd = (np.tile(x[:, segments.sample[0]], sets) for x in measured_state(model, motion))
     static = forward.inverse(c, cd, np.zeros_like(c))
     running = ControllerState(law, model, motion.dt / per, InitialState(c, cd, wanted[0], rate[0], static))
 
     def drive(k: int, c: Array, cd: Array) -> tuple[Array, np.ndarray]:
         return running.torque(c, cd, wanted[k], rate[k])
 
-    return _run(forward, motion, stretches, per, (c, cd), drive)
+    return _run(forward, motion, segments, per, (c, cd), drive)
 
 
 def open_loop(
-    forward: ForwardDynamics, motion: Motion, torque: Array, start: tuple[Array, Array], stretches: Stretches
+    forward: ForwardDynamics, motion: Motion, torque: Array, start: tuple[Array, Array], segments: Segments
 ) -> Steps:
     """Simulate the model under the measured torque.
 
@@ -167,31 +167,31 @@ def open_loop(
         motion: along which.
         torque: of the rows from each sample to the next, (n, samples), N m or N.
         start: positions and velocities at the first step of every segment, each (n, segments).
-        stretches: the segments.
+        segments: the segments.
 
     Raises:
         SimulationError: as for `closed_loop`.
     """
     sets = len(forward.chi)
-    applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
+    applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, segments.sample], 0, 1)), sets)
     free = np.ones((len(forward.model.device.motors), applied.shape[2]), dtype=bool)
     c, cd = (np.tile(x, sets) for x in start)
-    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (applied[k], free))
+    return _run(forward, motion, segments, 1, (c, cd), lambda k, _c, _cd: (applied[k], free))
 
 
 def _run(
     forward: ForwardDynamics,
     motion: Motion,
-    stretches: Stretches,
+    segments: Segments,
     per: int,
     start: tuple[Array, Array],
     law: _TorqueLaw,
 ) -> Steps:
     """All steps, with constant torque within a control period."""
     c, cd = start
-    forward.check(c[:, : stretches.count])
-    period, steps = motion.dt / per, len(stretches.sample) * per
-    begin = c[:, : stretches.count]
+    forward.check(c[:, : segments.count])
+    period, steps = motion.dt / per, len(segments.sample) * per
+    begin = c[:, : segments.count]
     smooth_parts, dry_parts = (
         max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (forward.without_dry(), forward)
     )
@@ -208,8 +208,8 @@ def _run(
             after_c[:, which], after_cd[:, which] = _control_period(forward, now, period, parts)
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
-            raise _diverged(forward.model, motion, stretches, k // per, cd)
-    return Steps(stretches, per, made[0], made[1], made[2], made[3], free)
+            raise _diverged(forward.model, motion, segments, k // per, cd)
+    return Steps(segments, per, made[0], made[1], made[2], made[3], free)
 
 
 def _control_period(
@@ -238,10 +238,10 @@ def _step(
     return c + h / 6 * (cd + 2 * v2 + 2 * v3 + v4), cd + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
-def _diverged(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationError:
+def _diverged(model: DynamicModel, motion: Motion, segments: Segments, step: int, cd: Array) -> SimulationError:
     """Error of a simulation that diverges at this step."""
     row, column = np.unravel_index(int(np.argmax(np.nan_to_num(np.abs(cd), nan=np.inf))), cd.shape)
-    time = motion.t0 + motion.dt * int(stretches.sample[step, int(column) % stretches.count])
+    time = motion.t0 + motion.dt * int(segments.sample[step, int(column) % segments.count])
     label, speed = model.device.row_labels[int(row)], float(abs(cd[row, column]))
     return SimulationError(
         f"the simulated model diverges: at {time:.3f} s {label} moves at {speed:.3g} rad/s or m/s (limit {FASTEST:g}).",

@@ -60,7 +60,7 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         steps: the simulation.
         base: the core's columns from base parameters, (r, p).
     """
-    n, count = steps.c.shape[1], steps.stretches.count
+    n, count = steps.c.shape[1], steps.segments.count
     p, period = base.shape[1], motion.dt / steps.per
     varied = p if law is not None else p + 2 * n
     x = np.zeros((count, 2 * n, varied))
@@ -74,7 +74,7 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         )  # as `closed_loop` begins
         none = np.zeros((n, count, varied))
         running = ControllerState(law, forward.model, period, InitialState(none, none, none, none, static))
-    made_c = np.empty((len(steps.stretches.sample), n, varied, count))
+    made_c = np.empty((len(steps.segments.sample), n, varied, count))
     made_tau = None if running is None else np.empty_like(made_c)
     for first in range(0, len(steps.c), _CHUNK):
         part = slice(first, min(first + _CHUNK + 1, len(steps.c)))
@@ -106,10 +106,10 @@ def _ahead(linear: _Linear, ahead: Array, k: int, x: Array, tau: Array | None, h
 
 def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array) -> _Linear:
     """Variational equations at some steps of the first set of parameters."""
-    n, count = steps.c.shape[1], steps.stretches.count
+    n, count = steps.c.shape[1], steps.segments.count
     c, cd, cdd = (_flat(x[part, :, :count]) for x in (steps.c, steps.cd, steps.cdd))
     inverse = np.linalg.inv(ForwardDynamics(forward.model, forward.chi[:1]).inertia(c, cd, cdd))
-    by_c, by_cd = forward.slopes(c, cd, cdd)
+    by_c, by_cd = forward.gradients(c, cd, cdd)
     states = len(inverse)
     F = np.zeros((states, 2 * n, 2 * n))
     F[:, :n, n:] = np.eye(n)

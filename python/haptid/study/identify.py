@@ -9,12 +9,12 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
-from haptid._internal.workers import Executor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.estimation.nonlinear.load_friction import settled, unsettled
+from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
+from haptid.executors import Executor
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all
@@ -25,7 +25,7 @@ from haptid.study import LogEntry, Study
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
-from haptid.validation.validation import Validation, direct, pooled, validate
+from haptid.validation.validation import Validation, fit_errors, pooled, validate
 
 _Progress = Callable[[str, float], None]
 
@@ -37,14 +37,14 @@ class Run:
     Attributes:
         entry: the study's entry.
         observation: its rows.
-        direct: errors of the final estimate on the rows of its fit; None of a validation log.
+        fit_errors: errors of the final estimate on the rows of its fit; None of a validation log.
         unseen: out-of-sample errors: of the final estimate for a validation log, of each fold's own fit in
             cross-validation.
     """
 
     entry: LogEntry
     observation: Observation
-    direct: Validation | None
+    fit_errors: Validation | None
     unseen: tuple[Validation, ...]
 
     @property
@@ -91,7 +91,7 @@ def identify(
     data: str | Path | None = None,
     progress: _Progress | None = None,
     workers: Executor | None = None,
-    kept: RFactorCache | None = None,
+    cache: RFactorCache | None = None,
 ) -> Identification:
     """Read and treat the logs of a study, observe, estimate and validate.
 
@@ -100,28 +100,28 @@ def identify(
         data: where the study's relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done; details follow a colon in the name.
         workers: executor that reduces the logs to R factors; this process where None.
-        kept: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
+        free_parameters: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
 
     Raises:
         HaptidError: any error of the steps.
     """
-    tell = progress or _silent
+    progress = progress or _silent
     as_filed = DynamicModel(read_device(study.device))
-    logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
-    tell("choosing a treatment", 0.0)
+    logs = [_read(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    progress("choosing a treatment", 0.0)
     proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
-    tell("choosing a treatment", 1.0)
+    progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
-    motions = [_treat(log, proposal.treatment, tell) for log in logs]
+    motions = [_treat(log, proposal.treatment, progress) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    model, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
+    model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, progress)
     intervals = projection.intervals if projection else study.intervals
-    observations = observe_all(model, motions, workers, kept, _pace(tell))
+    observations = observe_all(model, motions, workers, cache, _pace(progress))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
-    tell("estimating", 0.0)
+    progress("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
     final = with_treatment_uncertainty(final, proposal)
-    all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, kept)
+    all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, cache)
     runs = []
     for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
@@ -129,8 +129,8 @@ def identify(
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others, whole)
-            runs.append(Run(entry, observation, direct(final, observation), unseen))
-    tell("estimating", 1.0)
+            runs.append(Run(entry, observation, fit_errors(final, observation), unseen))
+    progress("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
 
 
@@ -138,12 +138,12 @@ def _silent(_what: str, _share: float) -> None:
     """No progress report."""
 
 
-def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
+def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
-    tell(f"reading {name}", 0.0)
+    progress(f"reading {name}", 0.0)
     path = data / entry.path
-    log = (open_log if is_long(path) else read_log)(path, entry.channels, stretch=entry.stretch)
-    tell(f"reading {name}", 1.0)
+    log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
+    progress(f"reading {name}", 1.0)
     return log
 
 
@@ -158,14 +158,14 @@ def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEnt
     return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
 
 
-def _treat(log: Log, treatment: Treatment, tell: _Progress) -> Motion:
-    tell(f"treating {log.path.name}", 0.0)
+def _treat(log: Log, treatment: Treatment, progress: _Progress) -> Motion:
+    progress(f"treating {log.path.name}", 0.0)
     motion = treat(log, treatment)
-    tell(f"treating {log.path.name}", 1.0)
+    progress(f"treating {log.path.name}", 1.0)
     return motion
 
 
-def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
+def _pace(progress: _Progress) -> Callable[[Motion, float], None]:
     """Progress of observing, with samples per second."""
     begin, done = time.perf_counter(), dict[Motion, float]()
 
@@ -173,7 +173,7 @@ def _pace(tell: _Progress) -> Callable[[Motion, float], None]:
         done[motion] = share * len(motion)
         rate = sum(done.values()) / max(time.perf_counter() - begin, 1e-9)
         assert motion.log is not None  # a study's motions all come from logs
-        tell(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
+        progress(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
 
     return observing
 
@@ -194,7 +194,7 @@ def held_out(
         others: of the other logs with the role "identify".
         whole: all rows of the log behind the reference filter.
     """
-    if study.holdout and unsettled(model):
+    if study.holdout and has_nonlinear_constants(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
         rest = [motion for other in others for motion in other.motions]
         behind = None if whole is None else whole.motions[0]

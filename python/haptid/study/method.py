@@ -113,9 +113,11 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             table.intervals,
             "Use another method than entropic, or other intervals, such as clustered.",
         )
-    held = [key for key in CONSTRAINTS if getattr(table, key)]
-    if len(held) > 1:
-        raise fault(study, f"estimate.{held[1]}", f"together with {held[0]}: give one of {', '.join(CONSTRAINTS)}")
+    constraints = [key for key in CONSTRAINTS if getattr(table, key)]
+    if len(constraints) > 1:
+        raise fault(
+            study, f"estimate.{constraints[1]}", f"together with {constraints[0]}: give one of {', '.join(CONSTRAINTS)}"
+        )
     try:
         return _constrained(table, make(**given))
     except SettingError as error:

@@ -145,10 +145,8 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable |
     seen: dict[str, list[LogEntry]] = {}
     for log in logs:
         earlier = seen.setdefault(log.path, [])
-        if any(_overlap(log.stretch, other.stretch) for other in earlier):
-            raise fault(
-                study, "logs", f"{log.path!r} is named twice; give the two entries stretches that do not overlap"
-            )
+        if any(_overlap(log.time_range, other.time_range) for other in earlier):
+            raise fault(study, "logs", f"{log.path!r} is named twice; give the two entries parts that do not overlap")
         earlier.append(log)
     if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
         raise fault(study, "logs", "holdout pattern 'each-log' needs at least two logs with role 'identify'")

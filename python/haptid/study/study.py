@@ -20,7 +20,7 @@ class LogEntry:
 
     path: str
     role: Role
-    stretch: tuple[float, float] | None
+    time_range: tuple[float, float] | None
     channels: Channels | None
     load: Payload | None = None
 

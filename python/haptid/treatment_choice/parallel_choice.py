@@ -16,7 +16,7 @@ from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 
 # Parts of each log, every other one of which is held out.
-PARTS = 17
+_PARTS = 17
 # Blocks in a part: rows belong to the part that holds the middle of their block.
 _BLOCKS = 4
 # Standard deviations of the difference of losses by which another filter must be better than the usual one.
@@ -37,7 +37,7 @@ def better_cutoff(
         usual: index of the one that stands in doubt.
         reference: the treatment of the rows that are predicted.
     """
-    block = min(len(log.t) * float(log.dt) for log in logs) / PARTS / _BLOCKS
+    block = min(len(log.t) * float(log.dt) for log in logs) / _PARTS / _BLOCKS
     try:
         judged = observe(model, *(treat(log, replace(reference, block=block)) for log in logs))
     except (NoRowsError, MotionTooShortError):
@@ -62,7 +62,7 @@ def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judg
     except (NoRowsError, MotionTooShortError):
         return None
     own, other = _parts(seen, logs), _parts(judged, logs)
-    losses = np.zeros(PARTS * len(logs))
+    losses = np.zeros(_PARTS * len(logs))
     for parity in (0, 1):
         chosen = np.flatnonzero(own % 2 == parity)
         if not len(chosen):
@@ -87,5 +87,5 @@ def _parts(observation: Observation, logs: Sequence[Log]) -> np.ndarray:
         which = names.index(block.log)
         t = logs[which].t
         share = (0.5 * (block.start + block.stop) - t[0]) / (t[-1] - t[0])
-        found[k] = which * PARTS + min(int(share * PARTS), PARTS - 1)
+        found[k] = which * _PARTS + min(int(share * _PARTS), _PARTS - 1)
     return found

@@ -143,8 +143,8 @@ def _delays(
         return None
     plain = treatment
     if treatment.momentum:  # the lag of a differentiator is not a delay of the torque
-        cutoff = USUAL * (treatment.parallel(float(logs[0].dt)) or 1 / logs[0].dt)
-        cutoff = treatment.cutoff_hz or min(cutoff, _HIGHEST / float(logs[0].dt))
+        wide = USUAL * (treatment.parallel(float(logs[0].dt)) or 1 / logs[0].dt)
+        cutoff = treatment.cutoff_hz or min(wide, _HIGHEST / float(logs[0].dt))
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff, accelerations="differences")
     try:
         return find_delays(model, logs, plain, start)

@@ -27,7 +27,7 @@ _BANDS, _STEEPEST = 6, 3.0
 # Motion is where the mean power of five bins, and of half an octave, exceeds the noise by these factors.
 _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 # Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
-SHARE, _END = 0.98, 0.999
+_SHARE, _END = 0.98, 0.999
 # Share of the position's power that is its bulk.
 _BULK = 0.998
 # Order of one pass of the position filter that cut-offs are chosen for.
@@ -47,7 +47,7 @@ class Spectrum:
     Attributes:
         f: frequencies, (bins,), Hz.
         motion, noise: power densities, (bins,), rad^2/Hz or m^2/Hz.
-        bandwidth: below it lies a share SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
+        bandwidth: below it lies a share _SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
     """
 
     f: Array
@@ -93,7 +93,7 @@ class Spectrum:
         flat = float(np.median(power[above])) if above.any() else float(power[-1])
         noise = np.where(self.f > end, power, np.maximum(self.noise, flat))
         velocity = np.cumsum(motion * self.f**2)
-        return Spectrum(self.f, motion, noise, float(self.f[np.searchsorted(velocity, SHARE * velocity[-1])]))
+        return Spectrum(self.f, motion, noise, float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])]))
 
     def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
         """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
@@ -186,7 +186,7 @@ def _apart(f: Array, power: Array, step: float) -> Spectrum:
     if not motion.any():
         return Spectrum(f, motion, noise, 0.0)
     velocity, acceleration = np.cumsum(motion * f**2), np.cumsum(motion * f**4)
-    edge = float(f[np.searchsorted(velocity, SHARE * velocity[-1])])
+    edge = float(f[np.searchsorted(velocity, _SHARE * velocity[-1])])
     end = float(f[np.searchsorted(acceleration, _END * acceleration[-1])])
     # Below the end of the motion the noise is hidden: it is taken to go on as it is just above.
     above = (f >= end) & (f <= 1.5 * end)

@@ -30,7 +30,7 @@ def together(p: Array) -> Array:
     return freeze(made)
 
 
-def deviations_to_weigh(value: Array, se: Array) -> Array:
+def se_above_rounding(value: Array, se: Array) -> Array:
     """Deviations, (n,), none of them below what is rounding of the values, (n,)."""
     return np.asarray(np.maximum(se, _ROUNDING * np.abs(value).max(initial=0.0)))
 
@@ -49,12 +49,12 @@ def misfit(value: Array, se: Array, dof: Array, columns: Array) -> float:
         dof: degrees of freedom of each deviation, (n,).
         columns: of full rank, (n, c).
     """
-    told = np.isfinite(se)
-    value, se, dof, columns = value[told], se[told], dof[told], columns[told]
+    finite = np.isfinite(se)
+    value, se, dof, columns = value[finite], se[finite], dof[finite], columns[finite]
     free = len(value) - columns.shape[1]
     if free < 1 or not value.any():
         return 1.0
-    se = deviations_to_weigh(value, se)
+    se = se_above_rounding(value, se)
     Q = np.linalg.qr(columns / se[:, None])[0]
     scaled = value / se
     square = float(np.sum((scaled - Q @ (Q.T @ scaled)) ** 2))

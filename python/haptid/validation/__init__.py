@@ -2,3 +2,8 @@
 
 May use observation and estimation.
 """
+
+from haptid.validation.prediction import Prediction, predict
+from haptid.validation.validation import MotorError, Validation, fit_errors, validate
+
+__all__ = ["MotorError", "Prediction", "Validation", "fit_errors", "predict", "validate"]

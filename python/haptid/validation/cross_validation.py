@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Method, estimate
-from haptid.estimation.nonlinear import EveryOther
-from haptid.estimation.nonlinear.load_friction import settled
+from haptid.estimation.nonlinear import AlternateBlocks
+from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe
 from haptid.validation.validation import Validation, pooled, validate
@@ -26,9 +26,9 @@ def each_log(
         reference: the predicted motion behind the reference filter, for errors on all rows.
 
     Raises:
-        HaptidError: as `settled`, `observe` and `estimate`.
+        HaptidError: as `fit_nonlinear_constants`, `observe` and `estimate`.
     """
-    found, _ = settled(model, others, method)
+    found, _ = fit_nonlinear_constants(model, others, method)
     return validate(estimate(observe(found, *others), method), observe(found, motion), reference)
 
 
@@ -42,7 +42,7 @@ def alternate(
 
     def predicted() -> Iterator[Validation]:
         for parity in (0, 1):
-            found, _ = settled(model, [EveryOther(motion, parity), *others], method)
+            found, _ = fit_nonlinear_constants(model, [AlternateBlocks(motion, parity), *others], method)
             halves = observe(found, motion).alternate()
             fit = sum((observe(found, other) for other in others), halves[parity])
             yield validate(estimate(fit, method), halves[1 - parity], reference)

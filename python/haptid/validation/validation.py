@@ -129,7 +129,7 @@ def _within(rows: Observation, unseen: Observation) -> Observation:
     return rows.pick(np.flatnonzero(inside)) if inside.any() else rows
 
 
-def direct(estimate: Estimate, observation: Observation | None = None) -> Validation:
+def fit_errors(estimate: Estimate, observation: Observation | None = None) -> Validation:
     """In-sample fit errors, on the fitted rows or some of them; they do not bound prediction errors, see `validate`."""
     return _compare(estimate, observation or estimate.observation, seen=True)
 

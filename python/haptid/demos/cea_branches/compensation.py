@@ -55,24 +55,24 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
     made = without_friction(bench)
     angles = {"degrees": (plan.degrees[0], plan.degrees[-1]), "poses": len(plan.degrees)}
     qa = sweep.model_copy(update=angles).along(estimated.model)
-    felt = apparent_mass(estimated, qa)
-    target = (1 - plan.share) * float(felt.mass.values.max())
+    mass = apparent_mass(estimated, qa)
+    target = (1 - plan.share) * float(mass.mass.values.max())
     laws = [Compensation(estimated, share) for share in (0.0, plan.share)]
     laws.append(Compensation(estimated, plan.share, towards=target))
     masses = np.array(
         [
             [shaken(plan, made, pose, direction, law) for law in laws]
-            for pose, direction in zip(qa.T, felt.directions[:, 0], strict=True)
+            for pose, direction in zip(qa.T, mass.directions[:, 0], strict=True)
         ]
     )
     left = 1 - plan.share * laws[1].passed(plan.shaken_hz, made.dt).real
     lag = laws[1].lag(made.dt)
     return Compensated(
         degrees=np.array(plan.degrees),
-        estimated=felt.mass.values[:, 0],
+        estimated=mass.mass.values[:, 0],
         before=masses[:, 0],
         after=masses[:, 1],
-        promised=left * felt.mass.values[:, 0],
+        promised=left * mass.mass.values[:, 0],
         target=target,
         even=masses[:, 2],
         bound=min(bound(plan, estimated, pose, lag) for pose in qa.T),

@@ -12,7 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.compensation import Compensated, compensated
 from haptid.demos.cea_branches.plan import Branch, CeaDemo, Stretch
-from haptid.demos.plan import Table, Tell
+from haptid.demos.plan import Progress, Table
 from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
@@ -66,7 +66,7 @@ class Identified:
         return self.reduction.reduced
 
     @property
-    def direct(self) -> Validation:
+    def fit_errors(self) -> Validation:
         """The essential parameters on the rows of the fit."""
         return self.reduction.seen[1]
 
@@ -181,7 +181,7 @@ def takes(demo: CeaDemo, logs: Path) -> list[Take]:
     return [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
 
 
-def find(demo: CeaDemo, logs: Path, tell: Tell) -> Results:
+def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
     """All results from the logs; compensation is simulated here, as it requires the identified model."""
     model = DynamicModel(read_device(demo.device))
 
@@ -190,22 +190,22 @@ def find(demo: CeaDemo, logs: Path, tell: Tell) -> Results:
 
     friction, found, handles = dict[str, FrictionTest](), dict[str, Identified](), dict[str, Handle]()
     for k, branch in enumerate(demo.branches):
-        tell("identifying", k / len(demo.branches))
+        progress("identifying", k / len(demo.branches))
         friction[branch.key] = friction_test(demo.stretch, recording(branch.friction))
         table = demo.tables[branch.key]
         one = identified(branch, table, demo.stretch, recording(branch.key), recording(branch.unseen))
         found[branch.key] = one
-        tell("identifying", (k + 0.7) / len(demo.branches))
+        progress("identifying", (k + 0.7) / len(demo.branches))
         at = demo.posture.at(model)
         handles[branch.key] = Handle(
             sweeps={sweep.key: apparent_mass(one.reduced, sweep.along(model)) for sweep in demo.sweeps},
             essential=characterise(one.reduced, at),
             full=characterise(one.full, at),
         )
-    tell("identifying", 1.0)
+    progress("identifying", 1.0)
     plan = demo.compensation
-    tell("compensating", 0.0)
+    progress("compensating", 0.0)
     setup = read_experiment(logs / f"{plan.branch}.toml").setup(model)
     made = compensated(plan, demo.sweep(plan.sweep), found[plan.branch].reduced, setup)
-    tell("compensating", 1.0)
+    progress("compensating", 1.0)
     return Results(demo, model, friction, found, handles, made)

@@ -70,7 +70,7 @@ def _identification(found: Results) -> DocumentSection:
     motors = [motor.label for motor in next(iter(found.found.values())).cross.motors]
     cells = [["branch", "comparison", *motors, "all"]]
     for one in found.found.values():
-        cells.append([one.branch.title, "direct, rows of the fit", *_errors(one.direct)])
+        cells.append([one.branch.title, "in-sample, rows of the fit", *_errors(one.fit_errors)])
         cells.append([one.branch.title, "cross-validation, unseen motion", *_errors(one.cross)])
     title = "100 norm(measured - predicted) / norm(measured) of the treated torque, per cent"
     charts = [chart for k, drawn in enumerate(found.demo.drawn) for chart in _torque(found, drawn, f"torque-{k}")]
@@ -103,17 +103,17 @@ def _elimination(found: Results) -> DocumentSection:
         assert made.unseen is not None
         before, after = made.unseen
         text.append(
-            f"{one.branch.title} branch: {len(one.full.kept)} parameters, {len(names)} essential: {', '.join(names)}. "
-            f"{made.reason} The essential parameters move by at most {np.nanmax(np.abs(made.shift)):.1f} of their "
-            f"standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
-            f"{after.relative:.3f} %."
+            f"{one.branch.title} branch: {len(one.full.free_parameters)} parameters, {len(names)} essential: "
+            f"{', '.join(names)}. {made.reason} The essential parameters move by at most "
+            f"{np.nanmax(np.abs(made.shift)):.1f} of their standard errors in the full model; the error on "
+            f"unseen motion changes from {before.relative:.3f} % to {after.relative:.3f} %."
         )
         text += differences(one)
         for motor in one.by_motor:
-            label, kept = motor.full.observation.motors[0].label, len(motor.full.kept)
+            label, kept = motor.full.observation.motors[0].label, len(motor.full.free_parameters)
             text.append(f"{label} alone: {kept} identifiable parameters, essential {', '.join(motor.essential)}.")
         cells = [["eliminated", "relative standard error, %", "p of the F-test"]]
-        cells += [[drop.name, f"{drop.relative_se:.0f}", f"{drop.test.p:.2f}"] for drop in made.drops]
+        cells += [[step.name, f"{step.relative_se:.0f}", f"{step.test.p:.2f}"] for step in made.steps]
         tables.append(TextTable(f"Backward elimination, {one.branch.title.lower()} branch", cells))
     return DocumentSection("elimination", "Essential parameters", tuple(text), tuple(tables))
 
@@ -123,9 +123,9 @@ def differences(one: Identified) -> Iterator[str]:
     if not (one.missing or one.more):
         yield f"These are the {len(one.table.rows)} that are published."
     for name in one.missing:
-        (drop,) = [drop for drop in one.reduction.drops if drop.name == name]
+        (step,) = [step for step in one.reduction.steps if step.name == name]
         yield (
-            f"{name} is published and eliminated here: relative standard error {drop.relative_se:.3g} %, value "
+            f"{name} is published and eliminated here: relative standard error {step.relative_se:.3g} %, value "
             f"{one.full[name].value:.2g} {one.full[name].unit}."
         )
     for name in one.more:

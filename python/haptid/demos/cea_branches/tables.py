@@ -115,8 +115,8 @@ def summary(found: Results) -> str:
             f"W: {one.every.rows} x {len(one.full.beta)}, condition {one.every.condition[0]:.3g} raw and "
             f"{one.every.condition[1]:.3g} scaled; of the {len(one.table.rows)} published columns "
             f"{one.condition_of_published[0]:.3g} and {one.condition_of_published[1]:.3g}.",
-            f"{len(one.full.kept)} parameters, {len(one.reduction.essential)} essential; relative error "
-            f"{one.direct.relative:.2f} % on the rows of the fit, {one.cross.relative:.2f} % on unseen motion.",
+            f"{len(one.full.free_parameters)} parameters, {len(one.reduction.essential)} essential; relative error "
+            f"{one.fit_errors.relative:.2f} % on the rows of the fit, {one.cross.relative:.2f} % on unseen motion.",
             "",
         ]
     return "\n".join(lines)
@@ -164,7 +164,7 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
             "all rows, published columns": one.condition_of_published,
             "rows of the fit": one.full.observation.condition,
         },
-        "relative_error_percent": {"direct": _errors(one.direct), "cross": _errors(one.cross)},
+        "relative_error_percent": {"direct": _errors(one.fit_errors), "cross": _errors(one.cross)},
         "parameters": {name: _parameter(one, name) for name in one.full.base.names},
         "essential": one.reduction.essential,
         "essential_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},

@@ -148,10 +148,10 @@ class Accuracy:
         return float(np.abs(self.errors[counted]).max(initial=0.0))
 
 
-def accuracy(found: Targets, recording: BenchRecording, stretch: tuple[float, float]) -> Accuracy:
+def accuracy(found: Targets, recording: BenchRecording, time_range: tuple[float, float]) -> Accuracy:
     """Targets of an estimate against the truth; torques are compared between two times of the recording, s."""
     model = recording.model
-    C, moving = target_map(model), (np.abs(recording.qd) > STICKS).all(axis=0) & recording.during(stretch)
+    C, moving = target_map(model), (np.abs(recording.qd) > STICKS).all(axis=0) & recording.during(time_range)
     states = tuple(x[:, moving] for x in (recording.q, recording.qd, recording.qdd))
     truth, whole = C @ recording.beta, inverse_dynamics(model, recording.beta, *states)
     missed = inverse_dynamics(model, found.estimate.beta, *states) - whole

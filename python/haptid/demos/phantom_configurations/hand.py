@@ -29,7 +29,7 @@ class HandForces:
         true: exact; constant over each control period on the bench, so here a mean about each sample.
         bare: from the motors' torques without a model.
         modelled: from the motors' torques and the model.
-        true_late, modelled_late: the exact and the modelled one, over each step, through the observer's low-pass.
+        true_delayed, modelled_delayed: the exact and the modelled one, over each step, through the observer's low-pass.
         observed: by the momentum observer, which has that low-pass.
         inside: share of the exact forces inside the 95 % interval of `modelled`.
     """
@@ -39,8 +39,8 @@ class HandForces:
     true: Array
     bare: Array
     modelled: Array
-    true_late: Array
-    modelled_late: Array
+    true_delayed: Array
+    modelled_delayed: Array
     observed: Array
     inside: float
 
@@ -52,8 +52,8 @@ class HandForces:
             "without the model": rms(self.bare - self.true),
             "with the model": rms(self.modelled - self.true),
             "with the model, against the sensor": rms(self.modelled - self.measured),
-            "with the model, through the observer's low-pass": rms(self.modelled_late - self.true_late),
-            "observer": rms(self.observed - self.true_late),
+            "with the model, through the observer's low-pass": rms(self.modelled_delayed - self.true_delayed),
+            "observer": rms(self.observed - self.true_delayed),
         }
 
 

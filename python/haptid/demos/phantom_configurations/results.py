@@ -12,12 +12,12 @@ from haptid._internal.arrays import Array
 from haptid.demos.phantom_configurations.fits import Fits, fit_all, fitted
 from haptid.demos.phantom_configurations.hand import HandForces, hand_forces
 from haptid.demos.phantom_configurations.plan import Pair, PhantomDemo
-from haptid.demos.plan import Tell
+from haptid.demos.plan import Progress
 from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.estimation import Estimate, FeasibleParameters, possible
+from haptid.estimation import Estimate, FeasibleParameters, feasible_parameters
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
@@ -34,11 +34,11 @@ class Evaluation:
 
     Attributes:
         definite: definiteness of the mass matrix by workspace, in the plan's order.
-        possible: whether real bodies and passive terms can have the parameters.
+        feasible: whether real bodies and passive terms can have the parameters.
     """
 
     definite: tuple[Definiteness, ...]
-    possible: FeasibleParameters
+    feasible: FeasibleParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def takes(demo: PhantomDemo, logs: Path) -> list[Take]:
     return [*mounted, demo.take(demo.tool.experiment, logs), demo.take(demo.hand.experiment, logs)]
 
 
-def find(demo: PhantomDemo, logs: Path, tell: Tell) -> Results:
+def find(demo: PhantomDemo, logs: Path, progress: Progress) -> Results:
     """All results from the logs."""
     model = DynamicModel(read_device(demo.device))
 
@@ -83,10 +83,10 @@ def find(demo: PhantomDemo, logs: Path, tell: Tell) -> Results:
 
     fits = {}
     for k, key in enumerate(demo.mountings):
-        tell("identifying", k / len(demo.mountings))
+        progress("identifying", k / len(demo.mountings))
         fits[key] = fit_all(demo, key, recording(key, _EXACT), recording(key))
-    tell("identifying", 1.0)
-    published, evaluated = evaluate_all(demo, model, fits, tell)
+    progress("identifying", 1.0)
+    published, evaluated = evaluate_all(demo, model, fits, progress)
     return Results(
         demo=demo,
         model=model,
@@ -126,7 +126,7 @@ def tool_truth(model: DynamicModel, experiment: Path) -> dict[str, float]:
 
 
 def evaluate_all(
-    demo: PhantomDemo, model: DynamicModel, fits: Mapping[str, Fits], tell: Tell
+    demo: PhantomDemo, model: DynamicModel, fits: Mapping[str, Fits], progress: Progress
 ) -> tuple[dict[str, Evaluation], dict[tuple[str, str], Evaluation]]:
     """Evaluation of the published columns, and of our fits by mounting."""
     like = next(iter(fits.values()))["encoders"].targets
@@ -134,13 +134,13 @@ def evaluate_all(
     many = len(named) + len(EVALUATED) * len(fits)
     published, ours = dict[str, Evaluation](), dict[tuple[str, str], Evaluation]()
     for name in named:
-        tell("evaluating", len(published) / many)
+        progress("evaluating", len(published) / many)
         published[name] = evaluate(demo, model, published_beta(demo, like, name))
     for key, made in fits.items():
         for fit in EVALUATED:
-            tell("evaluating", (len(published) + len(ours)) / many)
+            progress("evaluating", (len(published) + len(ours)) / many)
             ours[key, fit] = evaluate(demo, model, made[fit].estimate)
-    tell("evaluating", 1.0)
+    progress("evaluating", 1.0)
     return published, ours
 
 
@@ -148,7 +148,7 @@ def evaluate(demo: PhantomDemo, model: DynamicModel, parameters: Estimate | Arra
     """Definiteness of the mass matrix over all workspaces, and physical consistency."""
     beta = parameters.beta if isinstance(parameters, Estimate) else parameters
     definite = tuple(definiteness(parameters, place.of(model)) for place in demo.workspaces)
-    return Evaluation(definite, possible(model, beta))
+    return Evaluation(definite, feasible_parameters(model, beta))
 
 
 def published_beta(demo: PhantomDemo, like: Targets, column: str) -> Array:

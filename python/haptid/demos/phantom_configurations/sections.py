@@ -173,8 +173,8 @@ def _consistency(found: Results) -> DocumentSection:
     for name, made in found.published.items():
         title = demo.mountings.get(name, demo.bodies)
         cells.append([f"published, {title}", *_evaluation(made, scale)])
-        if not made.possible.ok:
-            reasons.append(f"{title}: {'; '.join(made.possible.failing)}")
+        if not made.feasible.ok:
+            reasons.append(f"{title}: {'; '.join(made.feasible.failing)}")
     for (key, fit), made in found.evaluated.items():
         title = f"{demo.mountings[key]}, {'constrained' if fit == 'held' else 'free'}"
         cells.append([title, *_evaluation(made, scale)])
@@ -192,7 +192,7 @@ def _consistency(found: Results) -> DocumentSection:
 
 def _evaluation(made: Evaluation, scale: float) -> list[str]:
     cells = [f"{d.smallest * scale:.2e}" + (f" ({100 * d.share:.1f} %)" if d.share else "") for d in made.definite]
-    return [*cells, "yes" if made.possible.ok else "no"]
+    return [*cells, "yes" if made.feasible.ok else "no"]
 
 
 def _decomposition(found: Results) -> DocumentSection:
@@ -238,8 +238,8 @@ def _hand(found: Results) -> DocumentSection:
         "with the model": ("blue", curve(hand.modelled - hand.measured)),
     }
     fine = {
-        "with the model": ("blue", curve(hand.modelled_late - hand.true_late)),
-        "momentum observer": ("green", curve(hand.observed - hand.true_late)),
+        "with the model": ("blue", curve(hand.modelled_delayed - hand.true_delayed)),
+        "momentum observer": ("green", curve(hand.observed - hand.true_delayed)),
     }
     title, charts = f"Fig. {number}: force along {'xyz'[along]}", []
     for key, label, curves in (

@@ -17,7 +17,7 @@ from haptid.study import LogEntry, Study
 from haptid.study.identify import Identification, Run
 from haptid.treatment_choice.propose import Proposal
 from haptid.uncertainty.quantities import aligned
-from haptid.validation.validation import direct
+from haptid.validation.validation import fit_errors
 
 _Columns = Mapping[str, Mapping[str, float]]
 _Cells = list[list[str]]
@@ -137,7 +137,7 @@ def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identi
     second = LogEntry(f"{log}, second half", "validate", None, None)
     study = Study(title, Path(), model.device.name, (first, second), {}, made.method, None, None)
     runs = (
-        Run(first, made.observation, direct(made), ()),
+        Run(first, made.observation, fit_errors(made), ()),
         Run(second, observe(model, fit.unseen), None, (fit.validation,)),
     )
     return Identification(study, model, proposal, made, runs)
@@ -215,7 +215,7 @@ def _evaluation(found: Results, made: Evaluation) -> dict[str, Any]:
     places = zip(found.demo.workspaces, made.definite, strict=True)
     return {
         "definite": {p.name: {"least": d.smallest, "share_failing": d.share, "at": d.at.tolist()} for p, d in places},
-        "possible": made.possible.ok,
-        "margin": made.possible.margin,
-        "failing": made.possible.failing,
+        "possible": made.feasible.ok,
+        "margin": made.feasible.margin,
+        "failing": made.feasible.failing,
     }

@@ -24,7 +24,7 @@ _CLOSED = 1e-12
 _SINGULAR = 1e-3
 # The core's continuation goes no further from the start pose, rad or mechanism sizes.
 FARTHEST = 1e4
-# Least openness of random poses, so that rounding errors do not grow.
+# Least conditioning of random poses, so that rounding errors do not grow.
 _ROOMY = 0.1
 # Draws of random poses, each from half the range about the start of the one before.
 _DRAWS = 8
@@ -33,7 +33,7 @@ _STARTS = 256
 # Two assembly modes are one if no joint differs by more, rad (or mechanism sizes).
 _SAME = 1e-3
 # Poses at which rates are tested for being zero, and the largest rate that counts as zero.
-POSES, EFFECT = 24, 1e-9
+_POSES, EFFECT = 24, 1e-9
 
 # Guessed positions of passive joints, and the active joints' start pose, (active,).
 Start = tuple[Mapping[int, float], Array]
@@ -116,13 +116,13 @@ class NewtonClosure:
         reached: np.ndarray = compiled_closure(self).reach(_rows(qa))[1]
         return reached
 
-    def openness(self, q: Array) -> Array:
+    def conditioning(self, q: Array) -> Array:
         """Distance from singular poses, (samples,): 0 where passive joints are not determined, 1 at best.
 
         Args:
             q: positions of all joints, (samples, joints).
         """
-        return openness(self.chain.residual(q)[1][:, :, list(self.unknown)])
+        return conditioning(self.chain.residual(q)[1][:, :, list(self.unknown)])
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
@@ -132,7 +132,7 @@ class NewtonClosure:
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
             q, closed = compiled_closure(self).reach(qa)
-            kept = np.concatenate([kept, qa[closed][self.openness(q[closed]) > _ROOMY]])
+            kept = np.concatenate([kept, qa[closed][self.conditioning(q[closed]) > _ROOMY]])
             if len(kept) >= count:
                 break
         return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)
@@ -165,7 +165,7 @@ class NewtonClosure:
                 advice="Keep the motion within the mechanism's reach; if the device did move there, check the lengths, "
                 "and the zeros and signs of the positions.",
             )
-        raise _singular(f"up to sample {sample}", pose, float(self.openness(q[None])[0]), sample)
+        raise _singular(f"up to sample {sample}", pose, float(self.conditioning(q[None])[0]), sample)
 
 
 def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
@@ -190,7 +190,7 @@ def _rows(x: Array) -> Array:
     return np.ascontiguousarray(np.asarray(x, dtype=float).T)
 
 
-def openness(A: Array) -> Array:
+def conditioning(A: Array) -> Array:
     """Least singular value of Jacobians whose columns are scaled to unit length, (samples,)."""
     lengths = np.linalg.norm(A, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(A / np.maximum(lengths, 1e-300), compute_uv=False)[:, -1])
@@ -219,7 +219,7 @@ def newton_closure(
     constant[unknown], constants[unknown] = 0.0, 0.0
     modes = _assembly_modes(chain, constant @ at + constants, unknown, guess, at, place)
     q = _nearest_mode(chain, modes, unknown, guess, at, place)
-    open_by = float(openness(chain.residual(q[None])[1][:, :, unknown])[0])
+    open_by = float(conditioning(chain.residual(q[None])[1][:, :, unknown])[0])
     if open_by < _SINGULAR:
         raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
     varying = np.zeros(G.shape, dtype=bool)
@@ -234,7 +234,7 @@ def newton_closure(
 def _measured(made: NewtonClosure) -> NewtonClosure:
     """With the closure error, and rates that are zero everywhere not marked as varying."""
     rng = np.random.default_rng(0)
-    followed = made.follow(made.draw(rng, POSES))
+    followed = made.follow(made.draw(rng, _POSES))
     gap = float(np.abs(made.chain.residual(followed.q.T)[0]).max())
     varying = made.varying & (np.abs(followed.G).max(axis=0) > EFFECT * made.chain.units.min())
     return replace(made, varying=varying, error=gap)

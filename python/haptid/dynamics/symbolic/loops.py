@@ -148,14 +148,14 @@ class DyadMotion:
     ) -> None:
         """Set a dyad's rows of G and its accelerations, from the differentiated closure."""
         field, plane = points.field, np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
-        slopes = self._slopes(dyad, links, points, plane)
+        columns_of = self._slopes(dyad, links, points, plane)
         pair = [dyad.first, dyad.second]
-        solve = _inverse(field, slopes[:, :, pair])
-        others = [j for j in range(len(self.joints)) if slopes[:, :, j].any() and j not in pair]
+        solve = _inverse(field, columns_of[:, :, pair])
+        others = [j for j in range(len(self.joints)) if columns_of[:, :, j].any() and j not in pair]
         for k in range(G.shape[2]):
-            apart = np.zeros(slopes.shape[:2], dtype=np.int64)
+            apart = np.zeros(columns_of.shape[:2], dtype=np.int64)
             for j in others:
-                apart = field.reduce(apart + slopes[:, :, j] * G[j, :, k])
+                apart = field.reduce(apart + columns_of[:, :, j] * G[j, :, k])
             G[pair, :, k] = _applied(field, solve, field.reduce(-apart))
         rates = _along(field, G, velocity)
         near, far = (self._acceleration(f, links, points, rates, acceleration) for f in (dyad.near, dyad.far))
@@ -164,15 +164,15 @@ class DyadMotion:
 
     def _slopes(self, dyad: Dyad, links: Links, points: Points, plane: Residues) -> Residues:
         """Velocity between the pin's two sides in the dyad's plane per unit rate of each joint, (2, n, joints)."""
-        field, slopes = points.field, np.zeros((2, points.count, len(self.joints)), dtype=np.int64)
+        field, columns_of = points.field, np.zeros((2, points.count, len(self.joints)), dtype=np.int64)
         for frame, sign in ((dyad.near, 1), (dyad.far, -1)):
             point = frame_pose(frame, links, points)[:, :3, 3]
             for j in _ancestors(self.joints, frame.link):
                 axis = links[j][:, :3, 2]
                 velocity = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
                 in_plane = field.product(plane, velocity[:, :, None])[:, :, 0]
-                slopes[:, :, j] = field.reduce(slopes[:, :, j] + sign * in_plane.T)
-        return slopes
+                columns_of[:, :, j] = field.reduce(columns_of[:, :, j] + sign * in_plane.T)
+        return columns_of
 
     def _acceleration(
         self, frame: SymbolicFrame, links: Links, points: Points, rates: Residues, acceleration: Residues

@@ -150,7 +150,7 @@ class Pivots:
     """Which columns are independent.
 
     Attributes:
-        kept: independent of those before them.
+        free_parameters: independent of those before them.
         no_effect: zero at all states.
         samples: states required for those kept to be independent.
     """

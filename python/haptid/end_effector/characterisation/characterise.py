@@ -18,7 +18,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace
 from haptid.end_effector.characterisation import force_capability, friction, velocity_forces
 from haptid.end_effector.characterisation.apparent_mass import ApparentMass, apparent_mass
-from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
+from haptid.end_effector.characterisation.jacobian import LINEAR, HandleJacobian, handle_jacobian
 from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
 from haptid.end_effector.force import WORST_CONDITION, force_setting_error
@@ -32,16 +32,16 @@ POSES = 8000
 class Characterisation:
     """The dynamics at the handle at some poses; see `characterise`.
 
-    Values over poses are NaN at poses that are left out: `grasp.usable` marks them, `summary` counts them.
+    Values over poses are NaN at poses that are left out: `handle.usable` marks them, `summary` counts them.
 
     Attributes:
         identified: the parameters.
-        grasp: the poses, the handle's position and Jacobian at each.
+        handle: the poses, the handle's position and Jacobian at each.
         masses: principal apparent masses.
     """
 
     identified: IdentifiedModel
-    grasp: Grasp
+    handle: HandleJacobian
     masses: ApparentMass
 
     @property
@@ -52,7 +52,7 @@ class Characterisation:
     @cached_property
     def inverse(self) -> Array:
         """Rates of the coordinates from the handle's velocity, (poses, n, m)."""
-        return self.grasp.inverse("friction, weight or stiffness at the handle")
+        return self.handle.inverse("friction, weight or stiffness at the handle")
 
     @property
     def apparent_mass(self) -> Field:
@@ -67,10 +67,10 @@ class Characterisation:
     def mass_along(self, direction: ArrayLike) -> Field:
         """d' J^-T A J^-1 d: force along d per acceleration along d with none across, (poses,), kg."""
         rates = self._rates(self._unit(direction))
-        inner = list(self.grasp.moving)
+        inner = list(self.handle.moving)
 
         def of(beta: Array) -> Array:
-            A = mass_matrix(self.model, beta, self.grasp.qa)[:, inner][:, :, inner]
+            A = mass_matrix(self.model, beta, self.handle.qa)[:, inner][:, :, inner]
             return np.asarray(np.einsum("pa,pab,pb->p", rates, A, rates))
 
         return linear(self.identified, of, "kg")
@@ -85,7 +85,7 @@ class Characterisation:
         def slope(change: Array) -> Array:
             return np.asarray(np.einsum("pie,pij,pje->pe", vectors, self._viscous(change), vectors))
 
-        values = np.where(self.grasp.usable[:, None], values, np.nan)
+        values = np.where(self.handle.usable[:, None], values, np.nan)
         return changing(self.identified, values, slope, "N s/m")
 
     def viscous_along(self, direction: ArrayLike) -> Field:
@@ -98,8 +98,8 @@ class Characterisation:
 
         Its component along d is the force lost to dry friction; `backdrive_force` adds the weight.
         """
-        rates = self.grasp.all_rates(self._rates(self._unit(direction)))
-        return linear(self.identified, lambda beta: self._felt(friction.dry_torque(self.model, beta, rates)), "N")
+        rates = self.handle.all_rates(self._rates(self._unit(direction)))
+        return linear(self.identified, lambda beta: self._at_handle(friction.dry_torque(self.model, beta, rates)), "N")
 
     @cached_property
     def coulomb_by_axis(self) -> Field:
@@ -107,22 +107,22 @@ class Characterisation:
 
         def of(beta: Array) -> Array:
             level = friction.coulomb_level(self.model, beta)
-            return self._felt(np.repeat(level[:, None], len(self.grasp), axis=1))
+            return self._at_handle(np.repeat(level[:, None], len(self.handle), axis=1))
 
         return linear(self.identified, of, "N")
 
     @cached_property
     def weight(self) -> Field:
         """Force of the hand that supports the device, without friction, (poses, m), N."""
-        return linear(self.identified, lambda beta: self._felt(self._static(beta)), "N")
+        return linear(self.identified, lambda beta: self._at_handle(self._static(beta)), "N")
 
     def backdrive_force(self, direction: ArrayLike) -> Field:
         """Back-drive force along d: moves the device slowly that way, motors off; friction and weight, (poses,), N."""
         d = self._unit(direction)
-        rates = self.grasp.all_rates(self._rates(d))
+        rates = self.handle.all_rates(self._rates(d))
 
         def of(beta: Array) -> Array:
-            return np.asarray(self._felt(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
+            return np.asarray(self._at_handle(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
 
         return linear(self.identified, of, "N")
 
@@ -131,21 +131,21 @@ class Characterisation:
 
         F_d is weight plus a quadratic form of velocity, so it is bounded by its value at the largest speed of a range.
         """
-        worst = speed * velocity_forces.worst_directions(self.grasp, self.inverse, self.identified.beta, speed)
-        force = velocity_forces.neglected_force(self.grasp, self.inverse, self.identified.beta, worst)
+        worst = speed * velocity_forces.worst_directions(self.handle, self.inverse, self.identified.beta, speed)
+        force = velocity_forces.neglected_force(self.handle, self.inverse, self.identified.beta, worst)
         size = np.linalg.norm(force, axis=1)
         along = force / np.where(size > 0, size, 1.0)[:, None]
 
         def slope(change: Array) -> Array:
-            force = velocity_forces.neglected_force(self.grasp, self.inverse, change, worst)
+            force = velocity_forces.neglected_force(self.handle, self.inverse, change, worst)
             return np.asarray(np.einsum("pm,pm->p", along, force))
 
         return changing(self.identified, size, slope, "N")
 
     def neglected_force_of(self, velocity: ArrayLike) -> Field:
         """F_d for a velocity of the handle, (m,) or (poses, m), m/s: the force neglected in eq. (18), (poses, m), N."""
-        v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.grasp), len(self.grasp.rows)))
-        return linear(self.identified, lambda b: velocity_forces.neglected_force(self.grasp, self.inverse, b, v), "N")
+        v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.handle), len(self.handle.rows)))
+        return linear(self.identified, lambda b: velocity_forces.neglected_force(self.handle, self.inverse, b, v), "N")
 
     def stiffness(self, joint_stiffness: ArrayLike) -> tuple[Array, Array]:
         """Principal values of J^-T K J^-1, largest first, (poses, r), N/m, and their directions, (poses, r, m).
@@ -156,9 +156,9 @@ class Characterisation:
         K = np.asarray(joint_stiffness, dtype=float)
         K = np.diag(K) if K.ndim == 1 else K
         expect("joint_stiffness", K.shape, (len(self.model.device.active),) * 2)
-        inner = list(self.grasp.moving)
+        inner = list(self.handle.moving)
         values, vectors = np.linalg.eigh(np.nan_to_num(self.inverse.mT @ K[inner][:, inner] @ self.inverse))
-        values = np.where(self.grasp.usable[:, None], values[:, ::-1], np.nan)
+        values = np.where(self.handle.usable[:, None], values[:, ::-1], np.nan)
         return freeze(values), freeze(np.ascontiguousarray(vectors[:, :, ::-1].mT))
 
     def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Field, Array]:
@@ -175,7 +175,7 @@ class Characterisation:
         Raises:
             IncompleteDeviceError: a motor without a limit.
         """
-        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
+        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.handle)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
         force, direction, motor = force_capability.weakest_motor(J, most, held)
         at = np.arange(len(force))
@@ -190,7 +190,7 @@ class Characterisation:
 
     def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Field:
         """Largest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
-        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
+        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.handle)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
         force, load, motor = force_capability.force_along(J, most, held, self._unit(direction))
         at = np.arange(len(force))
@@ -209,7 +209,7 @@ class Characterisation:
 
     def _unit(self, direction: ArrayLike) -> Array:
         d = np.asarray(direction, dtype=float)
-        expect("direction", d.shape, (len(self.grasp.rows),))
+        expect("direction", d.shape, (len(self.handle.rows),))
         length = np.linalg.norm(d)
         if not (np.isfinite(length) and length > 0):
             raise force_setting_error("direction", direction, "finite components, not all zero")
@@ -220,17 +220,17 @@ class Characterisation:
         return np.asarray(self.inverse @ direction)
 
     def _viscous(self, beta: Array) -> Array:
-        inner = list(self.grasp.moving)
+        inner = list(self.handle.moving)
         D = friction.viscous_matrix(self.model, beta)[inner][:, inner]
         return np.asarray(self.inverse.mT @ D @ self.inverse)
 
-    def _felt(self, torque: Array) -> Array:
-        return friction.felt(self.grasp, self.inverse, torque)
+    def _at_handle(self, torque: Array) -> Array:
+        return friction.force_at_handle(self.handle, self.inverse, torque)
 
     def _static(self, beta: Array) -> Array:
         """Static torque, (active, poses): gravity, springs, offsets."""
-        still = np.zeros_like(self.grasp.qa)
-        return inverse_dynamics(self.model, beta, self.grasp.qa, still, still)
+        still = np.zeros_like(self.handle.qa)
+        return inverse_dynamics(self.model, beta, self.handle.qa, still, still)
 
 
 def characterise(
@@ -258,7 +258,7 @@ def characterise(
         poses.model.require_same(identified.model)
         poses = poses.grid(POSES)
     qa = np.asarray(poses, dtype=float)
-    handle = grasp(identified.model, qa, rows, worst_condition)
+    handle = handle_jacobian(identified.model, qa, rows, worst_condition)
     return Characterisation(identified, handle, apparent_mass(identified, qa, rows, worst_condition))
 
 

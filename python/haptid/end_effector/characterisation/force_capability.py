@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.end_effector.characterisation.jacobian import HandleJacobian
 from haptid.errors import IncompleteDeviceError, UnknownNameError, suggestion
 
 
@@ -48,10 +48,10 @@ def _of_joint(model: DynamicModel, row: Array) -> float | None:
     return None if limit is None else limit / abs(float(row[joints[0]]))
 
 
-def motor_jacobian(grasp: Grasp) -> Array:
+def motor_jacobian(handle: HandleJacobian) -> Array:
     """Velocity of the handle by rates of the motors' coordinates, (poses, m, motors)."""
-    model, made = grasp.model, np.zeros((len(grasp), len(grasp.rows), len(grasp.model.device.active)))
-    made[:, :, list(grasp.moving)] = grasp.jacobian
+    model, made = handle.model, np.zeros((len(handle), len(handle.rows), len(handle.model.device.active)))
+    made[:, :, list(handle.moving)] = handle.jacobian
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     return np.asarray((made @ np.linalg.inv(model.device.drive_rates))[:, :, driven])
 

@@ -9,7 +9,7 @@ from haptid.device.terms.friction import DRY
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.end_effector.characterisation.jacobian import HandleJacobian
 
 # A joint is at rest in a motion where its rate is below this share of the fastest one's.
 STILL = 1e-9
@@ -61,6 +61,6 @@ def _terms(model: DynamicModel, beta: Array, kinds: tuple[str, ...]) -> list[tup
     return [(term, float(value)) for term, value in pairs if term.nature in kinds and value]
 
 
-def felt(grasp: Grasp, inverse: Array, torque: Array) -> Array:
+def force_at_handle(handle: HandleJacobian, inverse: Array, torque: Array) -> Array:
     """Force at the handle, (poses, m), in equilibrium with torques of all coordinates, (active, poses)."""
-    return np.asarray(np.einsum("pnm,np->pm", inverse, torque[list(grasp.moving)]))
+    return np.asarray(np.einsum("pnm,np->pm", inverse, torque[list(handle.moving)]))

@@ -18,7 +18,7 @@ _CHUNK = 50_000
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class HandleJacobian:
     """Poses, and the handle's Jacobian by the coordinates with measured torque; the others are constrained.
 
     Attributes:
@@ -89,7 +89,7 @@ class Grasp:
         return made
 
 
-def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> Grasp:
+def handle_jacobian(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> HandleJacobian:
     """The handle at these poses.
 
     Raises:
@@ -105,7 +105,7 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(singular[:, -1] > 0, singular[:, 0] / singular[:, -1], np.inf)
     position = np.concatenate([part.position for part in parts])
-    return Grasp(model, qa, rows, moving, position, jacobian, condition, worst)
+    return HandleJacobian(model, qa, rows, moving, position, jacobian, condition, worst)
 
 
 def check_pose_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:

@@ -19,7 +19,7 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
-class Asked:
+class TableRequest:
     """Settings of quantities that depend on more than the model.
 
     Attributes:
@@ -53,31 +53,31 @@ class TableColumn:
         return self.name if self.figure.unit == "1" else f"{self.name} [{self.figure.unit}]"
 
 
-def table_columns(found: Characterisation, asked: Asked | None = None) -> tuple[TableColumn, ...]:
+def table_columns(found: Characterisation, request: TableRequest | None = None) -> tuple[TableColumn, ...]:
     """Every quantity that the model and the device determine, (poses,) each.
 
     Raises:
         SettingError, ShapeError: a direction, or stiffnesses, that do not fit.
         IncompleteDeviceError, UnknownNameError: a torque limit is not positive, or of an unknown motor.
     """
-    return tuple(_columns(found, asked or Asked()))
+    return tuple(_columns(found, request or TableRequest()))
 
 
-def _columns(found: Characterisation, asked: Asked) -> Iterator[TableColumn]:
+def _columns(found: Characterisation, request: TableRequest) -> Iterator[TableColumn]:
     yield from _numbered("apparent mass", found.apparent_mass)
     yield TableColumn("isotropy", found.isotropy)
-    if found.grasp.redundancy:  # friction and weight at the handle are not determined
+    if found.handle.redundancy:  # friction and weight at the handle are not determined
         return
     yield from _numbered("viscous friction", found.viscous_friction)
-    names = [_COMPONENTS[k] for k in found.grasp.rows]
+    names = [_COMPONENTS[k] for k in found.handle.rows]
     yield from _named("weight", found.weight, names)
-    if asked.along is not None:
-        yield from _along(found, asked.along, names)
-    if asked.speed is not None:
-        yield TableColumn(f"neglected force at {asked.speed:g} m/s", found.neglected_force(asked.speed))
-    if asked.stiffness is not None:
-        yield from _numbered("stiffness", Field(found.stiffness(asked.stiffness)[0], None, np.inf, "N/m"))
-    yield from _force_capability(found, asked)
+    if request.along is not None:
+        yield from _along(found, request.along, names)
+    if request.speed is not None:
+        yield TableColumn(f"neglected force at {request.speed:g} m/s", found.neglected_force(request.speed))
+    if request.stiffness is not None:
+        yield from _numbered("stiffness", Field(found.stiffness(request.stiffness)[0], None, np.inf, "N/m"))
+    yield from _force_capability(found, request)
 
 
 def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> Iterator[TableColumn]:
@@ -87,17 +87,17 @@ def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> I
     yield TableColumn("back-drive force along", found.backdrive_force(along))
 
 
-def _force_capability(found: Characterisation, asked: Asked) -> Iterator[TableColumn]:
+def _force_capability(found: Characterisation, request: TableRequest) -> Iterator[TableColumn]:
     """Largest force of the motors, where their limits are known."""
     try:
-        force = found.greatest_force(asked.torque)[0]
+        force = found.greatest_force(request.torque)[0]
     except IncompleteDeviceError:
-        if asked.torque is not None:
+        if request.torque is not None:
             raise
         return
     yield TableColumn("greatest force in its worst direction", force)
-    if asked.along is not None:
-        yield TableColumn("greatest force along", found.force_along(asked.along, asked.torque))
+    if request.along is not None:
+        yield TableColumn("greatest force along", found.force_along(request.along, request.torque))
 
 
 def _numbered(name: str, figure: Field) -> Iterator[TableColumn]:
@@ -112,11 +112,11 @@ def _named(name: str, figure: Field, names: Sequence[str]) -> Iterator[TableColu
 
 def write_columns(found: Characterisation, made: Sequence[TableColumn], path: Path) -> None:
     """Write a CSV, a row for each pose: joint and handle positions, condition number, quantities with intervals."""
-    model, grasp = found.model, found.grasp
+    model, handle = found.model, found.handle
     joints = [model.device.joints[j] for j in model.device.active]
     heads = [f"{joint.name} [{'m' if joint.prismatic else 'rad'}]" for joint in joints]
     heads += [*(f"handle {axis} [m]" for axis in "xyz"), "condition"]
-    values = [*grasp.qa, *grasp.position.T, grasp.condition]
+    values = [*handle.qa, *handle.position.T, handle.condition]
     for column in made:
         heads.append(column.heading)
         values.append(column.figure.values)

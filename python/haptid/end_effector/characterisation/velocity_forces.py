@@ -10,8 +10,8 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of, link_poses
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.friction import felt
-from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.end_effector.characterisation.friction import force_at_handle
+from haptid.end_effector.characterisation.jacobian import HandleJacobian
 
 # Directions of the grid search for a largest force, and steps from the best of them: within 0.1 % of a search over
 # thousands of directions.
@@ -52,28 +52,28 @@ def velocity_product_acceleration(model: DynamicModel, qa: Array, qda: Array) ->
     return np.concatenate([a, wd], axis=1)
 
 
-def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) -> Array:
+def neglected_force(handle: HandleJacobian, inverse: Array, beta: Array, velocity: Array) -> Array:
     """F_d = J^-T (H - A J^-1 Jdot qd), (poses, m): Janot et al. (2007), eq. (19), with its missing inverse added.
 
     It includes weight, as H in the paper.
 
     Args:
-        grasp: the poses.
+        handle: the poses.
         inverse: of the Jacobian, (poses, n, m).
         beta: base parameters, (p,), SI.
         velocity: of the handle, (poses, m).
     """
-    model, to_joints = grasp.model, np.linalg.inv(grasp.model.device.row_map)
-    cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
-    usable = grasp.usable
+    model, to_joints = handle.model, np.linalg.inv(handle.model.device.row_map)
+    cd = handle.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
+    usable = handle.usable
     cd = np.where(usable, cd, 0.0)
-    bias = velocity_product_acceleration(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
-    cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), bias))
+    bias = velocity_product_acceleration(model, handle.qa, to_joints @ cd)[:, list(handle.rows)]
+    cdd = -handle.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), bias))
     chi = rigid(model, raw_parameters(model, beta))
-    return felt(grasp, inverse, core_torque(model, chi, model.device.row_map @ grasp.qa, cd, cdd))
+    return force_at_handle(handle, inverse, core_torque(model, chi, model.device.row_map @ handle.qa, cd, cdd))
 
 
-def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> Array:
+def worst_directions(handle: HandleJacobian, inverse: Array, beta: Array, speed: float) -> Array:
     """Directions of motion at a handle speed in which F_d is largest, (poses, m).
 
     F_d is weight plus a quadratic form of the velocity, so a few velocities determine it. Starting from the best
@@ -81,11 +81,11 @@ def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) ->
     largest, an eigenvector.
 
     Args:
-        grasp, inverse, beta: as for `neglected_force`.
+        handle, inverse, beta: as for `neglected_force`.
         speed: of the handle, m/s.
     """
-    weight, form = _by_velocity(grasp, inverse, beta, speed)
-    grid = unit_directions(len(grasp.rows))
+    weight, form = _by_velocity(handle, inverse, beta, speed)
+    grid = unit_directions(len(handle.rows))
     sizes = [np.linalg.norm(_force(weight, form, np.broadcast_to(d, weight.shape)), axis=1) for d in grid]
     worst = grid[np.argmax(sizes, axis=0)]
     for _ in range(STEPS):
@@ -94,13 +94,13 @@ def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) ->
     return np.asarray(worst)
 
 
-def _by_velocity(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> tuple[Array, Array]:
+def _by_velocity(handle: HandleJacobian, inverse: Array, beta: Array, speed: float) -> tuple[Array, Array]:
     """F_d as weight (poses, m) and a quadratic form of the direction at this speed, (poses, m, m, m), N."""
-    m = len(grasp.rows)
-    shape, axes = (len(grasp), m), speed * np.eye(m)
+    m = len(handle.rows)
+    shape, axes = (len(handle), m), speed * np.eye(m)
 
     def force(velocity: Array) -> Array:
-        return np.nan_to_num(neglected_force(grasp, inverse, beta, np.broadcast_to(velocity, shape)))
+        return np.nan_to_num(neglected_force(handle, inverse, beta, np.broadcast_to(velocity, shape)))
 
     weight, form = force(np.zeros(m)), np.zeros((*shape, m, m))
     for i in range(m):

@@ -24,7 +24,7 @@ SHARE = 1e-2
 # A condition is inactive when its multiplier is below this share of the largest.
 _NEGLIGIBLE = 1e-4
 # Least ratio of singular values of a metric with unit columns.
-WEIGHED = 1e-10
+LEAST_METRIC_SHARE = 1e-10
 # Largest margin, in each link's own mass and length: that of a ball.
 _ROOMY = 1.0
 # Margins up to this are on the boundary, where there is no choice of standard parameters.
@@ -35,7 +35,7 @@ FIT_PENALTY = 1e-10
 _PASSES = 2
 # Newton steps to the analytic centre, and the decrement at which it is reached.
 _MOST_STEPS = 200
-CENTRED = 1e-9
+_CENTRED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class FeasibleParameters:
         return "\n".join([f"Not physically consistent: margin {self.margin:.2g}.", *self.failing])
 
 
-def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
+def feasible_parameters(model: DynamicModel, beta: Array) -> FeasibleParameters:
     """Whether rigid bodies and passive terms can have these base parameters, identified or published.
 
     Args:
@@ -135,7 +135,7 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
     """
     beta = check_beta(model, beta)
     check_metric(model, R)
-    found = possible(model, beta)
+    found = feasible_parameters(model, beta)
     return found if found.ok else nearest_feasible(model, beta, triangle(R))[0]
 
 
@@ -174,13 +174,14 @@ def check_metric(model: DynamicModel, R: Array) -> None:
     p = len(model.base)
     expect("R", np.shape(R), (p, p))
     k, ratio = weakest_direction(R)
-    if ratio < WEIGHED:
+    if ratio < LEAST_METRIC_SHARE:
         name = model.base.names[k]
         raise IdentifiabilityError(
-            f"the metric has no weight on base parameter {name}: {ratio:.1e} of the largest (limit {WEIGHED:.1e}).",
+            f"the metric has no weight on base parameter {name}: {ratio:.1e} of the largest "
+            f"(limit {LEAST_METRIC_SHARE:.1e}).",
             where=name,
             found=ratio,
-            limit=WEIGHED,
+            limit=LEAST_METRIC_SHARE,
             advice="Use the R factor of an observation that excites all parameters.",
         )
 
@@ -304,7 +305,7 @@ def analytic_centre(cone: Cone, part: ConePart, x: Array) -> Array:
         step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
         decrement = float(np.linalg.norm(step @ gradient)) ** 0.5
         y += step / (1.0 + decrement)
-        if decrement < CENTRED:
+        if decrement < _CENTRED:
             break
     return np.asarray(part.null @ y)
 

@@ -1,9 +1,9 @@
-"""Cluster-robust standard errors: time blocks as clusters, CR2 (`ClusterRobust`) and CR3 (`BlockJackknife`).
+"""Standard errors robust to serial correlation, from the scores of time blocks: CR2, the CR3 jackknife and fixed-b.
 
 Residuals of robots are serially correlated, and motors share the errors of the model, so standard errors that take the
 rows as independent are far too small. The covariance is built from the score of each block instead. CR2 corrects each
 block for its leverage (bias-reduced linearisation); Satterthwaite degrees of freedom account for the small number of
-effective blocks. Only the R factors of the blocks are needed.
+effective blocks. Fixed-b (`FixedB`) takes the scores as a time series instead. All need only the R factors.
 """
 
 from __future__ import annotations
@@ -12,19 +12,22 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy import fft
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, whole
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE, BlockMoments, Fit
+from haptid.estimation.method import ALONE, BlockMoments, Fit, setting_error
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
-LEAST_FREEDOM = 2.0
+LEAST_DOF = 2.0
 # Blocks of at most this leverage (Frobenius norm) are corrected by a binomial series instead of eigenvalues.
 LOW_LEVERAGE = 0.5
 # Relative size of the terms of that series that are dropped.
 _NEGLIGIBLE = 1e-13
+# Least number of cosines of the fixed-b series.
+_FEWEST_COSINES = 3
 
 
 @dataclass(frozen=True)
@@ -115,14 +118,16 @@ def _cr2_freedom(moments: BlockMoments, adjustment: Adjustment, combinations: Ar
     squares = (own**2).sum(axis=0) + all_pairs - (diagonal**2).sum(axis=0)
     # Zero where a parameter is fixed, which has no uncertainty.
     effective = np.divide(own.sum(axis=0) ** 2, squares, out=np.full(len(squares), np.inf), where=squares > 0)
-    return np.asarray(np.maximum(effective, LEAST_FREEDOM))
+    return np.asarray(np.maximum(effective, LEAST_DOF))
 
 
 @dataclass(frozen=True)
 class BlockJackknife:
     """CR3: the delete-one-block jackknife over each block of each motor, for errors that motors do not share.
 
-    A few per cent wider than the default where parameters are many compared with the blocks.
+    A few per cent wider than the default where parameters are many compared with the blocks. It is no setting of
+    `ClusterRobust`: the clusters differ (a block of one motor, not of all motors), not only the correction for
+    leverage.
 
     Source: Bell and McCaffrey (2002), Survey Methodology 28, CR3, and their degrees of freedom.
     """
@@ -144,4 +149,42 @@ def _cr3_freedom(moments: BlockMoments, combinations: Array) -> Array:
     squares = (shares**2).sum(axis=0)  # zero where a parameter is fixed, which has no uncertainty
     whole = shares.sum(axis=0) ** 2
     effective = np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0)
-    return np.asarray(np.maximum(effective - 1.0, LEAST_FREEDOM))
+    return np.asarray(np.maximum(effective - 1.0, LEAST_DOF))
+
+
+@dataclass(frozen=True)
+class FixedB:
+    """Heteroscedasticity and autocorrelation consistent covariance, with a bandwidth that is a fixed share of the log.
+
+    The scores of the time blocks, over all motors, are a series; its long-run variance is the mean square of its
+    lowest cosine coefficients. With a fixed number of them the interval is Student's, with that many degrees of
+    freedom, whatever the correlation across motors, and for any serial correlation that is short compared with the
+    log. Needs only the R factors of the blocks.
+
+    Sources: Kiefer and Vogelsang (2005), Econometric Theory 21; Lazarus, Lewis, Stock and Watson (2018), JBES 36(4),
+    eqs 8 and 9 (equal-weighted cosines).
+
+    Attributes:
+        share: of the cosines, of which there are as many as blocks, that are used.
+    """
+
+    name: ClassVar[str] = "fixed-b, cosines of time blocks, Student t"
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.share, float) or whole(self.share)) or not 0 < self.share <= 1:
+            raise setting_error("FixedB", "share", self.share, "a number above 0, up to 1")
+
+    def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
+        """Covariance of base parameters, or of combinations (q, p) of them."""
+        moments, own = fit.moments, fit.combined(combinations)
+        times, where = np.unique(moments.block, return_inverse=True)
+        series = np.zeros((len(times), len(own)))
+        np.add.at(series, where, moments.leave_out_shifts @ own.T)  # corrected for leverage, as in the jackknife
+        count = min(max(_FEWEST_COSINES, round(self.share * len(times))), max(1, len(times) - 1))
+        cosines = fft.dct(series, 2, norm="ortho", axis=0)[1 : count + 1]
+        covariance = len(times) / count * cosines.T @ cosines
+        if fit.solution.pull is not None:
+            prior = own @ fit.solution.pull.T
+            covariance = covariance + prior @ prior.T
+        return Spread(covariance, np.full(len(own), float(count)), len(moments.s), moments.alone(own))

@@ -43,7 +43,7 @@ class Intervals(Protocol):
 class Limiting(Intervals, Protocol):
     """Intervals with unequal sides, for constrained estimates, such as `Profile`."""
 
-    def limits(self, fit: Fit, held: object, half: Array) -> Array:
+    def limits(self, fit: Fit, solution: object, half: Array) -> Array:
         """Ends of the intervals, (p, 2), at the level of the unconstrained fit's half-widths, (p,)."""
 
 

@@ -60,12 +60,12 @@ class Profile:
         """Of the unconstrained fit."""
         return self.free.spread(fit, combinations)
 
-    def limits(self, fit: Fit, held: object, half: Array) -> Array:
+    def limits(self, fit: Fit, solution: object, half: Array) -> Array:
         """Ends of the intervals of the base parameters, (p, 2), at the level of `half`.
 
         Args:
             fit: the unconstrained fit.
-            held: the constrained estimate.
+            solution: the constrained estimate.
             half: half-widths of the unconstrained intervals, (p,).
 
         Raises:
@@ -73,23 +73,23 @@ class Profile:
             ConvergenceError: the solver stopped without a solution.
         """
         known = np.flatnonzero(np.isfinite(half))
-        ends = np.array(expect_constrained(held).interval(half))
-        ends[known] = self.ends(fit, held, np.eye(len(half))[known], half[known])
+        ends = np.array(expect_constrained(solution).interval(half))
+        ends[known] = self.ends(fit, solution, np.eye(len(half))[known], half[known])
         return ends
 
-    def ends(self, fit: Fit, held: object, combinations: Array, half: Array) -> Array:
+    def ends(self, fit: Fit, solution: object, combinations: Array, half: Array) -> Array:
         """Ends of the intervals of combinations of base parameters, (q, 2), at the level of `half`.
 
         Args:
             fit: the unconstrained fit.
-            held: the constrained estimate.
+            solution: the constrained estimate.
             combinations: (q, p).
             half: half-widths of their unconstrained intervals, (q,).
 
         Raises:
             SettingError, ConvergenceError: as `limits`.
         """
-        constrained = expect_constrained(held)
+        constrained = expect_constrained(solution)
         feasible = (
             between_bounds(fit, constrained)
             if isinstance(constrained, BoundedSolution)
@@ -127,23 +127,23 @@ class FeasibleSet:
     holds: Callable[[Array], bool]
 
 
-def expect_constrained(held: object) -> BoundedSolution | Constrained:
+def expect_constrained(solution: object) -> BoundedSolution | Constrained:
     """The constrained estimate; other estimates have no profile.
 
     Raises:
         SettingError: the estimate is unconstrained, or is not the best fit within its constraints.
     """
-    if isinstance(held, Constrained) and held.pulled:
+    if isinstance(solution, Constrained) and solution.pulled:
         raise SettingError(
             "Profile: the estimate is regularised towards prior bodies, so it is not the best fit of which a profile "
             "could be made.",
             where="intervals",
             advice="Use ClusterRobust(), or estimate with PhysicallyConsistent().",
         )
-    if isinstance(held, BoundedSolution | Constrained):
-        return held
+    if isinstance(solution, BoundedSolution | Constrained):
+        return solution
     wanted = "an estimate by Bounds(...) or PhysicallyConsistent(...)"
-    raise setting_error("Profile", "method", type(held).__name__, wanted)
+    raise setting_error("Profile", "method", type(solution).__name__, wanted)
 
 
 def inner(fit: Fit, change: Array) -> Array:
@@ -151,29 +151,29 @@ def inner(fit: Fit, change: Array) -> Array:
     return np.asarray(np.linalg.lstsq(fit.solution.root @ fit.solution.R, change, rcond=None)[0])
 
 
-def between_bounds(fit: Fit, held: BoundedSolution) -> FeasibleSet:
+def between_bounds(fit: Fit, solution: BoundedSolution) -> FeasibleSet:
     """The set between bounds."""
     size = np.linalg.norm(fit.solution.root, axis=1)
-    own = bound_conditions(held.free, size, held.low, held.high)
+    own = bound_conditions(solution.free, size, solution.low, solution.high)
     conditions = tuple(ConeCondition(c.F @ (fit.solution.root / size[:, None]), c.f) for c in own)
 
     def holds(step: Array) -> bool:
-        return bool(((held.low <= held.free + step) & (held.free + step <= held.high)).all())
+        return bool(((solution.low <= solution.free + step) & (solution.free + step <= solution.high)).all())
 
-    return FeasibleSet(held.free, held.beta, fit.solution.root, conditions, holds)
+    return FeasibleSet(solution.free, solution.beta, fit.solution.root, conditions, holds)
 
 
-def consistent(fit: Fit, held: Constrained) -> FeasibleSet:
+def consistent(fit: Fit, solution: Constrained) -> FeasibleSet:
     """The physically consistent set; y moves standard parameters without effect on the base parameters."""
-    cone = roomy(held.possible.model, held.beta)
-    x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)
+    cone = roomy(solution.feasible.model, solution.beta)
+    x = solution.feasible.chi / cone.scale + cone.inverse @ (solution.free - solution.beta)
     move = np.column_stack([cone.inverse @ fit.solution.root, cone.null])
     conditions = tuple(ConeCondition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)
 
     def holds(step: Array) -> bool:
         return cone.margin(x + cone.inverse @ step) >= 0
 
-    return FeasibleSet(held.free, held.beta, fit.solution.root, conditions, holds)
+    return FeasibleSet(solution.free, solution.beta, fit.solution.root, conditions, holds)
 
 
 def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:

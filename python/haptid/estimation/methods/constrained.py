@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
-from haptid.estimation.feasibility.feasible import FeasibleParameters, nearest_feasible, possible
+from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, nearest_feasible
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.estimation.method import Method, Wrapper, expect_weighting, setting_error
 from haptid.estimation.methods.wls import WLS
@@ -77,7 +77,7 @@ def indices(known: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class EqualityConstraints(Wrapper):
-    """Another method with equality constraints on parameters: a link that was weighed, links of equal inertia.
+    """Another method with equality constraints on parameters: a link of known mass, links of equal inertia.
 
     Solved on the R factor in the null space of the constraints.
 
@@ -170,7 +170,7 @@ class Bounds(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, bounded"
 
-    def hold(self, observation: Observation, free: Solution) -> BoundedSolution:
+    def constrain(self, observation: Observation, free: Solution) -> BoundedSolution:
         """The unconstrained fit if it is within the bounds, else the nearest parameters that are, in weighted torque.
 
         Raises:
@@ -301,14 +301,14 @@ class PhysicallyConsistent(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, physically consistent"
 
-    def hold(self, observation: Observation, free: Solution) -> Constrained:
+    def constrain(self, observation: Observation, free: Solution) -> Constrained:
         """The unconstrained fit if it is feasible, else the nearest feasible parameters, in weighted torque.
 
         Raises:
             PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
             ConvergenceError: the solver stopped without a solution.
         """
-        found = possible(observation.model, free.beta)
+        found = feasible_parameters(observation.model, free.beta)
         if found.ok:
             return Constrained(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
         nearest, blocks = nearest_feasible(observation.model, free.beta, free.R)
@@ -329,21 +329,21 @@ class Cost:
 
     Attributes:
         label: "motor 1".
-        free, held: 100 norm(y - y_hat) / norm(y) of the unconstrained fit and of the estimate, per cent.
+        free, constrained: 100 norm(y - y_hat) / norm(y) of the unconstrained fit and of the estimate, per cent.
     """
 
     label: str
     free: float
-    held: float
+    constrained: float
 
 
-def costs(motors: Sequence[MotorRows], free: Array, held: Array) -> tuple[Cost, ...]:
+def costs(motors: Sequence[MotorRows], free: Array, constrained: Array) -> tuple[Cost, ...]:
     """Relative residuals by motor of two sets of base parameters, each (p,)."""
 
     def relative(motor: MotorRows, beta: Array) -> float:
         return 100 * motor.residual(beta) / motor.norm if motor.norm > 0 else 0.0
 
-    return tuple(Cost(motor.label, relative(motor, free), relative(motor, held)) for motor in motors)
+    return tuple(Cost(motor.label, relative(motor, free), relative(motor, constrained)) for motor in motors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,14 +351,14 @@ class Constrained:
     """A physically consistent estimate, with the unconstrained one.
 
     Attributes:
-        possible: the base parameters, and bodies that have them.
+        feasible: the base parameters, and bodies that have them.
         free: base parameters of the unconstrained fit, (p,), SI.
         active: a sentence for every link and term with an active constraint.
         costs: relative residual of the unconstrained and of the constrained fit, by motor.
         pulled: whether it is regularised towards prior bodies too, so that it is not the best feasible fit.
     """
 
-    possible: FeasibleParameters
+    feasible: FeasibleParameters
     free: Array
     active: tuple[str, ...]
     costs: tuple[Cost, ...]
@@ -370,7 +370,7 @@ class Constrained:
     @property
     def beta(self) -> Array:
         """The constrained base parameters, (p,), SI."""
-        return self.possible.beta
+        return self.feasible.beta
 
     def interval(self, half: Array) -> Array:
         """The unconstrained interval, cut where a parameter cannot be negative and widened to the estimate, (p, 2).
@@ -379,20 +379,20 @@ class Constrained:
             half: half-widths of the unconstrained interval at the wanted level, (p,).
         """
         low, high = self.free - half, self.free + half
-        bounded = never_negative(self.possible.model)
+        bounded = never_negative(self.feasible.model)
         high = np.where(bounded & (high < 0), half, high)
         low = np.where(bounded, np.maximum(low, 0.0), low)
         return np.column_stack([np.minimum(low, self.beta), np.maximum(high, self.beta)])
 
     def constrained_outside_ci(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters outside of their unconstrained interval, whose half-widths are given, (p,)."""
-        return _outside(self.possible.model.base.names, self.beta, self.free, half)
+        return _outside(self.feasible.model.base.names, self.beta, self.free, half)
 
     def notes(self, half: Array) -> tuple[str, ...]:
         """Notes for the user: active constraints, their cost, and whether they contradict the data."""
         if not self.active:
             return ()
-        figures = "; ".join(f"{cost.label} {cost.free:.3g} % to {cost.held:.3g} %" for cost in self.costs)
+        figures = "; ".join(f"{cost.label} {cost.free:.3g} % to {cost.constrained:.3g} %" for cost in self.costs)
         notes = [f"{sentence}." for sentence in self.active]
         notes.append(f"Relative error of the unconstrained and of the physically consistent fit: {figures}.")
         if outside := self.constrained_outside_ci(half):

@@ -1,4 +1,4 @@
-"""Open-loop output error by multiple shooting: simulation under the measured torque, over short stretches."""
+"""Open-loop output error by multiple shooting: simulation under the measured torque, over short segments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
-from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
+from haptid.simulation import Segments, measured_state, open_loop, sensitivity
 
 # Least standard deviation of position noise, relative to that of the positions.
 _LEAST_NOISE = 1e-7
@@ -24,19 +24,19 @@ _LEAST_NOISE = 1e-7
 class OutputErrorMethod(SimulationBased):
     """Open-loop output error by multiple shooting: no controller is needed.
 
-    The initial state of every stretch is near the treated one, estimated with the parameters and eliminated stretch by
-    stretch. Positions as recorded are compared, in units of what the treatment removed from them. Torque noise
-    integrates over a stretch to errors that are not white, which costs precision: more in longer stretches, while
+    The initial state of every segment is near the treated one, estimated with the parameters and eliminated segment by
+    segment. Positions as recorded are compared, in units of what the treatment removed from them. Torque noise
+    integrates over a segment to errors that are not white, which costs precision: more in longer segments, while
     shorter ones contain less information on the parameters.
 
     Sources: Bock (1983), multiple shooting; Jategaonkar (2015), Flight Vehicle System Identification, section 4.5.
 
     Attributes:
-        stretch: length of each, s.
+        segment: length of each, s.
         most: largest number of passes; reversals of motion make the passes oscillate.
     """
 
-    stretch: float = 0.1
+    segment: float = 0.1
     most: int = field(default=20, kw_only=True)
 
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
@@ -44,9 +44,9 @@ class OutputErrorMethod(SimulationBased):
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
-            stretches = Stretches.of(len(motion), max(2, round(self.stretch / motion.dt)), 0)
-            J, error = multiple_shooting(observation.model, smoothed, motion, beta, stretches)
-            for k, block in enumerate(stretch_blocks(observation, motion, stretches)):
+            segments = Segments.of(len(motion), max(2, round(self.segment / motion.dt)), 0)
+            J, error = multiple_shooting(observation.model, smoothed, motion, beta, segments)
+            for k, block in enumerate(segment_blocks(observation, motion, segments)):
                 if block is not None:
                     rows = np.column_stack([J[..., k].reshape(-1, J.shape[2]), error[..., k].ravel()])
                     first = J.shape[2] - p  # initial states, eliminated
@@ -57,21 +57,21 @@ class OutputErrorMethod(SimulationBased):
 
 
 def multiple_shooting(
-    model: DynamicModel, smoothed: DynamicModel, motion: Motion, beta: Array, stretches: Stretches
+    model: DynamicModel, smoothed: DynamicModel, motion: Motion, beta: Array, segments: Segments
 ) -> tuple[Array, Array]:
-    """Of every stretch, derivatives of positions (steps, n, p + 2n, stretches), and errors (steps, n, stretches).
+    """Of every segment, derivatives of positions (steps, n, p + 2n, segments), and errors (steps, n, segments).
 
     In units of each coordinate's noise; zero where a step is past the end.
     """
     forward = ForwardDynamics(smoothed, sets_of(model, beta))
     treated, cd = measured_state(model, motion)
-    start = (treated[:, stretches.sample[0]], cd[:, stretches.sample[0]])
-    steps = open_loop(forward, motion, sampled_torque(model, motion), start, stretches)
+    start = (treated[:, segments.sample[0]], cd[:, segments.sample[0]])
+    steps = open_loop(forward, motion, sampled_torque(model, motion), start, segments)
     made = sensitivity(forward, None, motion, steps, base_columns(model))
     raw = recorded_positions(model, motion)
     scale = 1.0 / position_noise(raw, treated, motion)
-    own = stretches.own & (stretches.sample >= motion.usable[0]) & (stretches.sample < motion.usable[1])
-    error = (np.moveaxis(raw[:, stretches.sample], 0, 1) - steps.c) * scale[None, :, None] * own[:, None]
+    own = segments.own & (segments.sample >= motion.usable[0]) & (segments.sample < motion.usable[1])
+    error = (np.moveaxis(raw[:, segments.sample], 0, 1) - steps.c) * scale[None, :, None] * own[:, None]
     return made.c * scale[None, :, None, None] * own[:, None, None], error
 
 
@@ -96,8 +96,8 @@ def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
     return np.asarray(np.maximum(taken, _LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
 
 
-def stretch_blocks(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:
-    """Index of the block that each stretch lies in, None where there is none."""
+def segment_blocks(observation: Observation, motion: Motion, segments: Segments) -> list[int | None]:
+    """Index of the block that each segment lies in, None where there is none."""
     own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == motion.name]
-    middle = motion.t0 + motion.dt * stretches.sample[len(stretches.sample) // 2]
+    middle = motion.t0 + motion.dt * segments.sample[len(segments.sample) // 2]
     return [next((k for k, block in own if block.start <= t < block.stop), None) for t in middle]

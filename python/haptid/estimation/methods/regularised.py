@@ -39,7 +39,7 @@ WEAKEST = 1e-6
 # Strength of the barrier on links without a prior: moves nothing by a thousandth of its standard error.
 BARRIER = 1e-3
 # Newton's method: largest number of steps, decrement at convergence, and the share of the predicted decrease required.
-MOST_STEPS, CENTRED, ARMIJO = 300, 1e-8, 0.1
+_MOST_STEPS, _CENTRED, ARMIJO = 300, 1e-8, 0.1
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Entropic(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, entropic regularisation towards prior bodies"
 
-    def hold(self, observation: Observation, free: Solution) -> Constrained:
+    def constrain(self, observation: Observation, free: Solution) -> Constrained:
         """The regularised estimate, with the unconstrained one.
 
         Raises:
@@ -246,7 +246,7 @@ class EntropicPenalty:
             for block, known in zip(self.cone.blocks, self.known, strict=True)
         ]
         rows = R @ self.cone.A
-        for _ in range(MOST_STEPS):
+        for _ in range(_MOST_STEPS):
             gradient, hessian = rows.T @ (rows @ x - R @ beta), rows.T @ rows
             for block in blocks:
                 a, B = block.derivatives(x)
@@ -254,10 +254,10 @@ class EntropicPenalty:
             size = np.sqrt(np.diag(hessian))
             step = -np.linalg.solve(hessian / np.outer(size, size), gradient / size) / size
             decrease = -float(gradient @ step)
-            if decrease < CENTRED**2 * max(1.0, strength):
+            if decrease < _CENTRED**2 * max(1.0, strength):
                 return x
             x = _line_search(rows, R @ beta, blocks, x, step, decrease)
-        raise unsolved("Newton's method did not converge", MOST_STEPS)
+        raise unsolved("Newton's method did not converge", _MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False)

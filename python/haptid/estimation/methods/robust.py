@@ -17,7 +17,7 @@ from haptid.observation.rows import Chunk, Rows
 # Median absolute deviation of a unit normal distribution.
 _NORMAL_MAD = 0.6744897501960817
 # Convergence: no parameter moves by more than this share of its standard error.
-CONVERGED = 1e-3
+_CONVERGED = 1e-3
 
 
 class Loss(Protocol):
@@ -159,7 +159,7 @@ def iterated(rows: Rows, loss: Loss, beta: Array, most: int) -> Array:
         found = solve(rows.folded(Reweighting(robust_scales(rows, loss, beta))), ones)
         moved = np.abs(found.beta - beta) / np.linalg.norm(found.root, axis=1)
         beta = found.beta
-        if moved.max() < CONVERGED:
+        if moved.max() < _CONVERGED:
             break
     return beta
 

@@ -33,7 +33,7 @@ from haptid.observation.filtering import decimate
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk, Rows
-from haptid.simulation import PID, Course, Sensitivity, Steps, Stretches, closed_loop, sensitivity, smooth
+from haptid.simulation import PID, Course, Segments, Sensitivity, Steps, closed_loop, sensitivity, smooth
 
 # Number of full Gauss-Newton steps; later ones are halved, because some would oscillate between two points.
 FULL_STEPS = 5
@@ -52,7 +52,7 @@ class SimulationBased(Wrapper, ABC):
         tolerance: convergence: no parameter moves by more than this, in standard errors.
         friction: dry friction is smoothed within this share of a joint's root mean square speed: what it lacks near
             standstill biases dry and viscous friction, and less smoothing takes more integration steps.
-        stretch, settle: length of each simulated stretch, and of the transient before it that is not used, s.
+        segment, run_in: length of each simulated segment, and of the transient before it that is not used, s.
     """
 
     weighting: Method = field(default_factory=WLS)
@@ -60,13 +60,13 @@ class SimulationBased(Wrapper, ABC):
     most: int = 10
     tolerance: float = 0.1
     friction: float = 1e-3
-    stretch: float = 0.5
-    settle: float = 0.5
+    segment: float = 0.5
+    run_in: float = 0.5
 
     def __post_init__(self) -> None:
         expect_weighting(self.name, self.weighting)
         expect_whole(self.name, "most", self.most, 1)
-        for name in ("tolerance", "friction", "stretch", "settle"):
+        for name in ("tolerance", "friction", "segment", "run_in"):
             expect_positive(self.name, name, getattr(self, name))
 
     @property
@@ -112,9 +112,9 @@ class SimulationBased(Wrapper, ABC):
     def check(self, observation: Observation) -> None:
         """Raise for missing inputs before any simulation."""
 
-    def stretches(self, motion: Motion) -> Stretches:
+    def segments(self, motion: Motion) -> Segments:
         """Of one motion."""
-        return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
+        return Segments.of(len(motion), round(self.segment / motion.dt), round(self.run_in / motion.dt))
 
     @abstractmethod
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
@@ -160,7 +160,7 @@ class ClosedLoop(SimulationBased):
         forward = ForwardDynamics(smoothed, sets_of(observation.model, beta))
         found = []
         for place, motion in enumerate(observation.motions):
-            steps = closed_loop(forward, self.law, motion, place, self.stretches(motion))
+            steps = closed_loop(forward, self.law, motion, place, self.segments(motion))
             found.append(steps.course(motion))
         return found
 
@@ -171,7 +171,7 @@ class DIDIM(ClosedLoop):
 
     The derivative of the simulated torque by the parameters is approximated by the regressor at the simulated motion,
     because the controller makes that motion follow the reference whatever the parameters. The measured positions only
-    give the initial state of each stretch, so W has neither their noise nor their filter.
+    give the initial state of each segment, so W has neither their noise nor their filter.
 
     Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III.
     """
@@ -200,7 +200,7 @@ class CLIE(ClosedLoop):
         for motion, steps, made in self.sensitivities(observation, smoothed, beta):
             assert made.tau is not None  # a closed loop
             error = torque_error(observation.model, steps.course(motion))
-            parts.append(Linearised(motion, error, steps.stretches.joined(made.tau)))
+            parts.append(Linearised(motion, error, steps.segments.joined(made.tau)))
         return linearised_observation(observation, beta, parts, [motor.unit for motor in observation.motors])
 
     def sensitivities(
@@ -211,7 +211,7 @@ class CLIE(ClosedLoop):
         forward = ForwardDynamics(smoothed, sets_of(model, beta))
         base, found = base_columns(model), []
         for place, motion in enumerate(observation.motions):
-            steps = closed_loop(forward, self.law, motion, place, self.stretches(motion))
+            steps = closed_loop(forward, self.law, motion, place, self.segments(motion))
             found.append((motion, steps, sensitivity(forward, self.law, motion, steps, base)))
         return found
 
@@ -236,7 +236,7 @@ class CLOE(CLIE):
             error = np.zeros((len(model.device.row_names), len(motion)))
             error[:, low:high] = state(model.device, motion, low, high)[0]
             error[:, low:high] -= state(model.device, simulated, low, high)[0]
-            parts.append(Linearised(motion, error, steps.stretches.joined(made.c)))
+            parts.append(Linearised(motion, error, steps.segments.joined(made.c)))
         names = [model.device.row_names.index(motor.name) for motor in observation.motors]
         return linearised_observation(observation, beta, parts, [model.device.coordinate_units[k] for k in names])
 

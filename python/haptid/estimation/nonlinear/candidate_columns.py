@@ -21,7 +21,7 @@ from haptid.observation.r_factor import triangle
 
 
 @dataclass(frozen=True, eq=False)
-class EveryOther:
+class AlternateBlocks:
     """Every other time block of a motion, a fold of a cross-validation.
 
     Attributes:
@@ -34,7 +34,7 @@ class EveryOther:
 
 
 # Where rows come from: a motion, or every other block of one.
-RowSource = Motion | EveryOther
+RowSource = Motion | AlternateBlocks
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def observed_candidates(model: DynamicModel, sources: Sequence[RowSource]) -> Ob
 
 
 def _observed(model: DynamicModel, source: RowSource) -> Observation:
-    if isinstance(source, EveryOther):
+    if isinstance(source, AlternateBlocks):
         return observe(model, source.motion).alternate()[source.parity]
     return observe(model, source)
 

@@ -14,7 +14,7 @@ from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.estimate import estimate
 from haptid.estimation.intervals.covariance import Intervals
-from haptid.estimation.method import Method, not_converged, only_weighs
+from haptid.estimation.method import Method, not_converged, only_weights_rows
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.methods.wls import WLS
@@ -22,24 +22,24 @@ from haptid.estimation.nonlinear.candidate_columns import RowSource, observed_ca
 from haptid.estimation.nonlinear.variable_projection import VariableProjection, variable_projection
 
 # Largest number of passes, and convergence: largest move of a parameter, in standard errors.
-MOST_PASSES, CONVERGED = 20, 0.01
+MOST_PASSES, _CONVERGED = 20, 0.01
 # Least standard error in that criterion, relative to the largest parameter, for rows without noise.
 _ROUNDING = 1e-9
 
 _Progress = Callable[[str, float], None]
 
 
-def unsettled(model: DynamicModel) -> bool:
+def has_nonlinear_constants(model: DynamicModel) -> bool:
     """Whether columns of the model depend on what is estimated: searched constants, or friction by load."""
     return bool(model.device.searched) or model.has_loads
 
 
-def settled(
+def fit_nonlinear_constants(
     model: DynamicModel,
     motions: Sequence[RowSource],
     method: Method | None = None,
     intervals: Intervals | None = None,
-    tell: _Progress | None = None,
+    progress: _Progress | None = None,
 ) -> tuple[DynamicModel, VariableProjection | None]:
     """The model with its searched constants and loads estimated, linear in all other parameters.
 
@@ -51,30 +51,32 @@ def settled(
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None.
         intervals: of the constants, `ClusterRobust()` where None.
-        tell: called with the present step and the share of it done.
+        progress: called with the present step and the share of it done.
 
     Raises:
         HaptidError: as `fit_load_friction` and `variable_projection`.
     """
-    tell = tell or (lambda _what, _share: None)
-    model = _loaded(model, motions, method, tell)
+    progress = progress or (lambda _what, _share: None)
+    model = _loaded(model, motions, method, progress)
     if not model.device.searched:
         return model, None
-    tell("searching constants", 0.0)
+    progress("searching constants", 0.0)
     projection = variable_projection(
-        model, motions, method, intervals, lambda share: tell("searching constants", share)
+        model, motions, method, intervals, lambda share: progress("searching constants", share)
     )
-    model = _loaded(projection.model, motions, method, tell)
+    model = _loaded(projection.model, motions, method, progress)
     return model, replace(projection, model=model)
 
 
-def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | None, tell: _Progress) -> DynamicModel:
+def _loaded(
+    model: DynamicModel, motions: Sequence[RowSource], method: Method | None, progress: _Progress
+) -> DynamicModel:
     """With its loads estimated, where it has friction by load."""
     if not model.has_loads:
         return model
-    tell("estimating loads", 0.0)
+    progress("estimating loads", 0.0)
     model = fit_load_friction(model, motions, method)
-    tell("estimating loads", 1.0)
+    progress("estimating loads", 1.0)
     return model
 
 
@@ -106,15 +108,15 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
         here = model.loaded(beta)
         found = estimate(observed_candidates(here, motions), weighting)
         moved = np.abs(found.beta - beta) / np.maximum(found.se, _ROUNDING * np.abs(found.beta).max())
-        if moved.max() <= CONVERGED:
+        if moved.max() <= _CONVERGED:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
     name = model.base.names[worst]
-    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), CONVERGED)
+    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), _CONVERGED)
 
 
 def _weighting(method: Method | None) -> Method:
     """The method, or the one it wraps, if that weights rows and nothing else, which a Kalman filter does not."""
     inner: Method | None = getattr(method, "weighting", method)
-    return inner if inner and only_weighs(inner) and not isinstance(inner, Filtering) else WLS()
+    return inner if inner and only_weights_rows(inner) and not isinstance(inner, Filtering) else WLS()

@@ -31,12 +31,12 @@ SEARCHES = 2
 # Values of each constant in the initial grid search.
 GRID_POINTS = 11
 # Difference step, in units of `coordinate`: small compared with any interval, large compared with rounding.
-STEP = 1e-4
+_STEP = 1e-4
 # Largest step, and largest step at convergence, in the same units.
-LONGEST_STEP, CONVERGED = 0.7, 1e-6
+LONGEST_STEP, _CONVERGED = 0.7, 1e-6
 _MOST_STEPS = 60
 # Levenberg-Marquardt damping at the start, and where the search stops.
-DAMPING, MOST_DAMPING = 1e-4, 1e6
+_DAMPING, MOST_DAMPING = 1e-4, 1e6
 # Points of a likelihood profile, and its extent to either side in standard errors.
 PROFILE_POINTS, PROFILE_EXTENT = 41, 6.0
 # A constant is at a limit of its range when it is this near, relative to the limit.
@@ -291,7 +291,7 @@ def evaluated(model: DynamicModel, motions: Sequence[RowSource], weights: Array,
     at = _coordinates(here, values)
     # A neighbour inside the range.
     away = [
-        x + STEP if value_of(constant, x + STEP) < constant.high else x - STEP
+        x + _STEP if value_of(constant, x + _STEP) < constant.high else x - _STEP
         for constant, x in zip(constants, at.tolist(), strict=True)
     ]
     neighbours = [Candidate(k, value_of(c, x)) for k, (c, x) in enumerate(zip(constants, away, strict=True))]
@@ -342,7 +342,7 @@ def search(model: DynamicModel, motions: Sequence[RowSource], weights: Array, va
         values: initial ones, SI.
     """
     here = evaluated(model, motions, weights, values)
-    damping = DAMPING
+    damping = _DAMPING
     for _ in range(_MOST_STEPS):
         columns, torque = here.rows.projected(weights, derivatives(here.rows, here.step, here.beta))
         while damping < MOST_DAMPING:
@@ -357,7 +357,7 @@ def search(model: DynamicModel, motions: Sequence[RowSource], weights: Array, va
             break
         moved = np.abs(_coordinates(model, values) - _coordinates(model, here.values)).max()
         here, damping = tried, damping / 10
-        if moved < CONVERGED:
+        if moved < _CONVERGED:
             break
     return here
 

@@ -7,9 +7,9 @@ from haptid.experiment.bench.bodies import SimulatedBody, bodies
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
 from haptid.experiment.bench.experiment import Experiment, experiment_schema, read_experiment
-from haptid.experiment.bench.hand import Felt, Stroke, feel
-from haptid.experiment.bench.in_the_loop import Rehearsal, rehearse
-from haptid.experiment.bench.limits import check_trajectory, loop_openness
+from haptid.experiment.bench.hand import HandleImpedance, Stroke, measure_impedance
+from haptid.experiment.bench.in_the_loop import InTheLoopResult, simulate_in_the_loop
+from haptid.experiment.bench.limits import check_trajectory, loop_conditioning
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload, mjcf
 from haptid.experiment.bench.picture import draw_strip, render_strip
 from haptid.experiment.bench.run import Job, make_log, make_logs, perform
@@ -42,16 +42,16 @@ __all__ = [
     "Controller",
     "Encoders",
     "Experiment",
-    "Felt",
     "ForceSensor",
     "Fourier",
     "Grid",
+    "HandleImpedance",
+    "InTheLoopResult",
     "Job",
     "Multisine",
     "Physics",
     "Push",
     "Recording",
-    "Rehearsal",
     "Setup",
     "SimulatedBody",
     "SimulatedPayload",
@@ -66,15 +66,15 @@ __all__ = [
     "check_trajectory",
     "draw_strip",
     "experiment_schema",
-    "feel",
-    "loop_openness",
+    "loop_conditioning",
     "make_log",
     "make_logs",
+    "measure_impedance",
     "mjcf",
     "perform",
     "plan",
     "read_experiment",
-    "rehearse",
     "render_strip",
     "simulate",
+    "simulate_in_the_loop",
 ]

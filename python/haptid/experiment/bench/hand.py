@@ -28,7 +28,7 @@ VIBRATION_HZ = 50.0
 
 
 @dataclass(frozen=True)
-class Felt:
+class HandleImpedance:
     """Mechanical impedance at the handle along a line.
 
     Attributes:
@@ -63,9 +63,9 @@ class Stroke:
     seconds: float = 4.0
 
 
-def feel(
+def measure_impedance(
     setup: Setup, pose: Array, direction: Array, law: TorqueLaw | None = None, stroke: Stroke | None = None
-) -> Felt:
+) -> HandleImpedance:
     """Guide the handle back and forth along a line, and fit the hand force.
 
     Args:
@@ -97,7 +97,7 @@ def feel(
     fitted = np.linalg.lstsq(columns, force[fast], rcond=None)[0]
     high_pass = signal.butter(2, VIBRATION_HZ, "high", fs=1 / setup.dt, output="sos")
     vibration = signal.sosfiltfilt(high_pass, _along(setup, J, own[begin:], direction))
-    return Felt(*map(float, (*fitted, np.sqrt(np.mean(vibration**2)))))
+    return HandleImpedance(*map(float, (*fitted, np.sqrt(np.mean(vibration**2)))))
 
 
 def _along(setup: Setup, J: Array, torque: Array, direction: Array) -> Array:

@@ -12,21 +12,21 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.kinematics import handle_motion
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
-from haptid.experiment.bench.hand import Felt, Stroke, feel
+from haptid.experiment.bench.hand import HandleImpedance, Stroke, measure_impedance
 from haptid.experiment.bench.setup import Controller, Push, Recording, Setup
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
 
 # Gain of the momentum observer, rad/s, and its settling time, s.
-GAIN, SETTLING_TIME = 40.0, 0.3
+_GAIN, SETTLING_TIME = 40.0, 0.3
 # Duration of a tap on the handle, and of the free response after it, s.
 TAP, FREE_RESPONSE = 0.03, 2.0
 _AXES = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Rehearsal:
-    """Measured performance of exported code; see `rehearse`.
+class InTheLoopResult:
+    """Measured performance of exported code; see `simulate_in_the_loop`.
 
     Attributes:
         bare: impedance at the handle along the base axes at every pose, without compensation.
@@ -36,8 +36,8 @@ class Rehearsal:
         restless: maximum speed of an active joint in the last half second after a tap, rad/s or m/s.
     """
 
-    bare: tuple[Felt, ...]
-    assisted: tuple[Felt, ...]
+    bare: tuple[HandleImpedance, ...]
+    assisted: tuple[HandleImpedance, ...]
     tracking_pd: float
     tracking_model: float
     force_bare: float
@@ -47,17 +47,17 @@ class Rehearsal:
     @property
     def weight_left(self) -> float:
         """Weight that remains under gravity compensation, relative to that without, over all poses and axes."""
-        return _norm(felt.weight for felt in self.assisted) / _norm(felt.weight for felt in self.bare)
+        return _norm(at.weight for at in self.assisted) / _norm(impedance.weight for impedance in self.bare)
 
     @property
     def friction_taken(self) -> float:
         """Share of the dry friction that is compensated, over all poses and axes."""
-        return 1 - _norm(felt.friction for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
+        return 1 - _norm(at.friction for at in self.assisted) / _norm(impedance.friction for impedance in self.bare)
 
     @property
     def roughness(self) -> float:
         """Vibration caused by friction compensation, relative to the dry friction, over all poses and axes."""
-        return _norm(felt.roughness for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
+        return _norm(at.roughness for at in self.assisted) / _norm(impedance.friction for impedance in self.bare)
 
     @property
     def better_tracking(self) -> float:
@@ -74,7 +74,7 @@ def _norm(values: Iterable[float]) -> float:
     return float(np.linalg.norm(list(values)))
 
 
-def rehearse(
+def simulate_in_the_loop(
     setup: Setup,
     code: Compiled,
     trajectory: Trajectory,
@@ -83,7 +83,7 @@ def rehearse(
     friction: float = 0.9,
     tap: float = 0.05,
     stroke: Stroke | None = None,
-) -> Rehearsal:
+) -> InTheLoopResult:
     """Run exported code as the controller of a device on the bench, and measure its performance.
 
     Args:
@@ -102,9 +102,9 @@ def rehearse(
     assistance = Assistance(setup.model, code, friction=friction)
     lines = [(pose, axis) for pose in poses for axis in _AXES]
     force_bare, force_model = _force_errors(setup, code, trajectory, push)
-    return Rehearsal(
-        bare=tuple(feel(setup, pose, axis, stroke=stroke) for pose, axis in lines),
-        assisted=tuple(feel(setup, pose, axis, assistance, stroke) for pose, axis in lines),
+    return InTheLoopResult(
+        bare=tuple(measure_impedance(setup, pose, axis, stroke=stroke) for pose, axis in lines),
+        assisted=tuple(measure_impedance(setup, pose, axis, assistance, stroke) for pose, axis in lines),
         tracking_pd=_tracking_error(setup, code, trajectory, 0.0),
         tracking_model=_tracking_error(setup, code, trajectory, 1.0),
         force_bare=force_bare,
@@ -124,7 +124,7 @@ def _tracked(setup: Setup, trajectory: Trajectory, law: Tracking, hand: tuple[Pu
 
 
 def _law(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> Tracking:
-    return Tracking(setup.model, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=GAIN)
+    return Tracking(setup.model, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=_GAIN)
 
 
 def _tracking_error(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> float:
@@ -144,7 +144,7 @@ def _force_errors(
     observed: list[Array] = []
     law = replace(_law(setup, code, trajectory, 1.0), report=observed.append)
     made = _tracked(setup, trajectory, law, hand)
-    keep = np.exp(-GAIN * setup.dt)
+    keep = np.exp(-_GAIN * setup.dt)
     model = setup.model
     motors = made.command * np.array([drive.gear * drive.gain for drive in model.device.motors])
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]

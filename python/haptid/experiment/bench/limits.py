@@ -6,7 +6,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Frame, NewtonClosure, poses
-from haptid.device.loops.newton import openness
+from haptid.device.loops.newton import conditioning
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import TrajectoryError
@@ -67,7 +67,7 @@ def _within(
 
 def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
     every = max(1, round(_LOOK / trajectory.dt))
-    open_by = loop_openness(model, q[:, ::every].T)
+    open_by = loop_conditioning(model, q[:, ::every].T)
     worst = int(np.argmin(open_by))
     if open_by[worst] < FLAT:
         passive = [joint.name for j, joint in enumerate(model.device.joints) if j not in model.device.active]
@@ -82,7 +82,7 @@ def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
         )
 
 
-def loop_openness(model: DynamicModel, q: Array) -> Array:
+def loop_conditioning(model: DynamicModel, q: Array) -> Array:
     """Distance of the loops from singularity, (samples,): 0 where passive joints are not determined, 1 at best.
 
     The smallest singular value of the constraint Jacobian of the pins (of the cut joints where loops are not linear)
@@ -95,7 +95,7 @@ def loop_openness(model: DynamicModel, q: Array) -> Array:
     cuts = [cut for cut in model.device.closure.cuts if not cut.prismatic]
     passive = [j for j in range(len(model.device.joints)) if j not in model.device.active]
     if isinstance(model.device.closure, NewtonClosure):
-        return model.device.closure.openness(q)
+        return model.device.closure.conditioning(q)
     if not cuts or not passive:
         return np.ones(len(q))
     at = poses(model.device, q)
@@ -126,7 +126,7 @@ def determined_by_pins(closure: NewtonClosure) -> bool:
     """Whether coincident origins of the cut frames alone determine the passive joints, as in a planar mechanism."""
     rows = 6 * np.arange(len(closure.cuts))[:, None] + np.arange(3)
     A = closure.chain.residual(closure.start[None])[1][:, rows.ravel()][:, :, list(closure.unknown)]
-    return bool(A.shape[1] >= A.shape[2] and openness(A)[0] > FLAT)
+    return bool(A.shape[1] >= A.shape[2] and conditioning(A)[0] > FLAT)
 
 
 def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:

@@ -18,9 +18,9 @@ from haptid.experiment.bench.mjcf import closed, mjcf, size
 from haptid.experiment.bench.simulation import load_mujoco
 
 # Colour-blind safe palette (Okabe and Ito 2008).
-BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
+BAR, HANDLE_MARK, _TRAIL = "#0072B2", "#D55E00", "0.6"
 # Height of one picture, inches, and pixels.
-INCHES, PIXELS = 3.0, 360
+INCHES, _PIXELS = 3.0, 360
 
 
 def draw_strip(
@@ -51,7 +51,7 @@ def draw_strip(
         for ends in lines[k]:
             panel.plot(*ends[:, across].T, color=BAR, linewidth=2.5, solid_capstyle="round", marker="o", markersize=3)
         if handle is not None:
-            panel.plot(*handle[: k + 1, across].T, color=TRAIL, linewidth=1)
+            panel.plot(*handle[: k + 1, across].T, color=_TRAIL, linewidth=1)
             panel.plot(*handle[k, across], color=HANDLE_MARK, marker="o", markersize=6)
         panel.set_title(f"{times[k]:.2f} s")
         panel.set_aspect("equal", adjustable="box")
@@ -108,7 +108,7 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
     data, camera = mujoco.MjData(mj_model), mujoco.MjvCamera()
     camera.distance, camera.elevation = 2.5 * size(model), -20
     try:
-        with mujoco.Renderer(mj_model, PIXELS, PIXELS) as renderer:
+        with mujoco.Renderer(mj_model, _PIXELS, _PIXELS) as renderer:
             shots = []
             for position in qa:
                 data.qpos[:] = closed(model, position)

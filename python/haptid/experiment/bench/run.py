@@ -14,10 +14,10 @@ from pyarrow import parquet
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing
-from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputFolderError
+from haptid.executors import Executor, ProcessExecutor
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup

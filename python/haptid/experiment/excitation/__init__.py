@@ -12,9 +12,9 @@ from haptid.experiment.excitation.criteria import (
     quality,
 )
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
-from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
-from haptid.experiment.excitation.search import Excitation, Search, design
+from haptid.experiment.excitation.search import Excitation, Search, design_excitation
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Excitation",
     "Family",
     "FourierSeries",
+    "Gradients",
     "Information",
     "LargestDeviation",
     "Limits",
@@ -32,9 +33,8 @@ __all__ = [
     "ScaledCondition",
     "Scaling",
     "Search",
-    "Slopes",
     "TrianglesWithSines",
-    "design",
+    "design_excitation",
     "observed_motion",
     "quality",
     "write_experiment",

@@ -23,7 +23,7 @@ WITHIN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Gradients:
     """Criterion and limit penalties as differentiable functions of the states of a motion.
 
     Attributes:
@@ -39,10 +39,10 @@ class Slopes:
     scaling: Scaling
 
     @staticmethod
-    def of(bounds: MotionBounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Slopes:
+    def of(bounds: MotionBounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Gradients:
         """For base parameters `bounds.beta` and noise, (motors,)."""
         values = np.abs(bounds.beta[list(columns)])
-        return Slopes(bounds, criterion, columns, criterion.scaling(values, noise))
+        return Gradients(bounds, criterion, columns, criterion.scaling(values, noise))
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
         """Cost plus limit penalties, and the gradient by states, (3, active, n).
@@ -106,7 +106,7 @@ class Slopes:
         violated = over.any(axis=0)
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
-            by_state[:, :, violated] = self.bounds.slopes(there, 2 / n * over[:, violated])
+            by_state[:, :, violated] = self.bounds.gradients(there, 2 / n * over[:, violated])
         flat, by_position = self._flatness(states)
         by_state[0] += by_position
         return weight * (float((over**2).sum()) / n + flat), weight * by_state

@@ -15,7 +15,7 @@ from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.errors import IncompleteDeviceError
-from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate
 
 T = TypeVar("T")
@@ -47,7 +47,7 @@ class Limits:
         acceleration: maximum of each active joint, rad/s^2 or m/s^2; unlimited by default.
         torque: maximum of each torque row, N m or N, computed from base parameters; unlimited by default.
         couplings: limits of combinations of active joints.
-        openness: minimum distance of a loop from its singular configuration: see `bench.loop_openness`.
+        conditioning: minimum distance of a loop from its singular configuration: see `bench.loop_conditioning`.
     """
 
     position: tuple[tuple[float, float], ...] | None = None
@@ -55,7 +55,7 @@ class Limits:
     acceleration: Figures | None = None
     torque: Figures | None = None
     couplings: tuple[Coupling, ...] = ()
-    openness: float = _MARGIN * FLAT
+    conditioning: float = _MARGIN * FLAT
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class MotionBounds:
         speed: maximum, (active,).
         acceleration: maximum, (active,); infinite where there is no limit.
         torque: maximum of each row, (rows,); infinite where there is no limit.
-        limits: the limits they come from, with couplings and openness.
+        limits: the limits they come from, with couplings and conditioning.
         beta: base parameters for the torques, (p,), SI.
     """
 
@@ -142,7 +142,7 @@ class MotionBounds:
             for label, most, x in zip(self.model.device.row_labels, self.torque, tau, strict=True):
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
-    def slopes(self, states: Array, weights: Array) -> Array:
+    def gradients(self, states: Array, weights: Array) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of all violations of `by_sample`.
 
         Args:
@@ -209,9 +209,9 @@ class MotionBounds:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
 
     def flatness(self, q: Array) -> Array:
-        """Relative violation of the openness limit at every sample, (n,), from active joint positions, (active, n)."""
+        """Relative violation of the conditioning limit, (n,), from positions of the active joints, (active, n)."""
         return np.asarray(
-            1 - loop_openness(self.model, self.model.device.closure.positions(q).T) / self.limits.openness
+            1 - loop_conditioning(self.model, self.model.device.closure.positions(q).T) / self.limits.conditioning
         )
 
 

@@ -16,7 +16,7 @@ from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
 from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed_motion, quality
 from haptid.experiment.excitation.families import Family
-from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
@@ -108,7 +108,7 @@ def phases(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
 
 
-def design(
+def design_excitation(
     model: DynamicModel,
     family: Family,
     limits: Limits | None = None,
@@ -223,9 +223,9 @@ class _Search:
             return
 
     @cached_property
-    def slopes(self) -> Slopes:
+    def gradients(self) -> Gradients:
         """Gradients of the criterion and the limits."""
-        return Slopes.of(self.bounds, self.criterion, self.columns, self.noise)
+        return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
 
     def _start(self, rng: np.random.Generator) -> _Start:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
@@ -244,7 +244,7 @@ class _Search:
     def _gradient(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,)."""
         states = self.evaluate(x, seed)[0]
-        cost, by_state = self.slopes(states, power, weight)
+        cost, by_state = self.gradients(states, power, weight)
         return cost, np.tensordot(self._jacobian(x, seed), by_state, axes=3)
 
     def _jacobian(self, x: Array, seed: int) -> Array:
@@ -270,7 +270,7 @@ class _Search:
     def _penalised(self, start: _Start) -> float:
         """Cost of a motion plus penalties of all violated limits."""
         states, excess = self.evaluate(start.x, start.seed)
-        return self.slopes.cost(states) + _PENALTY * excess
+        return self.gradients.cost(states) + _PENALTY * excess
 
     def evaluate(self, x: Array, seed: int) -> tuple[Array, float]:
         """States of the motion at a point of the unit cube, (3, active, n), and its summed violation of limits."""

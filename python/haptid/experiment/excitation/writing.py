@@ -89,7 +89,7 @@ def value_text(value: Any) -> str:
 
 
 # Bandwidth, rad/s, and damping ratio of the default controller, at the largest inertia of a motor along the motion.
-OMEGA, DAMPING = 2 * np.pi * 6.0, 0.8
+OMEGA, _DAMPING = 2 * np.pi * 6.0, 0.8
 # Step at which inertias are evaluated, s.
 _LOOK = 0.05
 
@@ -100,7 +100,7 @@ def plain_experiment(found: Excitation) -> Experiment:
     Gains are zero for coordinates whose inertia the prior does not give: the experiment then needs a controller.
     """
     inertia = largest_inertia(found)
-    gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * DAMPING * OMEGA * inertia).tolist()}
+    gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * _DAMPING * OMEGA * inertia).tolist()}
     table: dict[str, Any] = {
         "schema": 1,
         "name": f"{found.model.device.name}, exciting motion",

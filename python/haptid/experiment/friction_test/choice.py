@@ -18,7 +18,7 @@ from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 from haptid.uncertainty.quantities import Quantities
 
 # Decrease of AICc that a model with more parameters requires.
-GAIN = 2.0
+_GAIN = 2.0
 # Lower bounds of a point's standard error: relative to the median one, and relative to the largest torque.
 TRUSTED = 0.3
 _EXACT = 1e-6
@@ -198,7 +198,7 @@ def choose_friction(curve: FrictionCurve) -> FrictionChoice:
 def _choice(joint: JointFriction) -> JointChoice:
     fits = tuple(fit(friction_model, joint) for friction_model in MODELS)
     least = min(one.aicc for one in fits)
-    chosen = next(one for one in fits if one.aicc <= least + GAIN)
+    chosen = next(one for one in fits if one.aicc <= least + _GAIN)
     return JointChoice(joint.label, fits, chosen)
 
 

@@ -26,10 +26,10 @@ from haptid.motion.treatment import Motion
 from haptid.uncertainty.quantities import half_width
 
 # Position bins of a joint; torque is averaged within each.
-BINS = 24
+_BINS = 24
 # Share of a bin that a pass must cover to count in it, and least number of bins of a pass.
 COVERED = 0.7
-LEAST_BINS = 4
+_LEAST_BINS = 4
 # Two poses of the other joints are equal within this tolerance, rad or m.
 SAME_POSE = 0.02
 
@@ -285,10 +285,10 @@ def _cells(pose: tuple[int, list[tuple[int, _Pass]]], q: Array, tau: Array, qdd:
     index, members = pose
     low = min(float(q[one.start : one.stop].min()) for _, one in members)
     high = max(float(q[one.start : one.stop].max()) for _, one in members)
-    width = (high - low) / BINS
+    width = (high - low) / _BINS
     for number, one in members:
         at, torque, rate = (x[one.start : one.stop] for x in (q, tau, qdd))
-        bins = np.clip(((at - low) / width).astype(int), 0, BINS - 1)
+        bins = np.clip(((at - low) / width).astype(int), 0, _BINS - 1)
         for k in np.unique(bins):
             here = bins == k
             if np.ptp(at[here]) >= COVERED * width:
@@ -299,7 +299,7 @@ def _cells(pose: tuple[int, list[tuple[int, _Pass]]], q: Array, tau: Array, qdd:
 def _usable(cells: list[_Cell]) -> list[_Cell]:
     """Cells of passes with enough bins."""
     count = np.bincount([cell.number for cell in cells]) if cells else np.zeros(0)
-    return [cell for cell in cells if count[cell.number] >= LEAST_BINS]
+    return [cell for cell in cells if count[cell.number] >= _LEAST_BINS]
 
 
 def _points(cells: list[_Cell], alone: bool) -> tuple[Array, Array, Array, Array] | None:

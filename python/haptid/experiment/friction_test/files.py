@@ -17,7 +17,7 @@ from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, Frict
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
 # Colour-blind safe palette (Okabe and Ito 2008): points, the chosen model, others.
-POINTS, CHOSEN, OTHERS = "#000000", "#0072B2", ("#E69F00", "#009E73", "#CC79A7")
+POINTS, CHOSEN, _OTHERS = "#000000", "#0072B2", ("#E69F00", "#009E73", "#CC79A7")
 # Points per direction of a drawn curve.
 DRAWN = 200
 
@@ -81,7 +81,7 @@ def _draw(panel: Axes, joint: JointFriction, made: JointChoice) -> None:
     errors = [joint.torque - low, high - joint.torque]
     panel.errorbar(joint.velocity, joint.torque, errors, fmt=".", color=POINTS, capsize=2, label="measured", zorder=3)
     fastest = float(np.abs(joint.velocity).max())
-    colours = iter(OTHERS)
+    colours = iter(_OTHERS)
     for fit in made.fits:
         used = fit is made.chosen
         style: dict[str, Any] = (

@@ -8,7 +8,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import PhysicalConsistencyError
 from haptid.estimation.feasibility.cone import Cone
-from haptid.estimation.feasibility.feasible import possible, roomy
+from haptid.estimation.feasibility.feasible import feasible_parameters, roomy
 from haptid.export.provenance import Provenance, about
 
 # Distance from the boundary of physical consistency, in each link's own mass and length, to which bodies on it are
@@ -29,7 +29,7 @@ def standard_parameters_of(model: DynamicModel, beta: Array) -> Array:
     Raises:
         PhysicalConsistencyError: the base parameters are not physically consistent.
     """
-    found = possible(model, beta)
+    found = feasible_parameters(model, beta)
     if not found.ok:
         raise PhysicalConsistencyError(
             f"the base parameters are not physically consistent: {'; '.join(found.failing)}.",

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._core import __version__
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.feasibility.feasible import possible
+from haptid.estimation.feasibility.feasible import feasible_parameters
 from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import ExportSource, Provenance, provenance
 from haptid.results.result import device_file, finite
@@ -49,7 +49,7 @@ def export_json(
 
 def _model_values(source: Provenance) -> dict[str, Any]:
     """The model as plain values, SI."""
-    model, found = source.model, possible(source.model, source.beta)
+    model, found = source.model, feasible_parameters(source.model, source.beta)
     standard = dict(zip(model.device.parameters.names, found.chi.tolist(), strict=True)) if found.ok else None
     return {
         "schema": _SCHEMA,

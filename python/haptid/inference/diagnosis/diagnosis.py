@@ -19,7 +19,7 @@ from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
 from haptid.simulation import PID
-from haptid.validation.validation import Validation, direct
+from haptid.validation.validation import Validation, fit_errors
 
 # Relative residual of every motor, per cent, below which it is rounding error.
 _EXACT = 1e-8
@@ -78,9 +78,9 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     Raises:
         HaptidError: as `observe` does where a motion no longer fits the device.
     """
-    errors = validation or direct(estimate)
+    errors = validation or fit_errors(estimate)
     motion = (excitation(estimate), collinearity(estimate))
-    if max(motor.relative for motor in direct(estimate).motors) < _EXACT:
+    if max(motor.relative for motor in fit_errors(estimate).motors) < _EXACT:
         return Diagnosis(
             estimate, errors, motion, ("The model fits to rounding error: there are no residuals to test.",)
         )
@@ -88,8 +88,8 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     # A long log is not simulated as a whole.
     by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
     findings = (*motion, *_on_rows(part, by), influence(estimate), parameter_drift(estimate))
-    said = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, by)))
+    sentences = () if part is estimate else (sentence(estimate, part),)
+    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)))
 
 
 def _on_rows(estimate: Estimate, by: Instruments) -> Iterator[Finding]:

@@ -14,9 +14,9 @@ from haptid.observation.r_factor import triangle
 
 # Condition index above which a dependency is strong, and share of variance above which a parameter is part of it
 # (Belsley, Kuh and Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
-STRONG, SHARED = 30.0, 0.5
+_STRONG, SHARED = 30.0, 0.5
 # Parameters with at least this component in a direction of unit length are named.
-NAMED = 0.3
+_NAMED = 0.3
 # Motion that excites a parameter, by kind; {} is the joint or motor.
 _MOTION = {
     "XX XY XZ YY YZ ZZ": "accelerate {} hard both ways, in several poses of the others",
@@ -78,7 +78,7 @@ def advice(made: Estimate, k: int) -> str:
 
 def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
     """Belsley's table of the parameters that were not eliminated, and their names."""
-    kept = list(made.kept)
+    kept = list(made.free_parameters)
     R = triangle(made.observation.stack(made.weights)[:-1, kept])
     return dependencies(R), tuple(made.base.names[k] for k in kept)
 
@@ -86,10 +86,10 @@ def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
 def excitation(made: Estimate) -> Finding:
     """Which parameters are not significantly different from zero, and what motion would excite them."""
     carried, half = torque_shares(made), np.diff(made.conf_int(), axis=1)[:, 0] / 2
-    poor = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
+    poor = [int(k) for k in np.argsort(carried) if k in made.free_parameters and not half[k] < abs(made.beta[k])]
     table, names = _table(made)
     weakest = table.directions[-1]
-    parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
+    parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > _NAMED]
     figures = {f"share {name}": share for name, share in zip(made.base.names, carried, strict=True)}
     figures |= {"not_significant": len(poor), "weakest": 1.0 / table.index[-1]}
     least = f"{1 / table.index[-1]:.1e} of the best"
@@ -118,18 +118,18 @@ def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
 def collinearity(made: Estimate) -> Finding:
     """Which parameters have nearly collinear columns."""
     table, every = _table(made)
-    strong = table.index > STRONG
+    strong = table.index > _STRONG
     involved = np.flatnonzero(table.proportions[strong].sum(axis=0) > SHARED)
     largest = float(table.index[-1])
     figures = {"largest_index": largest, "strong": int(strong.sum()), "involved": len(involved)}
     if len(involved) < 2:
-        text = f"No collinear parameters (largest condition index {largest:.3g}, limit {STRONG:g})."
+        text = f"No collinear parameters (largest condition index {largest:.3g}, limit {_STRONG:g})."
         return Finding("collinearity", "ok", figures, text)
     status: Status = "bad" if largest > WELL_CONDITIONED else "doubt"
     names = joined_names([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
     text = (
-        f"{names} are nearly collinear ({int(strong.sum())} condition indices above {STRONG:g}, the largest "
+        f"{names} are nearly collinear ({int(strong.sum())} condition indices above {_STRONG:g}, the largest "
         f"{largest:.3g}; above {WELL_CONDITIONED:g} no single one is reliable): their joint torque is reliable; to "
-        f"separate them, {advice(made, made.kept[int(involved[0])])}."
+        f"separate them, {advice(made, made.free_parameters[int(involved[0])])}."
     )
     return Finding("collinearity", status, figures, text)

@@ -156,7 +156,7 @@ def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
     p = together(np.array([one.p for _, one in found]))
     first = int(np.argmin(p))
     label, test = found[first]
-    explained, kept = float(test.explained.max()), list(made.kept)
+    explained, kept = float(test.explained.max()), list(made.free_parameters)
     bias = np.abs(test.shift) / np.maximum(made.se[kept], _TINY)
     worst, most = made.base.names[kept[int(np.argmax(bias))]], float(bias.max())
     figures = {"p": float(p[first]), "explained": explained, "bias": most}

@@ -20,7 +20,7 @@ LOOK, DECIDES = 1.0, 2.0
 # Smallest sum of squares used as a divisor.
 _TINY = float(np.finfo(float).tiny)
 # Halves of a log with fewer blocks are not compared.
-FEWEST_BLOCKS = 8
+_FEWEST_BLOCKS = 8
 # Relative change of a parameter along the log: below the first it is ignored, above the second it is large.
 SMALL, MATTERS = 0.02, 0.5
 
@@ -106,7 +106,7 @@ def influence(made: Estimate) -> Finding:
 def parameter_drift(made: Estimate) -> Finding:
     """Do the parameters of the first and last half differ (Welch's test, Holm's correction)?"""
     blocks = len(made.observation.blocks)
-    if blocks < 2 * FEWEST_BLOCKS:
+    if blocks < 2 * _FEWEST_BLOCKS:
         return Finding("drift", "ok", {"blocks": blocks}, f"{blocks} blocks are too few for a test of drift.")
     index = np.arange(blocks)
     halves = [made.observation.pick(index[index * 2 // blocks == half]) for half in (0, 1)]

@@ -20,7 +20,7 @@ STRIBECK = (0.1, 0.3)
 # Legendre polynomials of position, from the first degree on.
 DEGREES = 4
 # Ripple periods: from the range of the rows down to this share of it, and their number.
-FINEST, PERIODS = 1 / 60, 120
+FINEST, _PERIODS = 1 / 60, 120
 # Draws of the wild bootstrap, and its seed.
 DRAWS, SEED = 999, 0
 
@@ -243,7 +243,7 @@ def fourier_sums(x: Array, e: Array, block: np.ndarray) -> tuple[Array, Array]:
         block: of each row, (rows,).
     """
     span = float(x.max() - x.min())
-    f = np.linspace(2.0, 1 / FINEST, PERIODS) / span
+    f = np.linspace(2.0, 1 / FINEST, _PERIODS) / span
     parts = (np.flatnonzero(block == one) for one in np.unique(block))
     return f, np.array([e[part] @ np.exp(2j * np.pi * np.outer(x[part], f)) for part in parts])
 
@@ -274,7 +274,7 @@ def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: S
         m = max(range(len(left.e)), key=lambda k: abs(place.weights[device_rows[k]]))
         used = left.used(m)
         x, e = (place.weights @ left.position)[used], left.e[m, used] - np.nanmean(left.e[m])
-        if used.sum() < PERIODS or x.max() == x.min():
+        if used.sum() < _PERIODS or x.max() == x.min():
             continue
         f, sums = fourier_sums(x, e, left.block[used])
         each, at = wild_bootstrap(sums)

@@ -31,7 +31,7 @@ _UNITS = {
     1 / 9.80665: "newtons for kilograms",
 }
 # Tolerance, as a logarithm, for a factor to have a known cause; factors up to this one are within prior uncertainty.
-NAMED, GOOD = 0.15, 2.0
+_NAMED, GOOD = 0.15, 2.0
 # A torque scale is used if its standard error is below this share of it.
 IDENTIFIABLE = 0.25
 # Parameters that cannot be negative, by kind.
@@ -126,7 +126,7 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
             named |= {gear**2: "a gear ratio squared", gear**-2: "a gear ratio squared"}
     near = [(abs(np.log(abs(factor) / value)), words) for value, words in named.items()]
     distance, words = min(near)
-    return words if distance < NAMED else None
+    return words if distance < _NAMED else None
 
 
 def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:

@@ -11,7 +11,7 @@ from haptid.inference.diagnosis.finding import Finding, Status, joined_names, wo
 from haptid.validation.validation import Validation
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
-CLOSE, ROUGH = 5.0, 20.0
+_CLOSE, ROUGH = 5.0, 20.0
 # A parameter with a smaller relative standard error, per cent, can be quoted by itself.
 QUOTABLE = 10.0
 # What a finding that is not "ok" means for the user.
@@ -102,13 +102,13 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     torque = [size, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
-    said = (
+    parts = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
         (_use("It is", "quoting single parameters", single, precise), _looks(single)),
         *_next(findings, errors),
     )
-    sentences, looks = zip(*said, strict=True)
+    sentences, looks = zip(*parts, strict=True)
     return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
 
 
@@ -141,15 +141,15 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 def _size(errors: Validation) -> Reason:
     """The largest relative torque error."""
     largest = max(errors.motors, key=lambda motor: motor.relative)
-    size: Status = "ok" if largest.relative <= CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
+    size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
-    limits = f"limits {CLOSE:g} and {ROUGH:g} %"
+    limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
     return Reason(size, f"the torque error of {largest.label} is {largest.relative:.2g} % ({kind}; {limits})")
 
 
 def _precision(made: Estimate) -> Reason:
     """How many parameters have a small standard error."""
-    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.kept)
+    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.free_parameters)
     if len(good) == many:
         return Reason("ok", f"all {many} have standard errors below {QUOTABLE:g} %")
     if not good:

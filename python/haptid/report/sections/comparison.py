@@ -26,7 +26,7 @@ class ComparisonSection(Shown):
     """Each later result compared with the first.
 
     Attributes:
-        said: a sentence for each later result: how many parameters differ from the first's, and the errors.
+        sentences: a sentence for each later result: how many parameters differ from the first's, and the errors.
         results: for each its name, study, device, method, logs, errors and whether its criterion is met.
         motors: labels of the errors.
         pairs: for each later result against the first what differs, in sentences, and a table by parameter.
@@ -34,7 +34,7 @@ class ComparisonSection(Shown):
 
     key: ClassVar[str] = "comparison"
     title: ClassVar[str] = "Comparison"
-    said: list[str]
+    sentences: list[str]
     results: list[dict[str, Any]]
     motors: list[str]
     pairs: list[dict[str, Any]]
@@ -51,7 +51,7 @@ class ComparisonSection(Shown):
         results = [_result(name, r) for name, r in zip(names, found, strict=True)]
         return cls(
             charts=(_chart(names, made),),
-            said=[_said(results[0], other, c) for other, c in zip(results[1:], made, strict=True)],
+            sentences=[_said(results[0], other, c) for other, c in zip(results[1:], made, strict=True)],
             results=results,
             motors=list(found[0].model.device.row_labels),
             pairs=pairs,
@@ -88,7 +88,7 @@ def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) 
 
 
 def _result(name: str, found: Result) -> dict[str, Any]:
-    validations = found.unseen or found.direct
+    validations = found.unseen or found.fit_errors
     return {
         "name": name,
         "study": found.study,

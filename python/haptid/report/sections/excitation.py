@@ -38,10 +38,10 @@ class ExcitationSection(Section):
     def of(cls, source: ReportSource) -> ExcitationSection:
         made = source.estimate
         by_motor, by_block = information(made)
-        names = [made.base.names[k] for k in made.kept]
+        names = [made.base.names[k] for k in made.free_parameters]
         motors = [motor.label for motor in made.observation.motors]
         charts = [_bars("motor", names, motors, by_motor)] if len(motors) > 1 else []
-        runs = [run for run in source.identification.runs if run.direct is not None]
+        runs = [run for run in source.identification.runs if run.fit_errors is not None]
         logs = [run.entry.path for run in runs]
         of = _log_of(made, [run.observation.blocks for run in runs])
         if len(logs) > 1:
@@ -55,7 +55,7 @@ class ExcitationSection(Section):
 
 def information(made: Estimate) -> tuple[Array, Array]:
     """Shares of each free parameter's information by motor, (kept, motors), and by block, (kept, blocks)."""
-    kept = list(made.kept)
+    kept = list(made.free_parameters)
     R = made.observation.stack(made.weights)[:-1, kept]
     inverse = np.linalg.inv(R.T @ R)
     U = np.zeros((len(made.beta), len(kept)))
@@ -132,7 +132,7 @@ def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
 
 def _weakest(made: Estimate) -> list[dict[str, str]]:
     """The five parameters with the largest relative standard errors, and motions that would excite them better."""
-    relative = [(made.parameters[k].relative_se, k) for k in made.kept]
+    relative = [(made.parameters[k].relative_se, k) for k in made.free_parameters]
     ranked = sorted((pair for pair in relative if not np.isnan(pair[0])), reverse=True)[:5]
     return [
         {"name": made.base.names[k], "deviation": f"{value:.3g} %", "advice": advice(made, k)} for value, k in ranked

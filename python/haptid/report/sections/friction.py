@@ -35,8 +35,8 @@ class FrictionSection(Section):
     def of(cls, source: ReportSource) -> FrictionSection | None:
         pairs = [(t, d) for t, d in zip(source.tracks, source.decompositions, strict=True) if d is not None]
         model = source.estimate.model
-        felt = any(term.resists for term in model.terms)
-        if not pairs or not felt:
+        resisted = any(term.resists for term in model.terms)
+        if not pairs or not resisted:
             return None
         steady = list(_steady(source))
         charts = tuple(_chart(source, pairs, motor, steady) for motor in range(len(pairs[0][0].labels)))

@@ -12,7 +12,7 @@ from haptid.report.section import Section
 from haptid.report.source import HandForceData, ReportSource
 
 # Bins of a curve, and of the band around it.
-BINS, BAND = 2000, 500
+_BINS, BAND = 2000, 500
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def _chart(hand: HandForceData, k: int, component: int) -> Chart:
     """One component: the estimate with its 95 % interval, and the sensor."""
     t, y, letter = hand.t, hand.force[:, component], "xyz"[component]
     step = float(np.median(np.diff(t)))
-    curves = [envelope("estimated", PREDICTED, float(t[0]), step, y, BINS)]
+    curves = [envelope("estimated", PREDICTED, float(t[0]), step, y, _BINS)]
     caption = f"Estimated: RMS {figure(_rms(y))} N."
     if hand.interval95 is not None:
         each = -(-len(t) // BAND)
@@ -54,7 +54,7 @@ def _chart(hand: HandForceData, k: int, component: int) -> Chart:
         caption += f" Half-width of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
     if hand.measured is not None:
         measured = hand.measured[:, component]
-        curves.insert(-1, envelope("measured", MEASURED, float(t[0]), step, measured, BINS) | {"width": 2.2})
+        curves.insert(-1, envelope("measured", MEASURED, float(t[0]), step, measured, _BINS) | {"width": 2.2})
         caption += f" Measured: RMS {figure(_rms(measured))} N; RMS difference {figure(_rms(y - measured))} N."
     alt = f"Force of the hand along {letter} against time, {hand.name}."
     drawing = plot(axis("time", "s"), axis(f"force {letter}", "N"), curves, group=f"hand-{k}", height=170, zoom=True)

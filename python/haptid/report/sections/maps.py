@@ -115,7 +115,7 @@ def slices_of(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) ->
     closes = [np.asarray(identified.model.device.closure.closes(qa)) for qa in grids]
     known = [characterise(identified, qa[:, ok]) for qa, ok in zip(grids, closes, strict=True)]
     rest = [f"{sliders[k]['name']} = {sliders[k]['start']:.3g} {sliders[k]['unit']}" for k in sorted(order[3:])]
-    usable, poses = sum(int(found.grasp.usable.sum()) for found in known), sum(len(qa.T) for qa in grids)
+    usable, poses = sum(int(found.handle.usable.sum()) for found in known), sum(len(qa.T) for qa in grids)
     return Slices(
         labels=(f"joint {x['name']}, {x['unit']}", f"joint {y['name']}, {y['unit']}"),
         x=axes[0],

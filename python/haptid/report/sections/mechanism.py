@@ -30,7 +30,7 @@ class MechanismSection(Section):
         joints: for each active joint its name, unit and slider: low, high, start.
         relations: of the other joints, such as "q3 = pi/2 - q2 + q7", where they are constant.
         source_of_geometry: as the device file states it.
-        felt: whether the apparent mass of a handle is shown.
+        apparent_mass: whether the apparent mass of a handle is shown.
     """
 
     key: ClassVar[str] = "mechanism"
@@ -38,7 +38,7 @@ class MechanismSection(Section):
     joints: list[dict[str, Any]]
     relations: list[str]
     source_of_geometry: str
-    felt: bool
+    apparent_mass: bool
 
     @classmethod
     def of(cls, source: ReportSource) -> MechanismSection:
@@ -59,7 +59,7 @@ class MechanismSection(Section):
             joints=sliders,
             relations=list(model.device.closure.relations) if isinstance(model.device.closure, Closure) else [],
             source_of_geometry=model.device.source,
-            felt=model.device.handle is not None and model.device.handle.link >= 0,
+            apparent_mass=model.device.handle is not None and model.device.handle.link >= 0,
         )
 
 

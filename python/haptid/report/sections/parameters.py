@@ -22,7 +22,7 @@ from haptid.report.tables import short_percent, with_digits
 # With more parameters backward elimination takes too long for a report.
 MOST_SEARCHED = 60
 # Correlations above this are listed.
-STRONG = 0.9
+_STRONG = 0.9
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     """Indices of the parameters that can be eliminated, and the rule; None where it was not computed."""
     if made.zero:
         return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
-    if made.held or len(made.beta) > MOST_SEARCHED:
+    if made.constrained_fit or len(made.beta) > MOST_SEARCHED:
         return None, "Essential parameters were not computed; use `haptid.essential`."
     try:
         found = search(made)
@@ -148,14 +148,14 @@ def correlation(made: Estimate) -> Chart:
     """Correlation of the errors of the parameters."""
     names, R = made.base.names, made.correlation
     pairs = [(float(R[i, k]), names[i], names[k]) for i in range(len(R)) for k in range(i)]
-    strong = sorted((pair for pair in pairs if abs(pair[0]) > STRONG), key=lambda pair: -abs(pair[0]))
+    strong = sorted((pair for pair in pairs if abs(pair[0]) > _STRONG), key=lambda pair: -abs(pair[0]))
     largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
     caption = (
         "A single parameter."
         if largest is None
         else (
             f"Largest correlation: {largest[0]:+.2f}, of {largest[1]} and {largest[2]}. "
-            f"{len(strong)} of {len(pairs)} pairs are above {STRONG:g} in absolute value"
+            f"{len(strong)} of {len(pairs)} pairs are above {_STRONG:g} in absolute value"
             + (f": {', '.join(f'{a} and {b} ({r:+.2f})' for r, a, b in strong[:5])}." if strong else ".")
         )
     )

@@ -14,9 +14,9 @@ from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
 
 # Points of a scatter plot, and bins for the mean.
-CLOUD, BINS = 1200, 40
+CLOUD, _BINS = 1200, 40
 # Segment length of Welch's method, and frequencies that are drawn.
-STRETCH, FREQUENCIES = 1024, 300
+WELCH_SAMPLES, FREQUENCIES = 1024, 300
 # Least number of rows of a bin.
 _FEWEST = 5
 
@@ -71,12 +71,12 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
         f"{figure(float(centres[largest]))} {unit}; the residual's RMS is {figure(rms)}. "
         f"{len(some)} of {len(x)} rows are drawn, evenly spaced; means are over all rows."
     )
-    alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {BINS} bins."
+    alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {_BINS} bins."
     drawing = plot(axis(what, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
     return Chart(f"{what}-{k}-{motor}", f"{label}: against {what}", alt, caption, drawing)
 
 
-def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
+def binned(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
     """Centres of equal bins of x, and the mean of y in each, NaN where there are few rows, (bins,) each."""
     low, high = float(x.min()), float(x.max())
     width = (high - low) / bins or 1.0
@@ -112,6 +112,6 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
 
 def density(y: Array, step: float) -> tuple[Array, Array]:
     """Frequencies, Hz, logarithmically spaced where there are many, and the amplitude spectral density at each."""
-    f, power = signal.welch(y, 1 / step, nperseg=min(STRETCH, len(y)), detrend="constant")
+    f, power = signal.welch(y, 1 / step, nperseg=min(WELCH_SAMPLES, len(y)), detrend="constant")
     picks = np.unique(np.geomspace(1, len(f) - 1, FREQUENCIES).astype(int)) if len(f) > 1 else np.array([0])
     return np.asarray(f[picks]), np.sqrt(np.maximum(power[picks], np.finfo(np.float32).tiny))

@@ -13,7 +13,7 @@ from haptid.report.source import ReportSource, Track
 from haptid.validation.validation import MotorError, Validation
 
 # Bins of all curves together, and the limits for one curve: a file stays well below 15 MB.
-ALL_BINS, MOST_BINS, LEAST_BINS = 60_000, 6000, 400
+ALL_BINS, MOST_BINS, _LEAST_BINS = 60_000, 6000, 400
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class TorqueSection(Section):
     @classmethod
     def of(cls, source: ReportSource) -> TorqueSection:
         curves = sum(len(track.labels) for track in source.tracks)
-        bins = int(np.clip(ALL_BINS // curves, LEAST_BINS, MOST_BINS))
+        bins = int(np.clip(ALL_BINS // curves, _LEAST_BINS, MOST_BINS))
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
@@ -115,7 +115,7 @@ class ErrorsSection(Section):
     @classmethod
     def of(cls, source: ReportSource) -> ErrorsSection:
         runs = source.identification.runs
-        pairs = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
+        pairs = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
         labels = [motor.label for motor in runs[0].observation.motors]
         return cls(charts=(), motors=labels, rows=[_errors(path, validation) for path, validation in pairs])
 

@@ -1,0 +1,156 @@
+"""The demonstration with branches: its plan, a small run of one branch, and its results."""
+
+import json
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.demos import kind_of, read_demo
+from haptid.demos.cea_branches.compensation import bound, without_friction
+from haptid.demos.recordings import record
+from haptid.demos.run import write_results
+from haptid.end_effector.characterisation import GivenParameters
+from haptid.estimation import feasible_parameters
+from haptid.experiment.bench import read_experiment
+
+TABLES = {"upper": "table1.csv", "lower": "table2.csv"}
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return read_demo("medical")
+
+
+@pytest.fixture(scope="module")
+def model(demo):
+    return haptid.DynamicModel(haptid.read_device(demo.device))
+
+
+def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model, tmp_path):
+    for branch in demo.branches:
+        for name in (branch.key, branch.unseen, branch.friction):
+            assert read_experiment(demo.write_experiment(name, tmp_path)).setup(model).model is model
+        assert set(demo.tables[branch.key].rows) < set(model.base.names)
+        assert branch.table == TABLES[branch.key]
+    keys = {branch.key for branch in demo.branches}
+    assert {drawn.branch for drawn in demo.drawn} <= keys
+    assert {drawn.motor for drawn in demo.drawn} <= set(model.device.row_names)
+    assert {said.sweep for said in demo.statements} <= {sweep.key for sweep in demo.sweeps}
+    assert demo.compensation.branch in keys
+
+
+@pytest.mark.parametrize("branch", TABLES)
+def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, model, branch, tmp_path):
+    """And bodies can have it; the three experiments of a branch differ by the motion alone."""
+    plan, table = demo.branch(branch), demo.tables[branch]
+    names = (plan.key, plan.unseen, plan.friction)
+    setups = [read_experiment(demo.write_experiment(name, tmp_path)) for name in names]
+    beta = model.base.of(setups[0].setup(model).chi)
+    wanted = [table.figures.get((name, "identified"), 0.0) for name in model.base.names]
+    np.testing.assert_allclose(beta, wanted, atol=2e-9)
+    assert feasible_parameters(model, np.array(wanted)).ok
+    first, *others = (experiment.table.model_dump() for experiment in setups)
+    for other in others:
+        assert {key for key in other if other[key] != first[key]} == {"name", "seed", "trajectory"}
+
+
+def test_published_tables_are_those_of_the_paper(demo):
+    upper, lower = demo.tables["upper"], demo.tables["lower"]
+    assert upper.rows == lower.rows
+    assert len(upper.rows) == 15
+    assert upper.figures["OFF2", "relative"] == 1.0
+    assert lower.figures["MX1R", "relative"] == 11.0
+    assert upper.figures["MY1R", "identified"] * lower.figures["MY1R", "identified"] < 0
+
+
+@pytest.fixture(scope="module")
+def found(demo, tmp_path_factory):
+    """One branch, short logs, compensation at one pose: everything is found and written."""
+    short = demo.stretch.model_copy(update={"identify": (2.0, 14.0), "unseen": (2.0, 8.0)})
+    small = demo.model_copy(
+        update={
+            "stretch": short,
+            "branches": demo.branches[:1],
+            "drawn": demo.drawn[1:],
+            "compensation": demo.compensation.model_copy(update={"degrees": (60.0,), "seconds": 0.8, "settled": 0.3}),
+        }
+    )
+    folder, kind, told = tmp_path_factory.mktemp("branches"), kind_of(demo), []
+    for take in kind.takes(small, folder):
+        record(shorter(take))
+    found = kind.find(small, folder, lambda what, share: told.append((what, share)))
+    write_results(small, found, folder)
+    assert {what for what, _ in told} == {"identifying", "compensating"}
+    return folder, found
+
+
+def shorter(take):
+    """The same take with a motion of few seconds."""
+    text = take.experiment.read_text(encoding="utf-8")
+    text = text.replace("seconds = 59.3", "seconds = 16.0").replace("seconds = 30.0", "seconds = 10.0")
+    text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
+    take.experiment.write_text(text, encoding="utf-8")
+    return take
+
+
+def test_everything_is_written(found):
+    folder, results = found
+    names = ["paper.html", "result.json"]
+    names += [f"{name}.{kind}" for name in ("table1", "friction", "sweeps", "posture") for kind in ("txt", "csv")]
+    for name in names:
+        assert (folder / name).stat().st_size > 0, name
+    page = (folder / "paper.html").read_text(encoding="utf-8")
+    charts = ("friction-upper-0", "torque-0-0", "sweep-arm-upper", "compensation")
+    for wanted in (*(claim.check for claim in results.demo.claims), *(f'id="{chart}"' for chart in charts)):
+        assert wanted in page
+    values = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert set(values["branches"]) == {"upper"}
+    assert values["branches"]["upper"]["essential"] == list(results.found["upper"].reduction.essential)
+
+
+def test_a_small_log_finds_the_branch(found):
+    """Errors on unseen motion, most intervals, and the largest masses within 2 % of the truth."""
+    _, results = found
+    one = results.found["upper"]
+    assert one.cross.relative < 3
+    assert np.mean([one.inside(name) for name in one.reduction.essential]) > 0.7
+    assert not one.missing
+    true = GivenParameters(results.model, one.beta)
+    for sweep in results.demo.sweeps:
+        felt = haptid.end_effector.apparent_mass(true, sweep.along(results.model)).mass.values
+        np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.values, felt, rtol=0.02)
+
+
+def test_friction_test_finds_coulomb_friction(found):
+    _, results = found
+    test = results.friction["upper"]
+    for joint in test.choice.joints:
+        value, _ = test.coulomb(joint.label)
+        assert value == pytest.approx({"motor 1": 0.12}.get(joint.label, 0.11), rel=0.02)
+
+
+def test_compensation_takes_off_what_it_promises(found):
+    _, results = found
+    made = results.compensated
+    np.testing.assert_allclose(made.before, made.estimated, rtol=0.05)
+    np.testing.assert_allclose(made.after, made.promised, rtol=0.15)
+    assert results.demo.compensation.share < made.bound < 1
+    # Of one pose, the heaviest, the share towards its mass is the share that is set.
+    assert made.target == pytest.approx((1 - results.demo.compensation.share) * made.estimated[0])
+    np.testing.assert_allclose(made.even, made.after, rtol=0.05)
+
+
+def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, model):
+    asked, table = demo.compensation, demo.tables["upper"]
+    identified = GivenParameters.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
+    pose = demo.sweeps[1].along(model)[:, 0]
+    wanted = 1 / (1 + 5e-3 * asked.hand_stiffness / asked.hand_damping)
+    assert bound(asked, identified, pose, 5e-3) == pytest.approx(wanted)
+
+
+def test_without_friction_the_bodies_are_the_same(demo, model, tmp_path):
+    setup = read_experiment(demo.write_experiment(demo.branches[0].key, tmp_path)).setup(model)
+    before, after = model.base.of(setup.chi), model.base.of(without_friction(setup).chi)
+    rubs = np.array([name.startswith(("FC", "FV")) for name in model.base.names])
+    np.testing.assert_allclose(after, np.where(rubs, 0.0, before), atol=1e-15)

@@ -1,0 +1,113 @@
+"""Slopes of criteria and limits against differences, stand-ins against the criteria, and one search of few tries."""
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.experiment import bench
+from haptid.experiment.excitation import (
+    Coupling,
+    FourierSeries,
+    Gradients,
+    Information,
+    LargestDeviation,
+    Limits,
+    MotionBounds,
+    RawCondition,
+    ScaledCondition,
+    Search,
+    TrianglesWithSines,
+    design_excitation,
+    observed_motion,
+    quality,
+)
+from motions import truth
+
+PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+BETA = truth(PHANTOM)
+# All kinds of limits, narrow enough that a random motion exceeds each of them somewhere.
+NARROW = Limits(
+    ((-0.5, 0.5), (-0.3, 0.6), (-0.2, 0.7)),
+    speed=(1.0,),
+    acceleration=(3.0,),
+    torque=(0.05,),
+    couplings=(Coupling((0.0, 1.0, -1.0), -0.2, 0.2),),
+    conditioning=0.9,
+)
+CRITERIA = [ScaledCondition(), RawCondition(), Information(), LargestDeviation()]
+NOISE = np.array([0.001, 0.002, 0.004])
+
+
+def random_states(seed: int, count: int = 80) -> np.ndarray:
+    """No coordinate at rest: friction jumps there."""
+    rng = np.random.default_rng(seed)
+    states = rng.uniform(-1, 1, (3, 3, count)) * np.array([0.8, 2.0, 8.0])[:, None, None]
+    states[1] += 0.05 * np.sign(states[1])
+    return states
+
+
+@pytest.mark.parametrize("zero", [(), (2, 5)], ids=["all known", "two of value zero"])
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda one: type(one).__name__)
+def test_slopes_are_those_of_the_cost(criterion, zero):
+    beta = BETA.copy()
+    beta[list(zero)] = 0.0
+    gradients = Gradients.of(MotionBounds.of(PHANTOM, NARROW, beta), criterion, tuple(range(len(beta))), NOISE)
+    states, way = random_states(1), random_states(2)
+    cost = lambda t: gradients(states + t * way, 3.0, 10.0)[0]  # noqa: E731
+    step = 1e-6
+    slope = (cost(step) - cost(-step)) / (2 * step)
+    assert np.sum(gradients(states, 3.0, 10.0)[1] * way) == pytest.approx(slope, rel=1e-3)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda one: type(one).__name__)
+def test_a_sharp_stand_in_differs_from_the_criterion_by_a_constant(criterion):
+    """By none but for Information, whose stand-in leaves out the number of rows."""
+    columns = tuple(range(len(BETA)))
+    gradients = Gradients.of(MotionBounds.of(PHANTOM, NARROW, BETA), criterion, columns, NOISE)
+    apart = []
+    for seed in (3, 4):
+        states = random_states(seed)
+        made = bench.Trajectory(0.04, *(np.ascontiguousarray(x.T) for x in states))
+        found = quality(observed_motion(PHANTOM, made), columns, BETA, NOISE)
+        apart.append(gradients.cost(states, power=200.0) - criterion.cost(found) - _left_out(criterion, found))
+    np.testing.assert_allclose(apart, 0.0, atol=0.02)
+
+
+def _left_out(criterion, found):
+    if isinstance(criterion, LargestDeviation):
+        return -np.log(100)  # per cent
+    return -0.5 * np.log(found.rows) if isinstance(criterion, Information) else 0.0
+
+
+@pytest.mark.parametrize(
+    "family", [FourierSeries(8.0, 0.2, 3), TrianglesWithSines(8.0)], ids=lambda one: type(one).__name__
+)
+def test_only_families_that_say_so_are_affine(family):
+    bounds, rng = MotionBounds.of(PHANTOM, NARROW, BETA), np.random.default_rng(0)
+    ends = [family.start(bounds, rng) for _ in range(2)]
+    made = []
+    for share in (0.0, 0.5, 1.0):
+        kind = family.kind((1 - share) * ends[0] + share * ends[1], bounds)
+        made.append(bench.plan(kind, PHANTOM, 0.04, np.random.default_rng(1)).qdd)
+    bent = np.abs(made[1] - (made[0] + made[2]) / 2).max()
+    assert (bent < 1e-9) == family.affine
+
+
+def test_a_drawn_series_fills_its_limits():
+    bounds = MotionBounds.of(PHANTOM, NARROW, BETA)
+    for seed in range(5):
+        kind = FourierSeries().kind(FourierSeries().start(bounds, np.random.default_rng(seed)), bounds)
+        made = bench.plan(kind, PHANTOM, 0.01, np.random.default_rng(1))
+        low, high = bounds.position.T
+        assert (made.q.min(axis=0) > low - 0.05).all()
+        assert (made.q.max(axis=0) < high + 0.05).all()
+        assert (np.abs(made.qd).max(axis=0) > 0.3).any()
+
+
+def test_few_tries_come_near_the_optimum():
+    """Descents along slopes reach in 120 tries what 150 tries at random miss by far."""
+    wide = Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,), acceleration=(30.0,))
+    family = FourierSeries(8.0, 0.2, 6)
+    found = design_excitation(PHANTOM, family, wide, beta=BETA, search=Search(tries=120))
+    assert found.after.scaled < 0.5 * found.before.scaled
+    assert np.abs(found.trajectory(0.01).qdd).max() < 30.0 * 1.03

@@ -1,0 +1,63 @@
+"""A Dask cluster of processes on this machine: the same results, also with a worker killed in the middle."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import errors
+from haptid.executors import DaskExecutor
+from haptid.observation.batch import observe_all
+from motions import motion, truth
+
+distributed = pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+            yield cluster.scheduler_address
+
+
+def killed_once(item: tuple[str, int]) -> int:
+    """The worker that first has item 2 is killed in the middle of it."""
+    mark = Path(item[0])
+    if item[1] == 2 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item[1]
+
+
+def test_a_killed_worker_costs_only_its_tasks(address: str, tmp_path: Path) -> None:
+    items = [(str(tmp_path / "killed"), k) for k in range(6)]
+    assert dict(DaskExecutor(address).map(killed_once, items)) == {k: k for k in range(6)}
+    assert (tmp_path / "killed").exists()
+
+
+def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=10)
+    made = motion(model, truth(model), seconds=80.0, noise=0.1, treatment=treatment)
+    (there,) = observe_all(model, [made], DaskExecutor(address))
+    for a, b in zip(haptid.observe(model, made).motors, there.motors, strict=True):
+        np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+
+
+def test_a_scheduler_that_does_not_respond_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("haptid.executors.PATIENCE", 1.0)
+    with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
+        list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

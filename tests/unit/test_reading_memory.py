@@ -1,0 +1,79 @@
+"""Memory from file to motion: no channel is copied, filters work chunk by chunk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from pyarrow import parquet
+from scipy import signal
+
+import haptid
+from haptid.log import as_array, checks, is_long
+from haptid.log.lazy import CHUNK, OnDisk
+from haptid.motion.streaming import SAMPLES_FILTERED, filtered, memory
+
+
+class Constrained(OnDisk):
+    """Samples in memory that go as if they were on disk."""
+
+    def __init__(self, samples: np.ndarray) -> None:
+        self.samples = samples
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.samples.shape[0], self.samples.shape[1]
+
+    def make(self, low: int, high: int) -> np.ndarray:
+        return self.samples[low:high].T
+
+
+def test_channels_of_a_parquet_file_stay_where_they_were_unpacked(tmp_path: Path) -> None:
+    rng, names = np.random.default_rng(1), ("t", "q1", "q2", "u1", "u2")
+    columns = {name: rng.normal(size=3000).cumsum() for name in names} | {"t": 1e-3 * np.arange(3000)}
+    parquet.write_table(pa.table(columns), tmp_path / "log.parquet", row_group_size=700)
+    channels = haptid.Channels(haptid.Signal(names[1:3], "rad"), haptid.Signal(names[3:], "N m"), time="t")
+    log = haptid.read_log(tmp_path / "log.parquet", channels)
+    for array, own in ((log.position, names[1:3]), (log.torque, names[3:])):
+        np.testing.assert_array_equal(array.T, [columns[name] for name in own])
+    distance = log.torque.ctypes.data - log.position.ctypes.data
+    assert distance == log.position.nbytes  # one block, and nothing was copied out of it
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(1, 8), st.sampled_from([0.02, 0.1, 0.5, 0.9]), st.integers(1, 60), st.integers(0, 9))
+def test_pieces_are_filtered_as_the_whole(order: int, cutoff: float, more: int, seed: int) -> None:
+    """Also where the last piece is shorter than what a filter is started with."""
+    sections = np.asarray(signal.butter(order, cutoff, output="sos"))
+    samples = np.random.default_rng(seed).normal(size=(CHUNK + more, 2)).cumsum(axis=0)
+    whole = signal.sosfiltfilt(sections, samples - samples[0], axis=0) + samples[0]
+    assert memory(sections) >= 3 * (2 * len(sections) + 1)
+    for channels in (samples, as_array(Constrained(samples))):
+        made = np.asarray(filtered(channels, sections))
+        assert_allclose(made, whole, atol=1e-12 * np.abs(whole).max())
+
+
+def test_what_stands_still_is_exactly_still_across_pieces() -> None:
+    made = filtered(np.full((2 * SAMPLES_FILTERED, 1), 0.3), np.asarray(signal.butter(4, 0.08, output="sos")))
+    assert np.ptp(made) == 0
+
+
+@pytest.mark.parametrize("size", [5, checks.SAMPLES_CHECKED + 1, 3 * checks.SAMPLES_CHECKED, 3 * checks.SAMPLED + 7])
+def test_the_longest_step_is_found_piece_by_piece(size: int) -> None:
+    column = np.random.default_rng(size).normal(size=size)
+    at, largest, sample = checks._steps(column)
+    steps = np.abs(np.diff(column))
+    assert (at, largest) == (int(np.argmax(steps)), steps.max())
+    np.testing.assert_array_equal(sample, steps[:: max(1, steps.size // checks.SAMPLED)])
+
+
+def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "log.parquet").write_bytes(b"PAR1")
+    assert not is_long(tmp_path / "log.parquet")
+    monkeypatch.setattr("haptid.log.read._LARGE", 3)
+    assert is_long(tmp_path / "log.parquet")

@@ -1,0 +1,72 @@
+"""The verdict names the obstacle in plain words, and what to do first."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from haptid.inference.diagnosis.finding import Finding
+from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE_PARAMETERS, verdict
+
+LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
+
+
+def given(relative, statuses, told=4, seen=False):
+    """The verdict on an estimate of four parameters, of which so many are told well."""
+    parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
+    errors = SimpleNamespace(motors=[SimpleNamespace(relative=relative, label="motor 1")], seen=seen)
+    findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
+    return verdict(SimpleNamespace(parameters=parameters, free_parameters=range(4)), errors, findings)
+
+
+def test_every_look_that_counts_has_plain_words():
+    assert set(LOOKS) == set(MEANING)
+    assert not any(term in words for words in MEANING.values() for term in ("in W", "whiteness", "bent"))
+
+
+def test_a_good_model_is_good_for_everything_and_there_is_nothing_to_do():
+    made = given(0.2, {})
+    assert (made.torque, made.compensation, made.parameters) == ("ok", "ok", "ok")
+    assert made.sentences == (
+        "The model is good for predicting torque: the torque error of motor 1 is 0.2 % (on unseen rows; limits 5 and "
+        "20 %).",
+        "It is good for compensation of friction and gravity.",
+        "It is good for quoting single parameters: all 4 have standard errors below 10 %.",
+    )
+    assert made.looks == ((), (), ())
+
+
+@pytest.mark.parametrize("name", LOOKS)
+def test_what_made_a_use_unfit_is_its_reason(name):
+    made = given(0.2, {name: "bad"})
+    assert made.parameters == "bad"
+    assert made.sentences[2] == (
+        f"It is not fit for quoting single parameters, because {MEANING[name]}, though all 4 have standard errors "
+        "below 10 %."
+    )
+    assert made.looks[2] == made.looks[3] == (name,)
+    assert (MEANING[name] in made.sentences[0]) == (name in PREDICTION)
+    assert (MEANING[name] in made.sentences[1]) == (name in PREDICTION + COMPENSATION)
+
+
+def test_a_large_error_is_itself_the_reason():
+    made = given(30.0, {}, told=1)
+    assert "not fit for predicting torque, because the torque error of motor 1 is 30 %" in made.sentences[0]
+    assert (
+        "not fit for compensation of friction and gravity, because the torque error of motor 1 is 30 %"
+        in made.sentences[1]
+    )
+    assert "with care for quoting single parameters, because only 1 of 4" in made.sentences[2]
+
+
+def test_the_gravest_reasons_are_named_and_the_rest_counted():
+    made = given(0.2, dict.fromkeys(LOOKS, "bad") | {"units and signs": "doubt"})
+    assert f"and {len(LOOKS) - 4} more reasons, though" in made.sentences[2]
+    assert MEANING["units and signs"] not in made.sentences[2]
+
+
+def test_three_things_to_do_are_named_causes_first():
+    made = given(0.2, {"ripple": "bad", "whiteness": "doubt", "time delay": "doubt", "drift": "bad"}, seen=True)
+    assert list(made.looks[3:]) == [("ripple",), ("drift",), ("time delay",), ()]
+    assert made.sentences[3] == "First: About ripple."
+    assert made.sentences[4] == "Then, if it remains: About drift."
+    assert made.sentences[6] == "Validate it on another log."
