@@ -482,8 +482,9 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
     for a, b in spans:
         own = np.ones(b - a - 1, dtype=np.intp)
         if spread < COUNTED:
-            own = np.maximum(np.rint(np.diff(seconds[a:b]) / median).astype(np.intp), 1)
-        slots[a + 1 : b] = np.cumsum(own)
+            own = np.rint(np.diff(seconds[a:b]) / median).astype(np.intp)
+        index = np.arange(1, b - a)  # no two rows are in one place
+        slots[a + 1 : b] = index + np.maximum(np.maximum.accumulate(np.cumsum(own) - index), 0)
     step = sum(float(seconds[b - 1] - seconds[a]) for a, b in spans) / sum(int(slots[b - 1]) for _, b in spans)
     offset = np.zeros(seconds.size)
     for a, b in spans:

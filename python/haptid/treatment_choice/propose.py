@@ -86,7 +86,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
-    logs = tuple(log.busiest(_ENOUGH) for log in logs)
+    logs = tuple(part for log in logs for part in log.busiest(_ENOUGH).parts())
     filters, why = _filters(logs, given)
     slow, why_slow = _slow(model, logs, filters, given)
     kept, why_kept = _wide_enough(model, logs, slow, given)

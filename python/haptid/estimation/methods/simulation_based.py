@@ -114,7 +114,11 @@ class SimulationBased(Wrapper, ABC):
 
     def stretches(self, motion: Motion) -> Stretches:
         """Of one motion."""
-        return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
+        return Stretches.of(
+            len(motion.unbroken("a method that simulates")),
+            round(self.stretch / motion.dt),
+            round(self.settle / motion.dt),
+        )
 
     @abstractmethod
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
