@@ -457,7 +457,7 @@ def _irregular(seconds: Array, spans: Spans, recorded: Recorded, stale: Stale | 
     if jitter > UNIFORM_SD or sampling == "regular":
         chosen = "as asked for" if slope is None else f"sampling is regular and only the stamps jitter{why}"
         notes.append(f"{spread}; {chosen}; samples taken as regular at {1 / step:.6g} Hz")
-    if rate > DRIFT:
+    if rate > DRIFT + 5 * 1.25 * 2**0.5 * DRIFT_ROWS**-1.5 * jitter:  # five deviations of a difference of two medians
         notes.append(f"the clock of the stamps drifts: its rate changes by up to {100 * rate:.2g} %; followed")
         return _Times("line", step, first, seconds - deviation, None, 0, True, jitter, slope, tuple(notes))
     times = np.zeros(seconds.size)
