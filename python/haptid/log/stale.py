@@ -20,8 +20,10 @@ Mask = NDArray[np.bool_]
 
 # More repeats in a row than this are rest.
 LONGEST_RUN = 12
-# A position that moves by FAST counts a row, on average over SPAN rows to either side, cannot repeat.
+# A position that moves one way by FAST counts a row, on average over SPAN rows to either side, cannot repeat.
 SPAN, FAST = 3, 1.5
+# Not even with noise of a count if it moves by this many times more.
+FASTER = 6.0
 # Share of rows above which repeats of one signal are acted on: turning points imitate up to 4.5 %.
 LEAST_SHARE = 0.05
 # Least share, and number, of rows where positions and torques repeat together.
@@ -31,7 +33,7 @@ TOGETHER = 0.8
 # A torque with fewer distinct values than this share of the samples is coarse: its repeats prove nothing.
 FINE = 0.25
 # Share of slow rows with repeated positions whose torques repeat too, from which on torques follow positions.
-FOLLOWS = 0.5
+FOLLOWS = 0.9
 # Rows that distinct values are counted in, and levels of an encoder are found in.
 ROWS_COUNTED = 2**16
 
@@ -70,19 +72,23 @@ def find_stale(
     short_position, short_torque = (same & ~_long_runs(same) for same in (same_position, same_torque))
     if max(short_position.mean(), short_torque.mean()) < LEAST_TOGETHER:
         return None
-    moving = _moving(positions, same_position.size)
+    moving, fast = _moving(positions, same_position.size)
     position = short_position & moving
+    slow = same_position & ~moving
+    bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
     fine = any(_is_fine(channel) for channel in torques())
     if fine:
-        slow = same_position & ~moving
-        bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
         torque = short_torque & (moving | ~same_position) if bound else short_torque
         position |= short_position & torque
     else:
         whole = position.any() and float(same_torque[position].mean()) >= TOGETHER
         torque = position & same_torque if whole else np.zeros_like(position)
-    together = int((position & torque).sum())
-    whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(position.sum()))
+    both = position & torque
+    if bound:  # torques that repeat because positions do are no proof
+        both &= fast
+    together = int(both.sum())
+    judged = position & fast if bound else position
+    whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(judged.sum()))
     found = [own if whole or own.mean() > LEAST_SHARE else np.zeros_like(own) for own in (position, torque)]
     return Stale(found[0], found[1], moving) if found[0].any() or found[1].any() else None
 
@@ -96,13 +102,18 @@ def _long_runs(same: Mask) -> Mask:
     return made
 
 
-def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> Mask:
-    """Where a channel moves faster than `FAST` counts a row."""
-    moving = np.zeros(rows, dtype=bool)
+def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> tuple[Mask, Mask]:
+    """Where a channel moves one way, which noise does not, and faster than `FAST` counts a row; and `FASTER`."""
+    moving, fast = np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool)
     for channel in positions():
+        least = 2 * SPAN * FAST * smallest_step(channel)
         travel = np.abs(channel[2 * SPAN :] - channel[: -2 * SPAN])
-        moving[SPAN:-SPAN] |= travel > 2 * SPAN * FAST * smallest_step(channel)
-    return moving
+        window = np.ones(2 * SPAN, dtype=np.int8)
+        down, up = (np.convolve(way(channel[1:], channel[:-1]), window, "valid") for way in (np.less, np.greater))
+        one_way = (down == 0) | (up == 0)
+        moving[SPAN:-SPAN] |= (travel > least) & one_way
+        fast[SPAN:-SPAN] |= (travel > FASTER * least) & one_way
+    return moving, fast
 
 
 def smallest_step(channel: Array) -> float:

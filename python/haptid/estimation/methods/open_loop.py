@@ -44,8 +44,8 @@ class OutputErrorMethod(SimulationBased):
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
-            size = len(motion.unbroken("a method that simulates"))
-            stretches = Stretches.of(size, max(2, round(self.stretch / motion.dt)), 0)
+            samples = len(motion.unbroken("a method that simulates"))
+            stretches = Stretches.of(samples, max(2, round(self.stretch / motion.dt)), 0)
             J, error = multiple_shooting(observation.model, smoothed, motion, beta, stretches)
             for k, block in enumerate(stretch_blocks(observation, motion, stretches)):
                 if block is not None:
