@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
+from haptid.log.channel_clocks import clock_drift
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
-from haptid.log.time_base import Recorded, TimeBase, at_rate, candidate_gaps, time_base
+from haptid.log.time_base import Recorded, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
 
 ChannelKind = Literal["position", "torque"]
 # A file of more bytes is opened rather than read.
@@ -123,7 +124,8 @@ def read_log(
     notes.extend(found.report.sentences)
     position = _block(found.position, columns, channels.position, "position", blocks["position"])
     torque = _block(found.torque, columns, channels.torque, "torque", blocks["torque"])
-    return Log(path, sha256, found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report)
+    log = Log(path, sha256, found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report)
+    return _with_drift(log, found.report)
 
 
 def format_of(path: Path) -> Format:
@@ -396,7 +398,7 @@ def open_log(
     )
     unwrapped = (NO_WRAPS,) * len(channels.torque.channels)
     torque = SignalOnDisk(source, found.torque, channels.torque, "torque", unwrapped)
-    return Log(
+    log = Log(
         path,
         sha256,
         found.t,
@@ -407,6 +409,16 @@ def open_log(
         found.segments,
         found.report,
     )
+    return _with_drift(log, found.report)
+
+
+def _with_drift(log: Log, report: TimeBaseReport) -> Log:
+    """The log, with a note if the torques' clock drifts against the positions'."""
+    drift = clock_drift(log.position, log.torque, log.segments, log.dt)
+    if drift is None:
+        return log
+    told = replace(report, clock_drift_s=drift.seconds, sentences=(*report.sentences, drift.sentence))
+    return replace(log, notes=(*log.notes, drift.sentence), time_base=told)
 
 
 class _FileReader:

@@ -74,6 +74,7 @@ class TimeBaseReport:
         gaps: first time and length of each gap that splits the log, s.
         stale_position, stale_torque: share of rows that were dropped as stale.
         usable_bandwidth_hz: highest frequency that resampled channels carry; None where none was resampled.
+        clock_drift_s: growth of the torques' delay over the log, s, see `haptid.log.channel_clocks`; 0 where not clear.
         sentences: the same in words; empty for a regular log.
     """
 
@@ -86,6 +87,7 @@ class TimeBaseReport:
     stale_position: float = 0.0
     stale_torque: float = 0.0
     usable_bandwidth_hz: float | None = None
+    clock_drift_s: float = 0.0
     sentences: tuple[str, ...] = ()
 
 
