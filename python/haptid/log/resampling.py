@@ -91,7 +91,7 @@ class Resampling:
                 out[:] = values[:, index]
             elif self.method == "fitted":
                 origin = float(self.t[self.segments[k][0]])
-                out[:] = fitted(self.times[first:last], values[:, index], origin, self.knot, self.t[a:b])
+                out[:] = least_squares_spline(self.times[first:last], values[:, index], origin, self.knot, self.t[a:b])
             else:
                 curve = {"position": CubicSpline, "torque": PchipInterpolator}[kind]
                 out[:] = curve(self.times[first:last], values[:, index], axis=-1)(self.t[a:b])
@@ -115,7 +115,7 @@ class Resampling:
         return max(low - _MARGIN, first), min(high + _MARGIN, last)
 
 
-def fitted(times: Array, values: Array, origin: float, knot: float, at: Array) -> Array:
+def least_squares_spline(times: Array, values: Array, origin: float, knot: float, at: Array) -> Array:
     """Least-squares cubic B-spline through samples with independent errors, at some times, (channels, times).
 
     Args:

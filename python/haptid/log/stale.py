@@ -25,7 +25,7 @@ SPAN, FAST = 3, 1.5
 # Not even with noise of a count if it moves by this many times more.
 FASTER = 6.0
 # Share of rows above which repeats of one signal are acted on: turning points imitate up to 4.5 %.
-LEAST_SHARE = 0.05
+LEAST_STALE = 0.05
 # Least share, and number, of rows where positions and torques repeat together.
 LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
 # Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
@@ -63,7 +63,7 @@ def find_stale(
     A repeated position counts where a channel moves faster than `FAST` counts a row, or where torques repeat with it
     that are not a function of the positions. A repeated torque counts if the torques are fine, see `FINE`, and not a
     function of positions that may rest; coarse torques are stale where the rows of stale positions are stale as a
-    whole. Nothing is stale below `LEAST_SHARE` unless positions and torques repeat together.
+    whole. Nothing is stale below `LEAST_STALE` unless positions and torques repeat together.
 
     Args:
         same_position, same_torque: whether all channels of a signal equal those of the row before, (rows,).
@@ -89,7 +89,7 @@ def find_stale(
     together = int(both.sum())
     judged = position & fast if bound else position
     whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(judged.sum()))
-    found = [own if whole or own.mean() > LEAST_SHARE else np.zeros_like(own) for own in (position, torque)]
+    found = [own if whole or own.mean() > LEAST_STALE else np.zeros_like(own) for own in (position, torque)]
     return Stale(found[0], found[1], moving) if found[0].any() or found[1].any() else None
 
 

@@ -303,6 +303,7 @@ def _segments(
     quiet = max(pairwise(edges), key=lambda span: span[1] - span[0])
     fastest = _motion_edge(recorded.positions(), slice(*quiet), step)
     limit = min(0.25 / fastest if fastest else np.inf, max(LONGEST_GAP * step, LONGEST_GAP_S))
+    limit = max(limit, SHORTEST_GAP * step)
     breaks = candidates[steps[candidates] > limit]
     if not breaks.size:
         return whole, (), []
