@@ -103,7 +103,7 @@ def test_single_precision_stamps_of_a_long_log_are_regular(tmp_path: Path) -> No
     np.testing.assert_array_equal(log.torque[:, 0], np.cos(2 * np.pi * taken))
 
 
-@QUICK
+@settings(QUICK, max_examples=15)
 @given(places=st.lists(st.integers(1, 97), min_size=1, max_size=3, unique=True), length=st.integers(1, 3))
 def test_short_gaps_are_filled(tmp_path: Path, places: list[int], length: int) -> None:
     t = np.arange(1000) / 200

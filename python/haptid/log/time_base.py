@@ -270,7 +270,7 @@ def _assembled(
         shares[0],
         shares[1],
         bandwidth,
-        (*sentences, *more),
+        sentences=(*sentences, *more),
     )
     return TimeBase(t, segments, position, torque, report)
 
