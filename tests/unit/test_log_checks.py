@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.log.resampling import from_stamps
+from haptid.log.stamps import checked
 from haptid.log.units import SPELLINGS, TABLES, closest_unit
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -248,7 +248,7 @@ def test_counts_need_a_gain() -> None:
 
 def test_times_in_another_unit_than_they_are_said_to_be() -> None:
     with pytest.raises(errors.LogTimeError) as raised:
-        from_stamps(Path("log.csv"), "t", 1000.0 * np.arange(200), 1.0)
+        checked(Path("log.csv"), "t", 1000.0 * np.arange(200), 1.0)
     assert raised.value.found == 1000.0
     assert "'us'" in raised.value.advice
 

@@ -41,14 +41,14 @@ def error(log: Log, start: float = 0.0) -> tuple[float, float]:
 
 
 @QUICK
-@given(seed=st.integers(0, 2**32 - 1), jitter=st.floats(1e-3, 0.12), rate=st.sampled_from([200.0, 1000.0, 333.3]))
+@given(seed=st.integers(0, 2**32 - 1), jitter=st.floats(1e-2, 0.12), rate=st.sampled_from([200.0, 1000.0, 333.3]))
 def test_a_sine_with_irregular_stamps_is_recovered(tmp_path: Path, seed: int, jitter: float, rate: float) -> None:
     n = 1000
     t = (np.arange(n) + np.random.default_rng(seed).uniform(-jitter, jitter, n)) / rate
     t -= t[0]
     log = record(tmp_path, t)
     h = 2 * np.pi / rate
-    assert error(log) < (2 * h**4, 2 * h**2)
+    assert max(error(log)) < 4 * h**4
     assert "irregular" in log.notes[0]
     assert log.t.size == n
     np.testing.assert_allclose(np.diff(log.t), log.dt, rtol=1e-9)
@@ -59,7 +59,7 @@ def test_irregular_stamps_of_a_long_log_go_piece_by_piece(tmp_path: Path, monkey
     t = (np.arange(3000) + np.random.default_rng(0).uniform(-0.1, 0.1, 3000)) / 1000
     t -= t[0]
     whole = record(tmp_path, t)
-    monkeypatch.setattr("haptid.log.resampling.SAMPLES_RESAMPLED", 256)
+    monkeypatch.setattr("haptid.log.read.SAMPLES_RESAMPLED", 256)
     pieces = record(tmp_path, t)
     np.testing.assert_allclose(pieces.position, whole.position, rtol=0, atol=1e-14)
     np.testing.assert_allclose(pieces.torque, whole.torque, rtol=0, atol=1e-14)
@@ -103,7 +103,7 @@ def test_single_precision_stamps_of_a_long_log_are_regular(tmp_path: Path) -> No
     np.testing.assert_array_equal(log.torque[:, 0], np.cos(2 * np.pi * taken))
 
 
-@QUICK
+@settings(QUICK, max_examples=15)
 @given(places=st.lists(st.integers(1, 97), min_size=1, max_size=3, unique=True), length=st.integers(1, 3))
 def test_short_gaps_are_filled(tmp_path: Path, places: list[int], length: int) -> None:
     t = np.arange(1000) / 200
@@ -124,22 +124,45 @@ def test_gaps_in_rounded_stamps_are_filled_on_the_true_grid(tmp_path: Path) -> N
     assert len(log.notes) == 2
 
 
-def test_long_gap(tmp_path: Path) -> None:
-    t = np.delete(np.arange(1000) / 100, slice(400, 420))
-    with pytest.raises(errors.LogTimeError) as raised:
-        record(tmp_path, t)
-    assert raised.value.where == pytest.approx(3.99)
-    assert raised.value.limit == pytest.approx(0.1)
-    assert raised.value.found == pytest.approx(0.21)
-    assert record(tmp_path, t, time_range=(4.2, 9)).t.size == 481
+def test_a_long_gap_splits_the_log(tmp_path: Path) -> None:
+    """Twice 0.2 s at 1 Hz, and 20 samples alone between them: two segments with samples as they were recorded."""
+    t = np.delete(np.arange(1000) / 100, [*range(400, 420), *range(440, 460)])
+    log = record(tmp_path, t)
+    kept = np.delete(t, slice(400, 420))
+    assert log.segments == ((0, 400), (400, 940))
+    np.testing.assert_allclose(log.t, kept, atol=1e-12)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * kept))
+    assert log.time_base is not None
+    assert log.time_base.gaps == (pytest.approx((3.99, 0.21)), pytest.approx((4.39, 0.21)))
+    assert log.usable_bandwidth_hz is None
+    assert log.dt == pytest.approx(0.01)
+    assert "20 samples in shorter ones than 50 are not used" in log.notes[0]
+    assert record(tmp_path, t, time_range=(4.6, 9)).segments == ((0, 441),)
 
 
-def test_many_short_gaps(tmp_path: Path) -> None:
-    t = np.delete(np.arange(1000) / 100, slice(5, None, 50))
+def test_a_gap_that_the_motion_bridges_is_none(tmp_path: Path) -> None:
+    """0.04 s at 1 Hz; a quarter period is 0.25 s."""
+    t = np.delete(np.arange(10_000) / 1000, slice(4000, 4040))
+    log = record(tmp_path, t)
+    assert len(log.segments) == 1
+    assert log.t.size == 10_000
+    assert error(log)[0] < 1e-3
+
+
+def test_a_log_of_gaps_alone(tmp_path: Path) -> None:
+    t = (np.arange(1000) + 100 * (np.arange(1000) // 40)) / 100
     with pytest.raises(errors.LogTimeError) as raised:
         record(tmp_path, t)
-    assert raised.value.found == pytest.approx(0.02, rel=0.1)
-    assert raised.value.limit == 0.01
+    assert raised.value.found == pytest.approx(1.01)
+
+
+def test_many_missing_rows(tmp_path: Path) -> None:
+    """13 % of the rows, at random: bridged by the least-squares spline."""
+    lost = np.flatnonzero(np.random.default_rng(1).random(4000) < 0.13)
+    log = record(tmp_path, np.delete(np.arange(4000) / 500, lost))
+    assert log.t.size == 4000
+    assert error(log)[0] < 1e-6
+    assert log.usable_bandwidth_hz == pytest.approx(0.35 * 0.87 * 250, rel=0.02)
 
 
 def test_backwards(tmp_path: Path) -> None:
@@ -168,21 +191,37 @@ def test_repeated_rows_are_dropped(tmp_path: Path) -> None:
     assert "4 samples repeat the one before, first at t = 2.99 s" in log.notes[0]
 
 
-def test_repeated_stamps_on_other_samples(tmp_path: Path) -> None:
+def test_a_repeated_stamp_on_another_sample_is_jitter(tmp_path: Path) -> None:
     taken = np.arange(1000) / 100
     t = taken.copy()
     t[500] = t[499]
-    with pytest.raises(errors.LogTimeError) as raised:
-        record(tmp_path, t, taken=taken)
-    assert raised.value.where == 500
-    assert "'q'" in str(raised.value)
+    log = record(tmp_path, t, taken=taken)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * taken))
+    assert log.time_base is not None
+    assert log.time_base.method == "line"
 
 
 def test_stamps_coarser_than_the_sampling(tmp_path: Path) -> None:
-    taken = np.arange(1000) / 2000
-    with pytest.raises(errors.LogTimeError) as raised:
-        record(tmp_path, np.floor(taken * 1000), "ms", taken=taken)
-    assert "rate_hz" in raised.value.advice
+    taken = np.arange(3000) / 2000
+    log = record(tmp_path, np.floor(taken * 1000), "ms", taken=taken)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * taken))
+    assert log.rate_hz == pytest.approx(2000, rel=1e-3)
+
+
+def test_stamps_that_do_not_give_the_rate(tmp_path: Path) -> None:
+    taken = np.arange(5000) / 1000
+    for stamps in (np.floor(taken), (1.6e9 + taken).astype(np.float32)):
+        with pytest.raises(errors.LogTimeError) as raised:
+            record(tmp_path, stamps, taken=taken)
+        assert "rate_hz" in raised.value.advice
+
+
+def test_stamps_of_the_epoch_in_seconds_are_regular(tmp_path: Path) -> None:
+    """In double precision they are rounded to 0.24 us."""
+    taken = np.arange(5000) / 1000
+    log = record(tmp_path, 1.6e9 + taken, taken=taken)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * taken))
+    assert log.rate_hz == pytest.approx(1000, rel=1e-7)
 
 
 def test_missing_stamps(tmp_path: Path) -> None:

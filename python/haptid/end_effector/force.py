@@ -141,6 +141,7 @@ def estimate_force(
         moment = np.asarray(moment, dtype=float)
         expect("moment", moment.shape, (len(motion), 3))
         check_finite("moment", moment)
+    motion.unbroken("the force of the hand")
     pieces = list(_pieces(estimate, motion, moment, reversal_speed))
     torques, noise = Torques.joined(pieces), noise_of(estimate, validation)
     found = lever_of(estimate, torques.qa, noise, moment is not None, worst_condition)

@@ -230,7 +230,7 @@ class _Path:
     @staticmethod
     def of(estimate: Estimate, motion: Motion) -> _Path:
         """All samples that have rates."""
-        model, (low, high) = estimate.model, motion.usable
+        model, (low, high) = estimate.model, motion.unbroken("the momentum observer").usable
         c, cd = state(model.device, motion, low, high)
         to_joints, tau = np.linalg.inv(model.device.row_map), coordinate_torque(model.device, motion, low, high)
         t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)

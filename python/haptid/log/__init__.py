@@ -7,5 +7,17 @@ from haptid.log.checks import check_against
 from haptid.log.lazy import OnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.read import is_long, open_log, read_log
+from haptid.log.time_base import TimeBaseReport
 
-__all__ = ["Channels", "Log", "OnDisk", "Signal", "as_array", "check_against", "is_long", "open_log", "read_log"]
+__all__ = [
+    "Channels",
+    "Log",
+    "OnDisk",
+    "Signal",
+    "TimeBaseReport",
+    "as_array",
+    "check_against",
+    "is_long",
+    "open_log",
+    "read_log",
+]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid.errors import LogDataError, LogMismatchError, LogTimeError
+from haptid.errors import LogDataError, LogMismatchError
 from haptid.log.units import PERIODS
 
 if TYPE_CHECKING:
@@ -85,16 +85,6 @@ def refuse_nonfinite(path: Path, name: str, column: RawChannel, stamps: Array) -
     raise non_finite(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
-def repeats(path: Path, columns: Mapping[str, RawChannel], stamps: Array, repeated: NDArray[np.intp]) -> None:
-    """Refuse samples that differ under equal stamps."""
-    for name, column in columns.items():
-        differing = repeated[column[repeated] != column[repeated - 1]]
-        if differing.size:
-            first = int(differing[0])
-            why = f"channel {name!r} has different values at one of them"
-            raise repeated_stamps(path, repeated.size, first, float(stamps[first]), why)
-
-
 def refuse_constant(path: Path, name: str, column: RawChannel, quantity: str, ok: bool) -> str | None:
     """Refuse a constant channel; returns a note instead where it is allowed."""
     if column.min() != column.max():
@@ -136,7 +126,9 @@ def period(signal: Signal, largest: float) -> float | None:
     return PERIODS.get(signal.unit)
 
 
-def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, si: float) -> None:
+def jumps(
+    path: Path, name: str, column: Array, stamps: Array, signal: Signal, si: float, gaps: NDArray[np.intp]
+) -> None:
     """Refuse a position with jumps, or one that wraps and is not to be unwrapped.
 
     Args:
@@ -145,7 +137,11 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
         stamps: (m,), s.
         signal: the positions.
         si: rad or m in one of that unit.
+        gaps: samples before a gap in time, over which a position may move by more.
     """
+    if gaps.size:
+        across = column[gaps + 1] - column[gaps]
+        column = column - wrap_offset(gaps + 1, np.cumsum(across), 0, column.size)
     k, largest, sample = _steps(column)
     turn = period(signal, largest)
     if turn is not None and largest >= 0.5 * turn:
@@ -412,16 +408,6 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
         where=(name, index),
         found=count,
         advice="Use `time_range` to keep a part without them, or repair the log.",
-    )
-
-
-def repeated_stamps(path: Path, count: int, index: int, time: float, why: str) -> LogTimeError:
-    """Error of stamps that equal the one before, the first at an index and a time, s."""
-    return LogTimeError(
-        f"{path}: {count} stamps equal the one before, first at sample {index} (t = {time:.9g} s), and {why}.",
-        where=index,
-        found=count,
-        advice="If the stamps are coarser than the sampling, leave `time` out and give `rate_hz`.",
     )
 
 

@@ -39,13 +39,15 @@ class MotionProfile:
     activity: Array
 
     @staticmethod
-    def of(channels: Iterable[Array]) -> MotionProfile:
-        """Of channels that are each (n,), one in memory at a time."""
+    def of(channels: Iterable[Array], segments: resampling.Spans = ()) -> MotionProfile:
+        """Of channels that are each (n,), one in memory at a time; steps between segments do not count."""
+        breaks = [start for start, _ in segments[1:]]
         spans, activity = [], np.zeros(0)
         for channel in channels:
             spans.append((float(channel.min()), float(channel.max())))
             activity = activity if activity.size else np.zeros(channel.size)
             steps = np.diff(channel)
+            steps[[k - 1 for k in breaks]] = 0.0
             steps *= steps
             steps /= steps.sum() or 1.0
             activity[1:] += steps
@@ -120,17 +122,15 @@ class LazySource:
         path, size: of the file; size in bytes.
         kind: its format.
         first: row of the first sample.
-        base: time base of the samples.
     """
 
     path: Path
     size: int
     kind: Format
     first: int
-    base: resampling.TimeBase
 
     def raw(self, names: tuple[str, ...], low: int, high: int) -> Array:
-        """Samples low..high at the stamps, without repeated ones, in the file's unit, (channels, high - low).
+        """Rows low..high, in the file's unit, (channels, high - low).
 
         Raises:
             LogFileError: the file's size has changed.
@@ -144,12 +144,8 @@ class LazySource:
                 limit=self.size,
                 advice="Wait until nothing writes to it, and start again; another machine requires the same file.",
             )
-        # Sample k is in row k + (repeated rows up to it).
-        dropped = self.base.repeated - np.arange(self.base.repeated.size)
-        start, stop = (int(k + np.searchsorted(dropped, k, side="right")) for k in (low, high - 1))
-        columns = self.kind.rows(self.path, names, self.first + start, self.first + stop + 1)
-        again = self.base.repeated[(self.base.repeated > start) & (self.base.repeated <= stop)] - start
-        return np.stack([np.delete(column, again).astype(np.float64, copy=False) for column in columns])
+        columns = self.kind.rows(self.path, names, self.first + low, self.first + high)
+        return np.stack([column.astype(np.float64, copy=False) for column in columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +154,14 @@ class SignalOnDisk(OnDisk):
 
     Attributes:
         source: the file.
+        grid: how its rows come to the grid.
         signal, quantity: which channels, and their quantity.
-        wraps: samples at which each channel jumps by whole periods, and the offset to subtract from there on.
+        wraps: rows at which each channel jumps by whole periods, and the offset to subtract from there on.
         known: profile of the positions, computed while the file was checked.
     """
 
     source: LazySource
+    grid: resampling.Resampling
     signal: Signal
     quantity: ChannelKind
     wraps: tuple[tuple[NDArray[np.intp], Array], ...]
@@ -171,29 +169,27 @@ class SignalOnDisk(OnDisk):
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self.source.base.t.size, len(self.signal.channels)
+        return self.grid.t.size, len(self.signal.channels)
 
     def make(self, low: int, high: int) -> Array:
         return self._made(low, high, range(self.shape[1]))
 
     def channel(self, k: int) -> Array:
-        step = len(self) if self.source.base.regular else CHUNK
+        step = len(self) if self.grid.unchanged else CHUNK
         starts = range(0, len(self), step)
         return np.concatenate([self._made(a, min(a + step, len(self)), range(k, k + 1))[0] for a in starts])
 
     def profile(self) -> MotionProfile:
-        return super().profile() if self.known is None else self.known
+        return MotionProfile.of(self.T, self.grid.segments) if self.known is None else self.known
 
     def _made(self, low: int, high: int, channels: range) -> Array:
         """Samples low..high of some channels, (channels, high - low), rad, m or the torques' unit."""
-        base = self.source.base
-        start, stop = (low, high) if base.regular else resampling.around(base, low, high)
+        start, stop = self.grid.rows(low, high)
         made = self.source.raw(tuple(self.signal.channels[k] for k in channels), start, stop)
         for column, k in zip(made, channels, strict=True):
             if self.wraps[k][0].size:
                 column -= checks.wrap_offset(*self.wraps[k], start, stop)
-        if not base.regular:
-            made = np.asarray(resampling.curve(base, made, start, self.quantity)(base.t[low:high]))
+        made = self.grid.make(made, start, low, high, self.quantity)
         scale = units.scale(self.signal.unit, self.quantity)[1]
         made *= np.array([[scale * self.signal.gain[k]] for k in channels])
         made += np.array([[self.signal.offset[k]] for k in channels])

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,8 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
+from haptid.log.resampling import Spans
+from haptid.log.time_base import Sampling, TimeBaseReport
 
 Side = Literal["joint", "motor"]
 # Fewest samples of the part that `Log.busiest` returns.
@@ -88,6 +90,9 @@ class Channels:
         time: channel of the sample times; or else `rate_hz`.
         time_unit: s, ms, us or ns.
         rate_hz: sampling rate, in place of a time channel.
+        sampling: where stamps are irregular, "stamps" takes them as the times of the samples, "regular" takes the
+            samples as regular, and "auto" chooses by the positions.
+        stale: "drop" or "keep" rows that repeat the row before although the device moves.
     """
 
     position: Signal
@@ -95,6 +100,8 @@ class Channels:
     time: str | None = None
     time_unit: str = "s"
     rate_hz: float | None = None
+    sampling: Sampling = "auto"
+    stale: Literal["drop", "keep"] = "drop"
 
     def __post_init__(self) -> None:
         si, _ = units.scale(self.position.unit, "position")
@@ -118,6 +125,9 @@ class Channels:
             )
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
             raise _setting("rate_hz", repr(self.rate_hz), "a finite number above zero")
+        for name, known in (("sampling", get_args(Sampling)), ("stale", ("drop", "keep"))):
+            if getattr(self, name) not in known:
+                raise _setting(name, repr(getattr(self, name)), " or ".join(repr(word) for word in known))
         seen: dict[str, str] = {} if self.time is None else {self.time: "time"}
         for kind, signal in (("position", self.position), ("torque", self.torque)):
             for k, name in enumerate(signal.channels, 1):
@@ -152,12 +162,14 @@ class Log:
     Attributes:
         path: the file.
         sha256: of the file's bytes; empty for a log that was not read from one.
-        t: times on a uniform grid, (n,), s from the file's first sample.
+        t: times on a uniform grid, (n,), s from the file's first sample; uniform within each segment.
         position: (n, positions), rad or m, at the side given by `channels.position`.
         torque: (n, torques), in `channels.torque_unit`, at the side given by `channels.torque`.
         channels: mapping from the file.
         notes: findings and repairs while reading, one sentence each.
-        usable_bandwidth_hz: frequency up to which a resampled log has its content, Hz; None where it was not resampled.
+        segments: first sample and one past the last of each part without a gap; one part where left out. Nothing is
+            filtered or differentiated across their ends.
+        time_base: what was found in the stamps; None for a log that was not read.
     """
 
     path: Path
@@ -167,7 +179,8 @@ class Log:
     torque: Array
     channels: Channels
     notes: tuple[str, ...] = field(default=())
-    usable_bandwidth_hz: float | None = None
+    segments: Spans = ()
+    time_base: TimeBaseReport | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))
@@ -185,11 +198,18 @@ class Log:
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))
             object.__setattr__(self, name, _channel_major(getattr(self, name)))
         object.__setattr__(self, "notes", tuple(self.notes))
+        object.__setattr__(self, "segments", tuple(self.segments) or ((0, self.t.size),))
 
     @property
     def dt(self) -> float:
         """Step of the grid, s."""
-        return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
+        start, stop = max(self.segments, key=lambda part: part[1] - part[0])
+        return float(self.t[stop - 1] - self.t[start]) / (stop - start - 1)
+
+    @property
+    def usable_bandwidth_hz(self) -> float | None:
+        """Highest frequency that the channels carry where they were resampled, Hz; None where they were not."""
+        return None if self.time_base is None else self.time_base.usable_bandwidth_hz
 
     @property
     def rate_hz(self) -> float:
@@ -206,17 +226,39 @@ class Log:
     @cached_property
     def profile(self) -> MotionProfile:
         """Range of each position, and their activity over time."""
-        return self.position.profile() if isinstance(self.position, OnDisk) else MotionProfile.of(self.position.T)
+        return (
+            self.position.profile()
+            if isinstance(self.position, OnDisk)
+            else MotionProfile.of(self.position.T, self.segments)
+        )
+
+    def parts(self) -> tuple[Log, ...]:
+        """Each segment as a log without gaps, those shorter than half the longest left out."""
+        least = 0.5 * max(stop - start for start, stop in self.segments)
+        return tuple(self.between(start, stop) for start, stop in self.segments if stop - start >= least)
+
+    def between(self, start: int, stop: int) -> Log:
+        """Samples start..stop."""
+        if (start, stop) == (0, self.t.size):
+            return self
+        clipped = ((max(a, start) - start, min(b, stop) - start) for a, b in self.segments)
+        part = slice(start, stop)
+        return replace(
+            self,
+            t=self.t[part],
+            position=self.position[part],
+            torque=self.torque[part],
+            segments=tuple((a, b) for a, b in clipped if b - a >= 2),
+        )
 
     def busiest(self, seconds: float) -> Log:
-        """The part of given length with the largest activity of its positions; at least LEAST_STRETCH samples."""
+        """The part of given length with the largest activity of its positions; at least LEAST_ACTIVE_SAMPLES samples."""
         keep = min(self.t.size, max(LEAST_ACTIVE_SAMPLES, round(seconds / self.dt)))
         if keep == self.t.size:
             return self
         total = np.concatenate([[0.0], np.cumsum(self.profile.activity)])
         start = int(np.argmax(total[keep:] - total[:-keep]))
-        part = slice(start, start + keep)
-        return replace(self, t=self.t[part], position=self.position[part], torque=self.torque[part])
+        return self.between(start, start + keep)
 
 
 def _channel_major(array: ArrayLike) -> Array:

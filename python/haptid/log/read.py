@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogChannelError, LogFileError
-from haptid.log import checks, resampling, units
+from haptid.log import checks, stamps, units
+from haptid.log.channel_clocks import clock_drift
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
+from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
+from haptid.log.time_base import Recorded, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
 
 ChannelKind = Literal["position", "torque"]
 # A file of more bytes is opened rather than read.
@@ -78,8 +81,9 @@ def read_log(
     """Read a log file, check it, and bring it to a uniform grid in SI.
 
     Channels of structs and groups are named with points, `rec.q`; those of a matrix with numbers from 1 along
-    its shorter side, `q[1]`. Repairs (repeated samples dropped, short gaps filled, irregular samples resampled,
-    positions unwrapped) are in the log's notes; defects that cannot be repaired are errors.
+    its shorter side, `q[1]`. Repairs (repeated and stale samples dropped, short gaps filled, segments between longer
+    gaps, irregular samples resampled, positions unwrapped) are in the log's notes;
+    defects that cannot be repaired are errors.
 
     Args:
         path: CSV, Parquet, MAT, NPZ or HDF5.
@@ -102,16 +106,26 @@ def read_log(
     count = checks.lengths(path, columns)
     if count == 0:
         raise empty(path, "channels and no rows")
-    stamps = None if channels.time is None else columns.pop(channels.time)
-    base, rows, seconds = time_base(path, channels, stamps, count, time_range, notes)
-    del stamps
-    columns = {name: column[rows] for name, column in columns.items()}
-    _check_raw(path, columns, seconds, base.repeated)
-    del seconds
-    inspection = Inspection(path, base, notes)
-    position = _block(inspection, columns, channels.position, "position")
-    torque = _block(inspection, columns, channels.torque, "torque")
-    return Log(path, sha256, base.t, position.T, torque.T, channels, tuple(notes))
+    raw = None if channels.time is None else columns.pop(channels.time)
+    times = Times.of(path, channels, raw, count, time_range, notes)
+    del raw
+    columns = {name: column[times.rows] for name, column in columns.items()}
+    for name, column in columns.items():
+        checks.refuse_nonfinite(path, name, column, times.seconds)
+    checks.identical(path, columns)
+    inspection = Inspection(path, times, notes)
+    blocks, signals = {}, {"position": channels.position, "torque": channels.torque}
+    for kind, signal in signals.items():
+        blocks[kind] = block_of([columns[name] for name in signal.channels], 2 * len(signal.channels) + 1)
+        scale = units.scale(signal.unit, kind)[1]  # type: ignore[arg-type]
+        for name, gain in zip(signal.channels, signal.gain, strict=True):
+            columns[name] = inspection.column(name, columns[name], signal, kind, scale * gain)  # type: ignore[arg-type]
+    found = times.base(inspection, lambda signal: (columns[name] for name in signal.channels), channels)
+    notes.extend(found.report.sentences)
+    position = _block(found.position, columns, channels.position, "position", blocks["position"])
+    torque = _block(found.torque, columns, channels.torque, "torque", blocks["torque"])
+    log = Log(path, sha256, found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report)
+    return _with_drift(log, found.report)
 
 
 def format_of(path: Path) -> Format:
@@ -169,52 +183,81 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def time_base(
-    path: Path,
-    channels: Channels,
-    raw: RawChannel | None,
-    count: int,
-    time_range: tuple[float, float] | None,
-    notes: list[str],
-) -> tuple[resampling.TimeBase, slice, Array]:
-    """Time base, rows of the part to keep, and their stamps.
+@dataclass(frozen=True, eq=False)
+class Times:
+    """When the rows of a file were recorded.
 
-    Args:
-        path: the file.
-        channels: which of them is time.
-        raw: that channel, (count,); overwritten. None where there is none.
-        count: rows of the file.
-        time_range: the part to keep, s.
-        notes: appended to.
+    Attributes:
+        path: of the file.
+        rows: the part to keep.
+        known: their stamps; None where a rate is given.
+        seconds: times of these rows, as far as known, (rows,), s.
     """
-    if channels.time is None or raw is None:
-        rate = float(channels.rate_hz or 0.0)
-        rows = resampling.part(path, np.arange(count) / rate, time_range)
-        base = resampling.from_rate(path, rows, rate)
-        seconds = base.stamps
-    else:
-        scale = units.scale(channels.time_unit, "time")[1]
-        first, fineness = raw[0] * scale, resampling.resolution(raw) * scale
-        seconds = resampling.since_first(path, channels.time, raw, scale)
-        rows = resampling.part(path, seconds, time_range)
-        seconds = seconds[rows]
-        base = resampling.from_stamps(path, channels.time, seconds, fineness)
-        if first != 0:
-            notes.append(f"times count from the file's first stamp, {first:.9g} s")
-    if time_range is not None:
-        kept_count = rows.stop - rows.start
-        notes.append(f"kept from {time_range[0]:g} to {time_range[1]:g} s: {kept_count} of {count} samples")
-    notes.extend(base.notes)
-    return base, rows, seconds
 
+    path: Path
+    rows: slice
+    known: stamps.Stamps | None
+    seconds: Array
 
-def _check_raw(path: Path, columns: Mapping[str, RawChannel], seconds: Array, repeated: NDArray[np.intp]) -> None:
-    """Refuse defects of the samples as they are in the file."""
-    for name, column in columns.items():
-        checks.refuse_nonfinite(path, name, column, seconds)
-    if repeated.size:
-        checks.repeats(path, columns, seconds, repeated)
-    checks.identical(path, columns)
+    @staticmethod
+    def of(
+        path: Path,
+        channels: Channels,
+        raw: RawChannel | None,
+        count: int,
+        time_range: tuple[float, float] | None,
+        notes: list[str],
+    ) -> Times:
+        """Stamps of the part to keep, or a rate.
+
+        Args:
+            path: the file.
+            channels: which of them is time.
+            raw: that channel, (count,); overwritten. None where there is none.
+            count: rows of the file.
+            time_range: the part to keep, s.
+            notes: appended to.
+        """
+        known = None
+        if channels.time is None or raw is None:
+            seconds = np.arange(count) / float(channels.rate_hz or 0.0)
+            rows = stamps.part(path, seconds, time_range)
+            stamps.check_length(path, rows.stop - rows.start)
+        else:
+            scale = units.scale(channels.time_unit, "time")[1]
+            first, fineness = raw[0] * scale, stamps.resolution(raw) * scale
+            seconds = stamps.since_first(path, channels.time, raw, scale)
+            rows = stamps.part(path, seconds, time_range)
+            known = stamps.checked(path, channels.time, seconds[rows], fineness)
+            if first != 0:
+                notes.append(f"times count from the file's first stamp, {first:.9g} s")
+        if time_range is not None:
+            kept_count = rows.stop - rows.start
+            notes.append(f"kept from {time_range[0]:g} to {time_range[1]:g} s: {kept_count} of {count} samples")
+        return Times(path, rows, known, seconds[rows])
+
+    def gaps(self) -> NDArray[np.intp]:
+        """Rows before a step too long for jitter."""
+        return candidate_gaps(np.diff(self.seconds))[0]
+
+    def base(self, inspection: Inspection, raw: Callable[[Signal], Iterable[Array]], channels: Channels) -> TimeBase:
+        """The time base, once all channels are inspected.
+
+        Args:
+            inspection: of the channels.
+            raw: gives the inspected channels of a signal, each (rows,).
+            channels: of the file.
+        """
+        recorded = Recorded(
+            inspection.same["position"],
+            inspection.same["torque"],
+            lambda: raw(channels.position),
+            lambda: raw(channels.torque),
+        )
+        keep = channels.stale == "keep"
+        if self.known is None:
+            return at_rate(self.rows.start, self.rows.stop, float(channels.rate_hz or 0.0), recorded, keep)
+        return time_base(self.path, self.known, recorded, channels.sampling, keep)
 
 
 class Inspection:
@@ -222,39 +265,42 @@ class Inspection:
 
     Attributes:
         path: the file.
-        base: time base of the samples.
+        times: of the rows.
         notes: appended to.
         moving: where each position differs from the sample before, as bits; complete after the positions.
+        same: whether all channels of a signal so far equal those of the row before, (rows,) each.
     """
 
-    def __init__(self, path: Path, base: resampling.TimeBase, notes: list[str]) -> None:
-        self.path, self.base, self.notes = path, base, notes
+    def __init__(self, path: Path, times: Times, notes: list[str]) -> None:
+        self.path, self.times, self.notes = path, times, notes
         self.moving: list[NDArray[np.uint8]] = []
+        self.same = {kind: np.append(False, np.ones(times.seconds.size - 1, bool)) for kind in ("position", "torque")}
+        self.gaps = times.gaps()
 
     def column(self, name: str, raw: RawChannel, signal: Signal, kind: ChannelKind, si: float) -> Array:
-        """A channel of a signal at the stamps, (m,), in the file's unit; positions before torques.
+        """A channel of a signal at the stamps, (rows,), in the file's unit; positions before torques.
 
         Args:
-            name, raw: of the channel; raw as it is in the file, with repeated samples.
+            name, raw: of the channel; raw as it is in the file.
             signal, kind: that it belongs to.
             si: factor from its unit to SI.
         """
-        if self.base.repeated.size:
-            raw = np.delete(raw, self.base.repeated)
         column = raw.astype(np.float64, copy=False)
         self._note(checks.refuse_constant(self.path, name, column, kind, signal.constant_ok))
+        moved = column[1:] != column[:-1]
+        self.same[kind][1:] &= ~moved
         if kind == "position":
+            self.moving.append(np.packbits(moved))
             return self._position(name, column, signal, si)
         self._torque(name, column, signal)
         return column
 
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
         """The column, unwrapped if its signal says so, and checked for jumps."""
-        self.moving.append(np.packbits(column[1:] != column[:-1]))
         if signal.unwrap:
             column, count = checks.unwrapped(column, signal)
             self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
-        checks.jumps(self.path, name, column, self.base.stamps, signal, si)
+        checks.jumps(self.path, name, column, self.times.seconds, signal, si, self.gaps)
         return column
 
     def _torque(self, name: str, column: Array, signal: Signal) -> None:
@@ -268,29 +314,30 @@ class Inspection:
             self.notes.append(sentence)
 
 
-def _block(inspection: Inspection, columns: dict[str, RawChannel], signal: Signal, kind: ChannelKind) -> Array:
-    """The channels of a signal on the grid, (channels, n), SI; each raw column is released once copied."""
-    base, scale = inspection.base, units.scale(signal.unit, kind)[1]
-    block, in_place = _room(base, columns, signal)
+def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: ChannelKind, own: Array | None) -> Array:
+    """The channels of a signal on the grid, (channels, n), SI; each column is released once copied.
+
+    Args:
+        grid: how rows come to the grid.
+        columns: of the file, inspected, (rows,) each.
+        signal, kind: which of them, and their quantity.
+        own: memory that the columns are in already, (channels, rows); None where there is none.
+    """
+    scale = units.scale(signal.unit, kind)[1]
+    block = own if own is not None and grid.unchanged else np.empty((len(signal.channels), grid.t.size))
     for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
-        column = inspection.column(name, columns.pop(name), signal, kind, scale * gain)
-        if not base.regular:
-            resampling.interpolate(base, column.copy() if in_place else column, kind, out)
+        column = columns.pop(name)
+        if not grid.unchanged:
+            for start in range(0, grid.t.size, SAMPLES_RESAMPLED):
+                stop = min(start + SAMPLES_RESAMPLED, grid.t.size)
+                low, high = grid.rows(start, stop)
+                out[start:stop] = grid.make(column[None, low:high], low, start, stop, kind)[0]
         elif not np.may_share_memory(out, column):
             out[:] = column
         if (scale * gain, offset) != (1.0, 0.0):
             out *= scale * gain
             out += offset
     return freeze(block)
-
-
-def _room(base: resampling.TimeBase, columns: Mapping[str, RawChannel], signal: Signal) -> tuple[Array, bool]:
-    """Memory for the signal, (channels, n), and whether its raw columns are in it already."""
-    n, count = base.t.size, len(signal.channels)
-    block = block_of([columns[name] for name in signal.channels], 2 * count + 1)
-    if block is None or block.shape[1] != n:
-        return np.empty((count, n)), False
-    return block, True
 
 
 def is_long(path: Path) -> bool:
@@ -336,12 +383,46 @@ def open_log(
         channels, sentence = guess(path, kind.names(path))
         notes.append(sentence)
     reader = _FileReader(path, kind, channels, time_range, notes)
-    position, torque = reader.position(channels.position), reader.torque(channels.torque)
-    return Log(path, sha256, reader.base.t, as_array(position), as_array(torque), channels, tuple(notes))
+    known = reader.inspect_positions(channels.position)
+    reader.inspect_torques(channels.torque)
+    found = reader.times.base(reader.inspection, reader.channels_of, channels)
+    notes.extend(found.report.sentences)
+    source = LazySource(path, path.stat().st_size, kind, reader.times.rows.start)
+    position = SignalOnDisk(
+        source,
+        found.position,
+        channels.position,
+        "position",
+        tuple(reader.wraps[name] for name in channels.position.channels),
+        known if found.position.unchanged else None,
+    )
+    unwrapped = (NO_WRAPS,) * len(channels.torque.channels)
+    torque = SignalOnDisk(source, found.torque, channels.torque, "torque", unwrapped)
+    log = Log(
+        path,
+        sha256,
+        found.t,
+        as_array(position),
+        as_array(torque),
+        channels,
+        tuple(notes),
+        found.segments,
+        found.report,
+    )
+    return _with_drift(log, found.report)
+
+
+def _with_drift(log: Log, report: TimeBaseReport) -> Log:
+    """The log, with a note if the torques' clock drifts against the positions'."""
+    drift = clock_drift(log.position, log.torque, log.segments, log.dt)
+    if drift is None:
+        return log
+    told = replace(report, clock_drift_s=drift.seconds, sentences=(*report.sentences, drift.sentence))
+    return replace(log, notes=(*log.notes, drift.sentence), time_base=told)
 
 
 class _FileReader:
-    """Time base and signals of a file, read and checked one channel at a time."""
+    """Times and signals of a file, read and checked one channel at a time."""
 
     def __init__(
         self, path: Path, kind: Format, channels: Channels, time_range: tuple[float, float] | None, notes: list[str]
@@ -353,53 +434,47 @@ class _FileReader:
         if self.count == 0:
             raise empty(path, "channels and no rows")
         raw = None if channels.time is None else column
-        self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, time_range, notes)
-        self.inspection = Inspection(path, self.base, notes)
+        self.times = Times.of(path, channels, raw, self.count, time_range, notes)
+        self.inspection = Inspection(path, self.times, notes)
         self.seen: dict[bytes, str] = {}
+        self.wraps: dict[str, tuple[NDArray[np.intp], Array]] = {}
 
-    def position(self, signal: Signal) -> SignalOnDisk:
-        """The checked positions."""
-        scale, wraps = units.scale(signal.unit, "position")[1], []
+    def inspect_positions(self, signal: Signal) -> MotionProfile:
+        """Check the positions; their profile if they are on the grid as they are."""
+        scale = units.scale(signal.unit, "position")[1]
 
         def channels() -> Iterator[Array]:
             for name, gain, offset in zip(signal.channels, signal.gain, signal.offset, strict=True):
                 raw = self._channel(name)
-                kept = np.delete(raw, self.base.repeated).astype(np.float64, copy=False)
-                at, shift = checks.find_wraps(kept, signal) if signal.unwrap else NO_WRAPS
-                wraps.append((at, freeze(shift)))
+                at, shift = NO_WRAPS
+                if signal.unwrap:
+                    at, shift = checks.find_wraps(raw.astype(np.float64, copy=False), signal)
+                self.wraps[name] = (at, freeze(shift))
                 column = self.inspection.column(name, raw, signal, "position", scale * gain)
-                yield self._on_grid(column) * (scale * gain) + offset
+                yield column * (scale * gain) + offset
 
-        profile = MotionProfile.of(channels())
-        return SignalOnDisk(self._source(), signal, "position", tuple(wraps), profile)
+        return MotionProfile.of(channels())
 
-    def torque(self, signal: Signal) -> SignalOnDisk:
-        """The checked torques; after the positions."""
+    def inspect_torques(self, signal: Signal) -> None:
+        """Check the torques; after the positions."""
         scale = units.scale(signal.unit, "torque")[1]
         for name, gain in zip(signal.channels, signal.gain, strict=True):
             self.inspection.column(name, self._channel(name), signal, "torque", scale * gain)
-        return SignalOnDisk(self._source(), signal, "torque", (NO_WRAPS,) * len(signal.channels))
 
-    def _on_grid(self, column: Array) -> Array:
-        """A position at the stamps as one on the grid, (n,)."""
-        if self.base.regular:
-            return column
-        out = np.empty(self.base.t.size)
-        resampling.interpolate(self.base, column, "position", out)
-        return out
-
-    def _source(self) -> LazySource:
-        return LazySource(self.path, self.path.stat().st_size, self.kind, self.rows.start, self.base)
+    def channels_of(self, signal: Signal) -> Iterator[Array]:
+        """The channels of a signal that was inspected, read again, each (rows,), unwrapped."""
+        for name in signal.channels:
+            column = self._read(name)[self.times.rows].astype(np.float64, copy=False)
+            at, shift = self.wraps.get(name, NO_WRAPS)
+            yield column - checks.wrap_offset(at, shift, 0, column.size) if at.size else column
 
     def _channel(self, name: str) -> RawChannel:
         """The kept rows of one channel, (rows,), as they are in the file, checked."""
         raw = self._read(name)
         if raw.size != self.count:
             raise checks.unequal_lengths(self.path, self.first, self.count, name, raw.size)
-        raw = raw[self.rows]
-        checks.refuse_nonfinite(self.path, name, raw, self.stamps)
-        if self.base.repeated.size:
-            checks.repeats(self.path, {name: raw}, self.stamps, self.base.repeated)
+        raw = raw[self.times.rows]
+        checks.refuse_nonfinite(self.path, name, raw, self.times.seconds)
         if raw.min() != raw.max():
             digest = hashlib.sha256(np.ascontiguousarray(raw, dtype=np.float64).data).digest()
             if digest in self.seen:

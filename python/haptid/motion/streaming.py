@@ -13,6 +13,7 @@ from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
 from haptid.log.lazy import OnDisk, as_array
+from haptid.log.resampling import Spans
 
 # Transient of a filter that is neglected beyond the samples around a piece, as a share.
 _FORGOTTEN = 1e-18
@@ -29,21 +30,28 @@ class Filtered(OnDisk):
         sections: second-order sections of one pass, of all channels or of each, (1 or channels, sections, 6).
         first: the channels' first sample, subtracted before and added after the filter, (channels, 1).
         around: samples to either side of a piece that it is filtered with.
+        segments: parts that are filtered by themselves, see `Log.segments`.
     """
 
     samples: OnDisk
     sections: Array
     first: Array
     around: int
+    segments: Spans
 
     @property
     def shape(self) -> tuple[int, int]:
         return self.samples.shape
 
     def make(self, low: int, high: int) -> Array:
-        start, stop = max(low - self.around, 0), min(high + self.around, len(self))
-        made = both_ways(self.sections, self.samples.between(start, stop) - self.first)
-        return np.asarray(made[:, low - start : high - start] + self.first)
+        made = np.empty((self.shape[1], high - low))
+        for a, b in self.segments:
+            begin, end = max(a, low), min(b, high)
+            if begin < end:
+                start, stop = max(begin - self.around, a), min(end + self.around, b)
+                piece = _both_ways(self.sections, self.samples.between(start, stop) - self.first)
+                np.add(piece[:, begin - start : end - start], self.first, out=made[:, begin - low : end - low])
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,37 +78,51 @@ class Delayed(OnDisk):
         return delayed(self.samples[start:stop], self.later, self.half)[low - start : high - start].T
 
 
-def filtered(channels: Array, sections: Array) -> Array:
-    """Each channel through its filter forwards and backwards, (n, channels); sections (1 or channels, sections, 6).
+def filtered(channels: Array, sections: Array, segments: Spans) -> Array:
+    """Each channel through the filter forwards and backwards, segment by segment, (n, channels).
 
-    In memory too it is done piece by piece, so that intermediate results stay in the processor's cache.
+    In memory too it is done piece by piece, so that intermediate results stay in the processor's cache. A segment too
+    short for the filter stays as it is.
+
+    Args:
+        channels: (n, channels).
+        sections: second-order sections of one pass, (sections, 6).
+        segments: first sample and one past the last of each.
     """
     around = memory(sections)
     if isinstance(channels, OnDisk):
-        return as_array(Filtered(channels, sections, channels.between(0, 1), around))
-    n, step = len(channels), max(SAMPLES_FILTERED, 4 * around)
-    samples, made = channels.T, np.empty((channels.shape[1], n))
+        return as_array(Filtered(channels, sections, channels.between(0, 1), around, segments))
+    step = max(SAMPLES_FILTERED, 4 * around)
+    samples, made = channels.T, np.empty((channels.shape[1], len(channels)))
     first = samples[:, :1]  # subtracted for the filter, so that a constant channel stays exactly constant
-    for low in range(0, n, step):
-        high = min(low + step, n)
-        start, stop = max(low - around, 0), min(high + around, n)
-        piece = both_ways(sections, samples[:, start:stop] - first)
-        np.add(piece[:, low - start : high - start], first, out=made[:, low:high])
+    for a, b in segments:
+        for low in range(a, b, step):
+            high = min(low + step, b)
+            start, stop = max(low - around, a), min(high + around, b)
+            piece = _both_ways(sections, samples[:, start:stop] - first)
+            np.add(piece[:, low - start : high - start], first, out=made[:, low:high])
     return freeze(made).T
 
 
-def both_ways(sections: Array, channels: Array) -> Array:
-    """Channels (channels, n) through one filter for all, or one for each, forwards and backwards."""
+def _both_ways(sections: Array, channels: Array) -> Array:
+    """Channels (channels, n) through one filter for all, or one for each, both ways; as they are where too few."""
+    if channels.shape[1] <= padding(sections):
+        return channels
     if len(sections) == 1:
         return np.asarray(signal.sosfiltfilt(sections[0], channels))
     return np.stack([signal.sosfiltfilt(own, channel) for own, channel in zip(sections, channels, strict=True)])
+
+
+def padding(sections: Array) -> int:
+    """Samples by which `sosfiltfilt` extends either end, at most."""
+    return 3 * (2 * int(sections.shape[1]) + 1)
 
 
 def memory(sections: Array) -> int:
     """Samples until the slowest filter's transient falls below FORGOTTEN; at least sosfiltfilt's padding."""
     slowest = max(float(np.abs(signal.sos2zpk(own)[1]).max()) for own in sections)
     forgets = int(np.ceil(np.log(_FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
-    return max(forgets, 3 * (2 * int(sections.shape[1]) + 1))
+    return max(forgets, padding(sections))
 
 
 # Samples to either side that interpolate a channel between samples: of torques, which may jump (cubic), and of filtered

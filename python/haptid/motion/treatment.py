@@ -16,11 +16,13 @@ from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid.errors import MissingAccelerationError, MotionTooShortError, TreatmentError
+from haptid.errors import LogTimeError, MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
+from haptid.log.resampling import Spans
 from haptid.motion.filters import (
     DIFFERENCES,
     LOWEST,
@@ -259,7 +261,7 @@ class Motion:
     @property
     def t(self) -> Array:
         """Sample times, (n,), s."""
-        return freeze(np.asarray(self.t0 + self.dt * np.arange(len(self)), dtype=np.float64))
+        return freeze(self.times(np.arange(len(self))))
 
     @property
     def qd(self) -> Array:
@@ -288,22 +290,64 @@ class Motion:
         missing = (len(self) - rate.shape[1]) // 2
         return np.pad(rate, ((0, 0), (missing, missing)), mode="edge").T
 
-    @cached_property
+    @property
     def usable(self) -> tuple[int, int]:
         """First sample and one past the last that are outside the filters' transients."""
+        return self.usable_segments[0][0], self.usable_segments[-1][1]
+
+    @property
+    def segments(self) -> Spans:
+        """First sample and one past the last of each part without a gap in time."""
+        return self.log.segments if self.log else ((0, len(self)),)
+
+    @cached_property
+    def usable_segments(self) -> Spans:
+        """Of each segment that is longer than the filters' transients, the samples outside these.
+
+        Raises:
+            MotionTooShortError: no segment is.
+        """
         if self.rates is not None:
-            return 0, len(self)
-        shifted = self.treatment.lost_to_delay(self.dt)
+            return self.segments
+        longest = max(stop - start for start, stop in self.segments)
+        before = after = self.treatment.lost_to_delay(self.dt)
+        what = "the position filter's ends"
         if self.treatment.velocity is not None:
-            start = shifted + self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
-            if len(self) - start - shifted < 2:
-                raise too_short(len(self) * self.dt, start * self.dt, "the differentiator's start")
-            return start, len(self) - shifted
-        sections = self.treatment.position_filter(self.dt)
-        edge = shifted + SIDE + (0 if sections is None else transient_samples(sections, len(self)))
-        if len(self) - 2 * edge < 2:
-            raise too_short(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
-        return edge, len(self) - edge
+            before += self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
+            what = "the differentiator's start"
+        else:
+            sections = self.treatment.position_filter(self.dt)
+            before += SIDE + (0 if sections is None else transient_samples(sections, longest))
+            after = before
+        made = tuple((a + before, b - after) for a, b in self.segments if b - a - before - after >= 2)
+        if not made:
+            raise too_short(longest * self.dt, (before + after) * self.dt, what)
+        return made
+
+    def times(self, samples: NDArray[np.intp]) -> Array:
+        """Times of samples, s."""
+        if self.log and len(self.segments) > 1:
+            return np.asarray(self.log.t[samples])
+        return np.asarray(self.t0 + self.dt * samples, dtype=np.float64)
+
+    def unbroken(self, what: str) -> Motion:
+        """This motion, if it has no gap in time.
+
+        Raises:
+            LogTimeError: it has.
+        """
+        if len(self.segments) > 1:
+            assert self.log is not None
+            first = float(self.log.t[self.segments[1][0] - 1])
+            raise LogTimeError(
+                f"{self.log.path}: {what} requires a log without gaps; it has {len(self.segments) - 1}, the first at "
+                f"t = {first:.6g} s.",
+                where=first,
+                found=len(self.segments) - 1,
+                limit=0,
+                advice="Keep a part without them with `time_range`.",
+            )
+        return self
 
     def state(self, start: int, stop: int) -> tuple[Array, Array]:
         """Positions and velocities of samples start..stop, each (coordinates, stop - start)."""
@@ -382,7 +426,7 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     n = len(log.t)
     if sections is not None and n <= 3 * (2 * sections.shape[1] + 1):
         raise too_short(n * dt, 3 * (2 * sections.shape[1] + 1) * dt, "the position filter")
-    q = log.position if sections is None else filtered(log.position, sections)
+    q = log.position if sections is None else filtered(log.position, sections, log.segments)
     return _timed(Motion(dt, q, log.torque, replace(treatment, torque_delay_s=0.0), log, float(log.t[0])), treatment)
 
 

@@ -251,8 +251,27 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
         )
         for k in np.flatnonzero(model.device.measured)
     )
-    notes = check_log(model.device, motion.log) if motion.log else ()
+    notes = (*check_log(model.device, motion.log), *_short_segments(plan)) if motion.log else ()
     return Observation(model, motors, plan.blocks(), (motion,), notes)
+
+
+def _short_segments(plan: Plan) -> tuple[str, ...]:
+    """A sentence on the segments of a log that are shorter than the filters, if there are any."""
+    motion, length = plan.motion, len(plan.filter)
+    assert motion.log is not None
+    used = sum(high - low >= length for low, high in motion.usable_segments)
+    short = len(motion.segments) - used
+    if not short:
+        return ()
+    (low, high), (start, stop) = (
+        motion.usable_segments[0],
+        next(part for part in motion.segments if part[0] <= motion.usable_segments[0][0] < part[1]),
+    )
+    needed = (stop - start - (high - low) + length) * motion.dt
+    return (
+        f"{short} of {len(motion.segments)} segments of {motion.log.path.name} are shorter than the filters "
+        f"({needed:.3g} s) and give no rows",
+    )
 
 
 def locked(motion: Motion) -> bool:

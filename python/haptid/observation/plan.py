@@ -114,8 +114,7 @@ class Plan:
 
     def t(self, start: int, stop: int) -> Array:
         """Times of rows start..stop, (rows,), s."""
-        samples = self.first + self.motion.treatment.decimation * np.arange(start, stop)
-        return np.asarray(self.motion.t0 + self.motion.dt * samples, dtype=np.float64)
+        return self.motion.times(self.first + self.motion.treatment.decimation * np.arange(start, stop))
 
     def signals(self, low: int, high: int) -> Signals:
         """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
@@ -131,6 +130,10 @@ class Plan:
         begin = self.motion.t0 + self.first * self.motion.dt - 0.5 * step
         edges = [*range(0, self.rows, self.block), self.rows]
         name = self.motion.name if log is None else log
+        if len(self.motion.segments) > 1:
+            first = self.t(0, self.rows)[[*range(0, self.rows, self.block), -1]] - 0.5 * step
+            first[-1] += step
+            return tuple(Block(name, float(a), float(b)) for a, b in pairwise(first))
         return tuple(Block(name, begin + a * step, begin + b * step) for a, b in pairwise(edges))
 
     def reduce(self, start: int, stop: int) -> RFactors:
@@ -175,12 +178,13 @@ class Plan:
         return base, triangle(triangles @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
-        """1 for a row that is used, 0 for one within `guard` of slow motion, (coordinates, rows).
+        """1 for a row that is used, (coordinates, rows); 0 for one within `guard` of slow motion, or across a gap.
 
         The sign of a slow velocity is uncertain, and with it the Coulomb friction.
         """
         model, treatment = self.model, self.motion.treatment
         weights = np.ones((len(model.device.row_names), stop - start))
+        self._drop_across_gaps(weights, start, stop)
         if not np.any(treatment.reversal_speed):
             return weights
         speeds = np.broadcast_to(np.asarray(treatment.reversal_speed, dtype=float), (len(model.device.row_names),))
@@ -197,6 +201,16 @@ class Plan:
                 weights[row, slow[after] > slow[before]] = 0.0
         return weights
 
+    def _drop_across_gaps(self, weights: Array, start: int, stop: int) -> None:
+        """Set to 0 what the weights are of rows whose filter window is not within one usable segment."""
+        if len(self.motion.segments) == 1:
+            return
+        centres = self.first + self.motion.treatment.decimation * np.arange(start, stop)
+        inside = np.zeros(stop - start, dtype=bool)
+        for low, high in self.motion.usable_segments:
+            inside |= (centres - self.filter.before >= low) & (centres + self.filter.after < high)
+        weights[:, ~inside] = 0.0
+
 
 def shared_filter(motion: Motion) -> ParallelFilter:
     """The parallel filter of a motion's torque and columns.
@@ -204,7 +218,7 @@ def shared_filter(motion: Motion) -> ParallelFilter:
     Raises:
         MotionTooShortError: not one row fits between the filters' ends.
     """
-    low, high = motion.usable
+    low, high = max(motion.usable_segments, key=lambda part: part[1] - part[0])
     length = 2 * motion.treatment.reach(motion.dt) + 1  # a filter much longer than the motion may not fit in memory
     if length < 2 * len(motion):
         made = motion.treatment.parallel_filter(motion.dt)

@@ -107,6 +107,8 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
                 time=table.time,
                 time_unit=table.time_unit,
                 rate_hz=table.rate_hz,
+                sampling=table.sampling,
+                stale=table.stale,
             )
         except LogError as error:
             raise fault(study, where, str(error).rstrip(".")) from error

@@ -38,6 +38,11 @@ class ChannelsTable(_Table):
     time: str | None = Field(None, description="channel of the sample times; or give rate_hz")
     time_unit: str = Field("s", description="s, ms, us or ns")
     rate_hz: _Positive | None = Field(None, description="sampling rate, where the log has no times")
+    sampling: Literal["auto", "stamps", "regular"] = Field(
+        "auto",
+        description="irregular stamps: the times of the samples, or jitter of regular ones; auto: by the positions",
+    )
+    stale: Literal["drop", "keep"] = Field("drop", description="rows that repeat the row before in spite of motion")
     position: SignalTable
     torque: SignalTable
 

@@ -100,7 +100,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
-    logs = tuple(log.busiest(min(max(_ENOUGH, _SAMPLES * float(log.dt)), max(_LONGER, _ENOUGH))) for log in logs)
+    logs = tuple(
+        part for log in logs for part in log.busiest(min(max(_ENOUGH, _SAMPLES * float(log.dt)), _LONGER)).parts()
+    )
     filters = _Filters.of(model, logs, given)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         filters = filters.known_to_the_torque(given)

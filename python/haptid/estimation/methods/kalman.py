@@ -153,7 +153,7 @@ class Filtering(UnitVarianceRows, ABC):
         """The state at the sample after k, without its measurement."""
 
     def _input(self, first: Estimate, motion: Motion) -> FilterInput:
-        model, (low, high) = first.model, motion.usable
+        model, (low, high) = first.model, motion.unbroken(self.name).usable
         raw, treated = recorded_positions(model, motion), measured_state(model, motion)
         positions = np.asarray(self.position_noise or position_noise(raw, treated[0], motion), dtype=float)
         torques = np.asarray(self.torque_noise, dtype=float)

@@ -44,7 +44,9 @@ class OutputErrorMethod(SimulationBased):
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
-            segments = Segments.of(len(motion), max(2, round(self.segment / motion.dt)), 0)
+            segments = Segments.of(
+                len(motion.unbroken("a method that simulates")), max(2, round(self.segment / motion.dt)), 0
+            )
             J, error = multiple_shooting(observation.model, smoothed, motion, beta, segments)
             for k, block in enumerate(segment_blocks(observation, motion, segments)):
                 if block is not None:

@@ -114,7 +114,8 @@ class SimulationBased(Wrapper, ABC):
 
     def segments(self, motion: Motion) -> Segments:
         """Of one motion."""
-        return Segments.of(len(motion), round(self.segment / motion.dt), round(self.run_in / motion.dt))
+        samples = len(motion.unbroken("a method that simulates"))
+        return Segments.of(samples, round(self.segment / motion.dt), round(self.run_in / motion.dt))
 
     @abstractmethod
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:

@@ -191,7 +191,7 @@ def friction_curve(
         NoRowsError: no joint moves in both directions at a constant velocity.
     """
     gravity, constant = gravity or DirectionPairs(), constant or ConstantVelocity()
-    c, cd, cdd = coordinates(model.device, motion, *motion.usable)
+    c, cd, cdd = coordinates(model.device, motion, *motion.unbroken("the friction test").usable)
     tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
     curves, idle = [], []

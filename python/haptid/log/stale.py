@@ -1,0 +1,138 @@
+"""Stale rows: rows of a recorder that hold a signal's earlier sample again.
+
+A recorder that polls a bus faster than the bus delivers, or misses a message, writes the last sample once more. Such a
+row is wrong by up to one step of motion, which is as much as jitter of a whole sampling period. A repeat is not proof:
+positions of a coarse encoder repeat where motion is slow, torques of few levels repeat anywhere, and both repeat at
+rest and at turning points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid._internal.arrays import Array
+
+Mask = NDArray[np.bool_]
+
+# More repeats in a row than this are rest.
+LONGEST_RUN = 12
+# A position that moves one way by FAST counts a row, on average over SPAN rows to either side, cannot repeat.
+SPAN, FAST = 3, 1.5
+# Not even with noise of a count if it moves by this many times more.
+FASTER = 6.0
+# Share of rows above which repeats of one signal are acted on: turning points imitate up to 4.5 %.
+LEAST_STALE = 0.05
+# Least share, and number, of rows where positions and torques repeat together.
+LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
+# Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
+TOGETHER = 0.8
+# A torque with fewer distinct values than this share of the samples is coarse: its repeats prove nothing.
+FINE = 0.25
+# Share of slow rows with repeated positions whose torques repeat too, from which on torques follow positions.
+FOLLOWS = 0.9
+# Rows that distinct values are counted in, and levels of an encoder are found in.
+ROWS_COUNTED = 2**16
+
+
+@dataclass(frozen=True, eq=False)
+class Stale:
+    """Rows whose sample is that of the row before, (rows,) each.
+
+    Attributes:
+        position, torque: of the signal; all False where it is not acted on.
+        moving: rows in which the positions move too fast to repeat.
+    """
+
+    position: Mask
+    torque: Mask
+    moving: Mask
+
+
+def find_stale(
+    same_position: Mask,
+    same_torque: Mask,
+    positions: Callable[[], Iterable[Array]],
+    torques: Callable[[], Iterable[Array]],
+) -> Stale | None:
+    """Stale rows of both signals; None where there are none.
+
+    A repeated position counts where a channel moves faster than `FAST` counts a row, or where torques repeat with it
+    that are not a function of the positions. A repeated torque counts if the torques are fine, see `FINE`, and not a
+    function of positions that may rest; coarse torques are stale where the rows of stale positions are stale as a
+    whole. Nothing is stale below `LEAST_STALE` unless positions and torques repeat together.
+
+    Args:
+        same_position, same_torque: whether all channels of a signal equal those of the row before, (rows,).
+        positions, torques: give the channels, each (rows,), in any unit.
+    """
+    short_position, short_torque = (same & ~_long_runs(same) for same in (same_position, same_torque))
+    if max(short_position.mean(), short_torque.mean()) < LEAST_TOGETHER:
+        return None
+    moving, fast = _moving(positions, same_position.size)
+    position = short_position & moving
+    slow = same_position & ~moving
+    bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
+    fine = any(_is_fine(channel) for channel in torques())
+    if fine:
+        torque = short_torque & (moving | ~same_position) if bound else short_torque
+        position |= short_position & torque
+    else:
+        whole = position.any() and float(same_torque[position].mean()) >= TOGETHER
+        torque = position & same_torque if whole else np.zeros_like(position)
+    both = position & torque
+    if bound:  # torques that repeat because positions do are no proof
+        both &= fast
+    together = int(both.sum())
+    judged = position & fast if bound else position
+    whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(judged.sum()))
+    found = [own if whole or own.mean() > LEAST_STALE else np.zeros_like(own) for own in (position, torque)]
+    return Stale(found[0], found[1], moving) if found[0].any() or found[1].any() else None
+
+
+def _long_runs(same: Mask) -> Mask:
+    """Repeats in runs longer than `LONGEST_RUN`."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    made = np.zeros(same.size, dtype=bool)
+    lengths = edges[1::2] - edges[::2]
+    made[same] = np.repeat(lengths > LONGEST_RUN, lengths)
+    return made
+
+
+def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> tuple[Mask, Mask]:
+    """Where a channel moves one way, which noise does not, and faster than `FAST` counts a row; and `FASTER`."""
+    moving, fast = np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool)
+    for channel in positions():
+        least = 2 * SPAN * FAST * smallest_step(channel)
+        travel = np.abs(channel[2 * SPAN :] - channel[: -2 * SPAN])
+        window = np.ones(2 * SPAN, dtype=np.int8)
+        down, up = (np.convolve(way(channel[1:], channel[:-1]), window, "valid") for way in (np.less, np.greater))
+        one_way = (down == 0) | (up == 0)
+        moving[SPAN:-SPAN] |= (travel > least) & one_way
+        fast[SPAN:-SPAN] |= (travel > FASTER * least) & one_way
+    return moving, fast
+
+
+def smallest_step(channel: Array) -> float:
+    """Count of an encoder; where there are no counts, the step that a quarter of the moving rows stays below."""
+    part = channel[: 4 * ROWS_COUNTED]
+    levels = np.diff(np.unique(part))
+    levels = levels[levels > 1e-7 * float(np.ptp(part))]
+    if levels.size >= 4:
+        step = float(np.median(levels[levels < 1.5 * np.percentile(levels, 10)]))
+        off = part / step - np.rint(part / step)
+        if np.percentile(np.abs(off - np.median(off)), 95) < 0.05:
+            return step
+    steps = np.abs(np.diff(part))
+    steps = steps[steps > 0]
+    return float(np.percentile(steps, 25)) if steps.size else 0.0
+
+
+def _is_fine(channel: Array) -> bool:
+    """Whether a channel has so many distinct values that it does not repeat by chance."""
+    middle = max(0, (channel.size - ROWS_COUNTED) // 2)
+    part = channel[middle : middle + ROWS_COUNTED]
+    return bool(np.unique(part).size >= FINE * part.size)
