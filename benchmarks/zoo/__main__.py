@@ -27,6 +27,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--former", action="store_true", help="print the stored scores of the former proposal beside")
     parser.add_argument("--fresh", action="store_true", help="compute the oracle again")
+    parser.add_argument("--diagnose", action="store_true", help="ask for the report's verdict too: minutes")
     parser.add_argument("--worst", type=int, default=10, help="how many of the worst cases are printed")
     parser.add_argument("--list", action="store_true", help="print the cases only")
     parser.add_argument("--out", type=Path, default=RESULTS / "zoo-cases.json", help="where scores are stored")
@@ -36,7 +37,7 @@ def main() -> None:
     if given.list:
         print(*cases, sep="\n")
         return
-    rows = scores(cases, given.jobs, given.fresh)
+    rows = scores(cases, given.jobs, given.fresh, given.diagnose)
     figures = aggregate(cases, rows)
     former = None
     if given.former:

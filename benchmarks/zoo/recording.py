@@ -70,12 +70,12 @@ def record(plant: Plant) -> Recorded:
 
 
 def _times(case: Case) -> tuple[Array, Array]:
-    """Stamps, and the instants at which samples were taken, each (n,), s."""
-    dt = 1 / case.rate
-    regular = dt * np.arange(round(case.rate * case.seconds))
-    t = np.sort(regular + case.jitter * dt * case.random("jitter").normal(size=len(regular)))
-    t = np.maximum.accumulate(t + 1e-6 * dt * np.arange(len(t)))  # no two are equal
-    return t, t if case.stamps == "true" else regular
+    """Stamps, whole microseconds of which no two are equal, and the instants of the samples, each (n,), s."""
+    regular = np.arange(round(case.rate * case.seconds)) / case.rate
+    t = np.sort(regular + case.jitter / case.rate * case.random("jitter").normal(size=len(regular)))
+    counted = np.arange(len(t))
+    stamps = np.maximum.accumulate(np.round(1e6 * t).astype(int) - counted) + counted
+    return 1e-6 * stamps, t if case.stamps == "true" else regular
 
 
 def _computed(plant: Plant, at: Array) -> tuple[Array, Array, Array]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import haptid
+from haptid.report import ReportSource
 from haptid.study.identify import Identification, identify
 from haptid.study.read import read_study
 from zoo.case import Array, Case
@@ -24,8 +25,14 @@ ORACLE = ("plant.py", "recording.py", "oracle.py")
 LEAST = 0.5
 
 
-def score(case: Case, fresh: bool = False) -> dict[str, Any]:
-    """Everything about a case, as JSON takes it; the oracle is kept from run to run unless `fresh`."""
+def score(case: Case, fresh: bool = False, diagnosed: bool = False) -> dict[str, Any]:
+    """Everything about a case, as JSON takes it.
+
+    Args:
+        case: to score.
+        fresh: whether to compute the oracle again, which is kept from run to run.
+        diagnosed: whether the report's verdict is wanted too, which takes longer than the estimate.
+    """
     plant = Plant(case)
     known = kept("oracle", case, ORACLE, lambda: oracle(plant), fresh)
     row: dict[str, Any] = {"case": str(case), "seed": case.seed, "edge_hz": plant.motion.edge_hz} | known
@@ -44,6 +51,8 @@ def score(case: Case, fresh: bool = False) -> dict[str, Any]:
         else:
             row |= default_path(plant, made, found)
         row["seconds"] = time.process_time() - begin
+        if diagnosed and "error" in row:
+            row["verdict"] = ReportSource(found, "").diagnosis.verdict.torque
     if "error" in row:
         row["ratio"] = row["error"] / max(row["oracle"], LEAST) if row["oracle"] is not None else None
     return row

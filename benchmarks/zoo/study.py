@@ -27,9 +27,9 @@ def run() -> dict[str, float]:
     return {f"{name}: {what}": value for name, of in figures.items() for what, value in of.items()}
 
 
-def scores(cases: Sequence[Case], jobs: int, fresh: bool = False) -> list[dict[str, Any]]:
+def scores(cases: Sequence[Case], jobs: int, fresh: bool = False, diagnosed: bool = False) -> list[dict[str, Any]]:
     """Scores of cases, in their order; how many are done goes to standard error."""
-    one, made = partial(score, fresh=fresh), []
+    one, made = partial(score, fresh=fresh, diagnosed=diagnosed), []
     with ProcessPoolExecutor(jobs) as pool:
         for row in pool.map(one, cases):
             made.append(row)

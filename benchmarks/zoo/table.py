@@ -68,6 +68,7 @@ def _figures(pairs: Sequence[tuple[Case, Row]]) -> dict[str, float]:
         "floor 50": _percentile([r["floor"] for _, r in pairs], 50),
         **_spread("ratio", [r["ratio"] for r in scored]),
         "bad and ok": float(sum(r["ratio"] > 3 and r["status"] == "ok" for r in scored)),
+        "bad and fit for torque": float(sum(r["ratio"] > 3 and r.get("verdict") == "ok" for r in scored)),
         "covered": _mean([r["covered"] for _, r in exact], [r["parameters"] for _, r in exact]),
         "error/se 50": _percentile([r["error_over_se"] for _, r in exact], 50),
         "delay 50": _percentile(delays, 50),

@@ -20,7 +20,7 @@ from zoo.score import LEAST, score
 FAIR, WORST = 1.3, 3.0
 CASES = {
     "clean": Case(1, "arm2", 500, 12, 2.0, 3, bits=16),
-    "coarse encoder": Case(2, "arm3", 500, 12, 1.6, 3, bits=12),
+    "coarse encoder": Case(2, "arm3", 1000, 12, 1.6, 3, bits=11),
     "coarse encoder behind a gear, AR torque": Case(3, "pendulum", 500, 8, 2.0, 4, bits=10, gear=50.0, noise="AR"),
     "coloured encoder noise": Case(4, "arm2", 500, 12, 1.0, 3, bits=15, encoder="AR", steps=4.0),
     "encoder ripple": Case(5, "arm2", 500, 12, 1.0, 3, bits=13, encoder="ripple", steps=2.0),
