@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.observation.reversals import softened
+from haptid.observation.reversals import smoothed_friction
 from zoo.case import Array, Case
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
@@ -199,7 +199,7 @@ class Plant:
         return states, tau
 
     def _modelled(self, states: tuple[Array, Array, Array], beta: Array) -> Array:
-        soft = softened(self.model, SOFT * float(self.speed.min()))
+        soft = smoothed_friction(self.model, SOFT * float(self.speed.min()))
         return np.asarray(haptid.inverse_dynamics(soft, beta, *states))
 
     @cached_property

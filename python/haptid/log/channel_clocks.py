@@ -60,8 +60,8 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
     size = min(LONGEST, n // 8)
     if size < 3 * _ROWS:
         return None
-    starts = np.unique(np.linspace(0, n - size, min(WINDOWS, n // size)).astype(int))
-    starts = [k for k in starts if any(a <= k and k + size <= b for a, b in segments)]
+    spread = np.unique(np.linspace(0, n - size, min(WINDOWS, n // size)).astype(int))
+    starts = [int(k) for k in spread if any(a <= k and k + size <= b for a, b in segments)]
     windows = [_window(position[k : k + size], torque[k : k + size], k / n - 0.5, size / n) for k in starts]
     if len(windows) < 8:
         return None

@@ -252,7 +252,7 @@ class Log:
         )
 
     def busiest(self, seconds: float) -> Log:
-        """The part of given length with the largest activity of its positions; at least LEAST_ACTIVE_SAMPLES samples."""
+        """The part of given length with the most activity of its positions; LEAST_ACTIVE_SAMPLES samples at least."""
         keep = min(self.t.size, max(LEAST_ACTIVE_SAMPLES, round(seconds / self.dt)))
         if keep == self.t.size:
             return self

@@ -115,11 +115,11 @@ def read_log(
     checks.identical(path, columns)
     inspection = Inspection(path, times, notes)
     blocks, signals = {}, {"position": channels.position, "torque": channels.torque}
-    for kind, signal in signals.items():
-        blocks[kind] = block_of([columns[name] for name in signal.channels], 2 * len(signal.channels) + 1)
-        scale = units.scale(signal.unit, kind)[1]  # type: ignore[arg-type]
+    for what, signal in signals.items():
+        blocks[what] = block_of([columns[name] for name in signal.channels], 2 * len(signal.channels) + 1)
+        scale = units.scale(signal.unit, what)[1]  # type: ignore[arg-type]
         for name, gain in zip(signal.channels, signal.gain, strict=True):
-            columns[name] = inspection.column(name, columns[name], signal, kind, scale * gain)  # type: ignore[arg-type]
+            columns[name] = inspection.column(name, columns[name], signal, what, scale * gain)  # type: ignore[arg-type]
     found = times.base(inspection, lambda signal: (columns[name] for name in signal.channels), channels)
     notes.extend(found.report.sentences)
     position = _block(found.position, columns, channels.position, "position", blocks["position"])
