@@ -241,7 +241,7 @@ class Plant:
     def _elastic(self, motion: Fourier, t: Array) -> tuple[tuple[Array, Array, Array], Array]:
         """Motor states and torque behind springs that carry the link's torque; encoders are on the motors."""
         middle = self.model.device.row_map @ motion.centre
-        inertia = np.diag(haptid.mass_matrix(self.model, self.beta, motion.centre[:, None])[0])
+        inertia = np.diag(haptid.dynamics.mass_matrix(self.model, self.beta, motion.centre[:, None])[0])
         assert len(middle) == len(inertia)
         spring = inertia[:, None] * (2 * np.pi * RESONANCE * self.case.motion_hz) ** 2
         h = 2e-3 / self.case.motion_hz

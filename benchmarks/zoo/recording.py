@@ -152,7 +152,7 @@ def _on_the_bench(plant: Plant) -> tuple[Array, Array, Array]:
     case, model, dt = plant.case, plant.model, 1 / CONTROL_HZ
     grid = dt * np.arange(round(case.seconds * CONTROL_HZ))
     trajectory = bench.Trajectory(dt, *(x.T.copy() for x in plant.motion.states(grid)))
-    inertia = np.diag(haptid.mass_matrix(model, plant.beta, plant.motion.centre[:, None])[0])
+    inertia = np.diag(haptid.dynamics.mass_matrix(model, plant.beta, plant.motion.centre[:, None])[0])
     noise = tuple(case.level * rms(row) for row in plant.act(plant.motion, grid)[1])
     w, late = 2 * np.pi * max(LEAST_HZ, STIFF * case.motion_hz), case.delay * dt
     for _ in range(SOFTER):
