@@ -205,7 +205,7 @@ def loop_singular(folder: Path) -> object:
     passive = ["coupler", "rocker"]
     at = { crank = 1.0 }
     guess = { rocker = 0.3 }
-    cut = { on = "coupler", frame = { d = 0.3 }, with = "rocker", twin = { d = 0.3 } }
+    cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "rocker", frame_b = { d = 0.3 } }
     """
     return device(folder, kite).device.closure.positions(np.linspace(1.0, -1.013, 100)[None])
 

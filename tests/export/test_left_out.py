@@ -123,7 +123,7 @@ def test_essential_writes_a_result(folder, study):
 
 def test_rows_held_out_are_predicted_without_what_is_left_out(study):
     path = study.parent / "alternate.toml"
-    path.write_text(study.read_text().replace("[treatment]", '[holdout]\npattern = "alternate"\n[treatment]'))
+    path.write_text(study.read_text().replace("[treatment]", '[validation]\ncross_validation = "blocks"\n[treatment]'))
     found = haptid.identify(haptid.read_study(path))
     made = with_reduced(found, eliminate(found.estimate, BackwardElimination(MaxRelativeStd(20.0))).reduced)
     assert len(made.runs[0].unseen) == len(found.runs[0].unseen)

@@ -9,7 +9,7 @@ from haptid.end_effector.torque_decomposition import decompose_torque
 
 TREATMENTS = {
     "differences": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),
-    "momentum": haptid.Treatment(parallel_cutoff_hz=30.0, decimation=5, accelerations="momentum"),
+    "momentum": haptid.Treatment(parallel_cutoff_hz=30.0, decimation=5, formulation="momentum"),
 }
 
 

@@ -225,7 +225,7 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     study = haptid.read_study(source().identification.study.path)
     first = found()
     swapped = tuple(
-        type(log)(log.path, "validate" if log.role == "identify" else "identify", log.stretch, log.channels)
+        type(log)(log.path, "validate" if log.role == "identify" else "identify", log.time_range, log.channels)
         for log in study.logs
     )
     second = haptid.identify(replace(study, logs=swapped), logs())

@@ -266,7 +266,7 @@ def test_the_reference_is_read_from_the_log_s_own_file(tmp_path):
         haptid.Signal(("command1", "command2", "command3"), "counts", "motor"),
         time="t",
     )
-    log = haptid.read_log(job.out, channels, stretch=(1.0, 3.0))
+    log = haptid.read_log(job.out, channels, time_range=(1.0, 3.0))
     target = recorded(log, haptid.Signal(("target1", "target2", "target3"), "rad"))
     assert target.shape == log.position.T.shape
     assert np.abs(target - log.position.T).max() < 0.05

@@ -36,7 +36,7 @@ parent = "lever"
 d = "lever"
 [[loops]]
 passive = ["forearm", "coupler"]
-cut = { on = "coupler", frame = { d = "coupler" }, with = "forearm", twin = { d = "lever" } }
+cut = { body_a = "coupler", frame_a = { d = "coupler" }, body_b = "forearm", frame_b = { d = "lever" } }
 """
 LINK = 'name = "two links"\ngravity = [0, -9.81, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.25\n'
 

@@ -83,4 +83,4 @@ def test_no_check_fires_on_a_part_of_a_measured_log(shared_data: Path) -> None:
     channels = Channels(Signal(numbered("qm{}"), "rad", "motor"), Signal(numbered("taum{}"), "N m", "motor"), time="t")
     path = shared_data / "staubli_tx40" / "tx40_log.parquet"
     for start in range(7):
-        assert read_log(path, channels, stretch=(start, start + 1)).t.size == 5001
+        assert read_log(path, channels, time_range=(start, start + 1)).t.size == 5001

@@ -20,7 +20,7 @@ def record(
     t: np.ndarray,
     unit: str = "s",
     rate_hz: float | None = None,
-    stretch: tuple[float, float] | None = None,
+    time_range: tuple[float, float] | None = None,
     taken: np.ndarray | None = None,
 ) -> Log:
     """Read a motion of 1 rad at 1 Hz that was sampled at `taken` (s; the stamps where None) and stamped t."""
@@ -28,7 +28,7 @@ def record(
     path = folder / "log.npz"
     np.savez(path, t=t, q=np.sin(2 * np.pi * real), tau=np.cos(2 * np.pi * real))
     time = {"rate_hz": rate_hz} if rate_hz else {"time": "t", "time_unit": unit}
-    return read_log(path, Channels(Signal("q", "rad"), Signal("tau", "N m"), **time), stretch)  # type: ignore[arg-type]
+    return read_log(path, Channels(Signal("q", "rad"), Signal("tau", "N m"), **time), time_range)  # type: ignore[arg-type]
 
 
 def error(log: Log, start: float = 0.0) -> tuple[float, float]:
@@ -131,7 +131,7 @@ def test_long_gap(tmp_path: Path) -> None:
     assert raised.value.where == pytest.approx(3.99)
     assert raised.value.limit == pytest.approx(0.1)
     assert raised.value.found == pytest.approx(0.21)
-    assert record(tmp_path, t, stretch=(4.2, 9)).t.size == 481
+    assert record(tmp_path, t, time_range=(4.2, 9)).t.size == 481
 
 
 def test_many_short_gaps(tmp_path: Path) -> None:
@@ -197,22 +197,22 @@ def test_missing_stamps(tmp_path: Path) -> None:
 
 def test_a_rate_in_place_of_stamps(tmp_path: Path) -> None:
     taken = np.arange(500) / 250
-    log = record(tmp_path, np.zeros(500), rate_hz=250, taken=taken, stretch=(0.5, 1.5))
+    log = record(tmp_path, np.zeros(500), rate_hz=250, taken=taken, time_range=(0.5, 1.5))
     np.testing.assert_allclose(log.t, np.arange(125, 376) / 250)
     assert error(log) < (1e-12, 1e-12)
 
 
-def test_stretch(tmp_path: Path) -> None:
+def test_time_range(tmp_path: Path) -> None:
     t = 3 + np.arange(1000) / 100
-    log = record(tmp_path, t, stretch=(2, 5))
+    log = record(tmp_path, t, time_range=(2, 5))
     assert (log.t[0], log.t[-1]) == pytest.approx((2, 5))
     assert error(log, start=3.0) < (1e-12, 1e-12)
     assert "kept from 2 to 5 s: 301 of 1000 samples" in log.notes
-    for stretch in ((5, 2), (20, 30), (np.nan, 1), (3, 3.005)):
+    for time_range in ((5, 2), (20, 30), (np.nan, 1), (3, 3.005)):
         with pytest.raises(errors.LogTimeError):
-            record(tmp_path, t, stretch=stretch)
+            record(tmp_path, t, time_range=time_range)
     with pytest.raises(errors.LogTimeError) as raised:
-        record(tmp_path, t, stretch=(20, 30))
+        record(tmp_path, t, time_range=(20, 30))
     assert raised.value.found == (20, 30)
     assert raised.value.limit == (0, pytest.approx(9.99))
 

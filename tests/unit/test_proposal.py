@@ -35,7 +35,7 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
         haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"),
         time="t",
     )
-    gains = [motor.gear * motor.gain for motor in model.device.motors]
+    gains = [motor.gear_ratio * motor.torque_constant for motor in model.device.motors]
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 

@@ -91,6 +91,6 @@ def _test(
         study = read_study(what)
         entry = next(one for one in study.logs if one.role == "identify")
         model, asked = DynamicModel(read_device(study.device)), dict(study.treatment)
-        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, stretch=entry.stretch)
+        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, time_range=entry.time_range)
     tell("reading the log", 1.0)
     return model, treat(read, propose(model, read, **asked).treatment)

@@ -112,23 +112,23 @@ class BenchRecording:
         """Sampling period, s."""
         return float(self.t[1] - self.t[0])
 
-    def log(self, stretch: tuple[float, float]) -> Log:
+    def log(self, time_range: tuple[float, float]) -> Log:
         """Positions and commands between two times, s: the channels that an identification uses."""
-        device = self.model.device
+        device, motors = self.model.device, self.model.device.motors
         channels = Channels(
             Signal(tuple(f"q{k + 1}" for k in range(len(device.active))), "rad"),
-            Signal(tuple(f"command{k + 1}" for k in range(len(device.motors))), device.motors[0].unit, side="motor"),
+            Signal(tuple(f"command{k + 1}" for k in range(len(motors))), motors[0].command_unit, side="motor"),
             time="t",
         )
-        return read_log(self.path, channels, stretch=stretch)
+        return read_log(self.path, channels, time_range=time_range)
 
-    def motion(self, stretch: tuple[float, float], treatment: Treatment) -> Motion:
+    def motion(self, time_range: tuple[float, float], treatment: Treatment) -> Motion:
         """The log between two times, s, treated."""
-        return treat(self.log(stretch), treatment)
+        return treat(self.log(time_range), treatment)
 
-    def exact(self, stretch: tuple[float, float], treatment: Treatment) -> Motion:
+    def exact(self, time_range: tuple[float, float], treatment: Treatment) -> Motion:
         """The same with exact positions, velocities and accelerations in place of the sensors'."""
-        motion = self.motion(stretch, treatment)
+        motion = self.motion(time_range, treatment)
         at = self.index(motion.t)
         edge = lost(treatment.torque_delay_s / motion.dt)
         inner = slice(edge, len(at) - edge)
@@ -139,9 +139,9 @@ class BenchRecording:
         """Index of the samples at these times, (times,)."""
         return np.asarray(np.rint((t - self.t[0]) / self.dt).astype(int))
 
-    def during(self, stretch: tuple[float, float]) -> np.ndarray:
+    def during(self, time_range: tuple[float, float]) -> np.ndarray:
         """Whether each sample is between two times, s, (n,)."""
-        return np.asarray((self.t >= stretch[0]) & (self.t <= stretch[1]))
+        return np.asarray((self.t >= time_range[0]) & (self.t <= time_range[1]))
 
 
 def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRecording:

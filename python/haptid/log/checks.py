@@ -175,7 +175,7 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
                 where=(name, float(stamps[k + 1])),
                 found=largest,
                 limit=usual,
-                advice="Keep a part without it with `stretch`.",
+                advice="Keep a part without it with `time_range`.",
             )
 
 
@@ -250,7 +250,7 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
                     where=name,
                     found=share,
                     limit=HELD_SHARE,
-                    advice="Record a slower motion, exclude the part with `stretch`, or give allow_saturation=True if "
+                    advice="Record a slower motion, exclude the part with `time_range`, or give allow_saturation=True if "
                     "the command is the torque that acted.",
                 )
             return (
@@ -411,7 +411,7 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
         f"{index}{when}.",
         where=(name, index),
         found=count,
-        advice="Use `stretch` to keep a part without them, or repair the log.",
+        advice="Use `time_range` to keep a part without them, or repair the log.",
     )
 
 

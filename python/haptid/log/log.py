@@ -177,7 +177,7 @@ class Log:
                 where=self.path,
                 found=self.t.size,
                 limit=2,
-                advice="Record longer, or widen `stretch`.",
+                advice="Record longer, or widen `time_range`.",
             )
         for name, signal in (("position", self.channels.position), ("torque", self.channels.torque)):
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))

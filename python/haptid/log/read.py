@@ -73,7 +73,7 @@ FORMATS = (
 def read_log(
     path: str | os.PathLike[str],
     channels: Channels | None = None,
-    stretch: tuple[float, float] | None = None,
+    time_range: tuple[float, float] | None = None,
 ) -> Log:
     """Read a log file, check it, and bring it to a uniform grid in SI.
 
@@ -84,7 +84,7 @@ def read_log(
     Args:
         path: CSV, Parquet, MAT, NPZ or HDF5.
         channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
-        stretch: the part to keep, (from, to) in s from the file's first sample; None keeps all.
+        time_range: the part to keep, (from, to) in s from the file's first sample; None keeps all.
 
     Raises:
         LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
@@ -103,7 +103,7 @@ def read_log(
     if count == 0:
         raise empty(path, "channels and no rows")
     stamps = None if channels.time is None else columns.pop(channels.time)
-    base, rows, seconds = time_base(path, channels, stamps, count, stretch, notes)
+    base, rows, seconds = time_base(path, channels, stamps, count, time_range, notes)
     del stamps
     columns = {name: column[rows] for name, column in columns.items()}
     _check_raw(path, columns, seconds, base.repeated)
@@ -174,7 +174,7 @@ def time_base(
     channels: Channels,
     raw: RawChannel | None,
     count: int,
-    stretch: tuple[float, float] | None,
+    time_range: tuple[float, float] | None,
     notes: list[str],
 ) -> tuple[resampling.TimeBase, slice, Array]:
     """Time base, rows of the part to keep, and their stamps.
@@ -184,26 +184,26 @@ def time_base(
         channels: which of them is time.
         raw: that channel, (count,); overwritten. None where there is none.
         count: rows of the file.
-        stretch: the part to keep, s.
+        time_range: the part to keep, s.
         notes: appended to.
     """
     if channels.time is None or raw is None:
         rate = float(channels.rate_hz or 0.0)
-        rows = resampling.part(path, np.arange(count) / rate, stretch)
+        rows = resampling.part(path, np.arange(count) / rate, time_range)
         base = resampling.from_rate(path, rows, rate)
         seconds = base.stamps
     else:
         scale = units.scale(channels.time_unit, "time")[1]
         first, fineness = raw[0] * scale, resampling.resolution(raw) * scale
         seconds = resampling.since_first(path, channels.time, raw, scale)
-        rows = resampling.part(path, seconds, stretch)
+        rows = resampling.part(path, seconds, time_range)
         seconds = seconds[rows]
         base = resampling.from_stamps(path, channels.time, seconds, fineness)
         if first != 0:
             notes.append(f"times count from the file's first stamp, {first:.9g} s")
-    if stretch is not None:
+    if time_range is not None:
         kept_count = rows.stop - rows.start
-        notes.append(f"kept from {stretch[0]:g} to {stretch[1]:g} s: {kept_count} of {count} samples")
+        notes.append(f"kept from {time_range[0]:g} to {time_range[1]:g} s: {kept_count} of {count} samples")
     notes.extend(base.notes)
     return base, rows, seconds
 
@@ -305,7 +305,7 @@ def is_long(path: Path) -> bool:
 def open_log(
     path: str | os.PathLike[str],
     channels: Channels | None = None,
-    stretch: tuple[float, float] | None = None,
+    time_range: tuple[float, float] | None = None,
 ) -> Log:
     """Open a log file: the log of `read_log` with its samples left on disk.
 
@@ -314,7 +314,7 @@ def open_log(
 
     Args:
         path: Parquet or HDF5.
-        channels, stretch: as for `read_log`.
+        channels, time_range: as for `read_log`.
 
     Raises:
         LogFileError: the format can only be read as a whole.
@@ -335,7 +335,7 @@ def open_log(
     if channels is None:
         channels, sentence = guess(path, kind.names(path))
         notes.append(sentence)
-    reader = _FileReader(path, kind, channels, stretch, notes)
+    reader = _FileReader(path, kind, channels, time_range, notes)
     position, torque = reader.position(channels.position), reader.torque(channels.torque)
     return Log(path, sha256, reader.base.t, as_array(position), as_array(torque), channels, tuple(notes))
 
@@ -344,7 +344,7 @@ class _FileReader:
     """Time base and signals of a file, read and checked one channel at a time."""
 
     def __init__(
-        self, path: Path, kind: Format, channels: Channels, stretch: tuple[float, float] | None, notes: list[str]
+        self, path: Path, kind: Format, channels: Channels, time_range: tuple[float, float] | None, notes: list[str]
     ) -> None:
         self.path, self.kind = path, kind
         self.first = channels.sources[0]
@@ -353,7 +353,7 @@ class _FileReader:
         if self.count == 0:
             raise empty(path, "channels and no rows")
         raw = None if channels.time is None else column
-        self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, stretch, notes)
+        self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, time_range, notes)
         self.inspection = Inspection(path, self.base, notes)
         self.seen: dict[bytes, str] = {}
 

@@ -76,21 +76,21 @@ def since_first(path: Path, name: str, raw: RawChannel, scale: float) -> Array:
     return seconds
 
 
-def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> slice:
+def part(path: Path, seconds: Array, time_range: tuple[float, float] | None) -> slice:
     """Rows from the first to the last stamp inside a time range.
 
     Raises:
         LogTimeError: no stamp is inside.
     """
-    if stretch is None:
+    if time_range is None:
         return slice(0, seconds.size)
-    inside = np.flatnonzero((seconds >= stretch[0]) & (seconds <= stretch[1]))
+    inside = np.flatnonzero((seconds >= time_range[0]) & (seconds <= time_range[1]))
     if inside.size == 0:
         last = float(np.nanmax(seconds))
         raise LogTimeError(
-            f"{path}: no samples from {stretch[0]:g} to {stretch[1]:g} s.",
-            where="stretch",
-            found=stretch,
+            f"{path}: no samples from {time_range[0]:g} to {time_range[1]:g} s.",
+            where="time_range",
+            found=time_range,
             limit=(0.0, last),
             advice=f"The log runs from 0 to {last:g} s, counted from its first sample; give (from, to) inside it.",
         )
@@ -127,7 +127,7 @@ def check_length(path: Path, samples: int) -> None:
             where=path,
             found=samples,
             limit=FEWEST_SAMPLES,
-            advice="Record longer, or widen `stretch`.",
+            advice="Record longer, or widen `time_range`.",
         )
 
 
@@ -191,7 +191,7 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
             f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
             where=k + 1,
             found=(float(seconds[k]), float(seconds[k + 1])),
-            advice="Either two recordings are in one file (split them, or keep one with `stretch`), a counter of the "
+            advice="Either two recordings are in one file (split them, or keep one with `time_range`), a counter of the "
             "clock overflowed, or rows are out of order.",
         )
 
@@ -270,7 +270,7 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
             where=float(seconds[k]),
             found=float(steps[k]),
             limit=LONGEST_GAP * ordinary,
-            advice="Keep a part without it with `stretch`, or split the log there.",
+            advice="Keep a part without it with `time_range`, or split the log there.",
         )
     missing = int(np.maximum(np.rint(steps[gaps] / ordinary) - 1, 1).sum())
     samples = seconds.size + missing
@@ -281,7 +281,7 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
             where=path,
             found=missing / samples,
             limit=MISSING_LIMIT,
-            advice="Keep a part without them with `stretch`, or leave `time` out and give `rate_hz` if the samples are "
+            advice="Keep a part without them with `time_range`, or leave `time` out and give `rate_hz` if the samples are "
             "regular and only their stamps are not.",
         )
     return missing

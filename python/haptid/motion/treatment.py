@@ -54,13 +54,13 @@ class Treatment:
             decimated Nyquist frequency, and no filter where `decimation` is 1.
         parallel_shape: of that filter: `KaiserSmoother()`, `WindowedSinc()` as in published methods, or `Causal()`.
         reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction is slower than this anywhere
-            within `guard` of the row, rad/s or m/s; one value, or one for each row of torque.
-        guard: s; None is the length of the parallel filter without its negligible ends.
-        block: length of a time block, s.
+            within `reversal_guard_s` of the row, rad/s or m/s; one value, or one for each row of torque.
+        reversal_guard_s: s; None is the length of the parallel filter without its negligible ends.
+        block_s: length of a time block, s.
         torque_delay_s: the acting torque is the log's of so much earlier, s: half a sampling period for a command that
             is constant from its sample to the next (zero-order hold).
-        accelerations: "differences" of the positions, or "momentum": no accelerations, the parallel filter
-            differentiates momenta.
+        formulation: "acceleration", by differences of the positions, or "momentum": no accelerations, the parallel
+            filter differentiates momenta.
         velocity: a causal differentiator of the unfiltered positions; None is central differences.
     """
 
@@ -69,11 +69,11 @@ class Treatment:
     decimation: int = 1
     parallel_cutoff_hz: float | None = None
     reversal_speed: float | tuple[float, ...] = 0.0
-    guard: float | None = None
-    block: float = 1.0
+    reversal_guard_s: float | None = None
+    block_s: float = 1.0
     torque_delay_s: float = 0.0
     parallel_shape: Shape | Causal = field(default_factory=KaiserSmoother)
-    accelerations: Literal["differences", "momentum"] = "differences"
+    formulation: Literal["acceleration", "momentum"] = "acceleration"
     velocity: HighPass | None = None
 
     def __post_init__(self) -> None:
@@ -82,17 +82,19 @@ class Treatment:
         for name in ("cutoff_hz", "parallel_cutoff_hz"):
             if getattr(self, name) is not None:
                 self._expect(name, positive, "a finite number above zero")
-        if self.guard is not None:
-            self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
-        self._expect("block", positive, "a finite number above zero")
-        self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
+        if self.reversal_guard_s is not None:
+            self._expect("reversal_guard_s", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
+        self._expect("block_s", positive, "a finite number above zero")
+        self._expect(
+            "parallel_shape", lambda v: isinstance(v, Shape | Causal), "KaiserSmoother(), WindowedSinc() or Causal()"
+        )
         self._expect("torque_delay_s", _finite, "a finite time, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
         if not many or not all(v == 0 or positive(v) for v in many):
             raise bad_setting("reversal_speed", self.reversal_speed, "finite speeds, 0 or more")
-        self._expect("accelerations", lambda v: v in ("differences", "momentum"), '"differences" or "momentum"')
+        self._expect("formulation", lambda v: v in ("acceleration", "momentum"), '"acceleration" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
         self._check_together()
 
@@ -100,13 +102,13 @@ class Treatment:
         """Refuse combinations of settings that contradict each other."""
         if self.velocity is not None:
             if not self.momentum:
-                raise _no_accelerations("accelerations = 'differences'")
+                raise _no_accelerations("formulation = 'acceleration'")
             self._expect("cutoff_hz", lambda v: v is None, "None: `velocity` takes positions as they are")
 
     @property
     def momentum(self) -> bool:
         """Whether rows are in the momentum formulation, without accelerations."""
-        return self.accelerations == "momentum"
+        return self.formulation == "momentum"
 
     def _expect(self, name: str, fits: Callable[[Any], bool], wanted: str) -> None:
         value = getattr(self, name)
@@ -373,5 +375,5 @@ def _no_accelerations(what: str) -> MissingAccelerationError:
     return MissingAccelerationError(
         f"{what} requires accelerations, and `velocity` by a high-pass provides none.",
         where="velocity",
-        advice="Choose accelerations = 'momentum', or leave `velocity` out.",
+        advice="Choose formulation = 'momentum', or leave `velocity` out.",
     )

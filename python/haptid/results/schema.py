@@ -60,7 +60,7 @@ class ResultLog(ResultTable):
 
     @classmethod
     def of(cls, run: Run) -> ResultLog:
-        read, load = run.motion.log, run.entry.load
+        read, load = run.motion.log, run.entry.payload
         assert read is not None  # a study's motions all come from logs
         return cls(
             path=run.entry.path,

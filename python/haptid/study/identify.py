@@ -139,7 +139,7 @@ def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
     path = data / entry.path
-    log = (open_log if is_long(path) else read_log)(path, entry.channels, stretch=entry.stretch)
+    log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
     tell(f"reading {name}", 1.0)
     return log
 
@@ -147,12 +147,12 @@ def _read(entry: LogEntry, data: Path, tell: _Progress) -> Log:
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
     """Logs of the fit without payload if there are any: subtracting a payload requires a treatment first."""
     fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
-    bare = [log for log, entry in fitting if entry.load is None]
+    bare = [log for log, entry in fitting if entry.payload is None]
     return bare or [log for log, _ in fitting]
 
 
 def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
-    return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
+    return log if entry.payload is None else log_without_payload(model, log, treatment, entry.payload)
 
 
 def _treat(log: Log, treatment: Treatment, tell: _Progress) -> Motion:
@@ -186,13 +186,13 @@ def held_out(
         observation: of the log.
         others: of the other logs with the role "identify".
     """
-    if study.holdout and unsettled(model):
-        predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
+    if study.cross_validation and unsettled(model):
+        predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]
         rest = [motion for other in others for motion in other.motions]
         return (predict(model, observation.motions[0], rest, study.method),)
-    if study.holdout == "each-log":
+    if study.cross_validation == "leave-one-log-out":
         return (validate(estimate(reduce(add, others), study.method), observation),)
-    if study.holdout == "alternate":
+    if study.cross_validation == "blocks":
         halves = observation.alternate()
         folds = (
             validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])

@@ -47,36 +47,38 @@ from haptid.study.schema import EstimateTable, fault
 
 # Constructor of each method, and the study keys that are its settings.
 METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
-    "OLS": (OLS, ()),
-    "WLS": (WLS, ("passes",)),
-    "SUR": (SUR, ("passes",)),
-    "GLS": (GLS, ("passes",)),
-    "IRLS": (IRLS, ("loss",)),
+    "ols": (OLS, ()),
+    "wls": (WLS, ("passes",)),
+    "sur": (SUR, ("passes",)),
+    "gls": (GLS, ("passes",)),
+    "irls": (IRLS, ("loss",)),
     "heteroscedastic": (Heteroscedastic, ("passes",)),
-    "TLS": (TLS, ()),
-    "encoder noise": (ErrorsInVariables, ("resolution",)),
+    "total-least-squares": (TLS, ()),
+    "errors-in-variables": (ErrorsInVariables, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
     "entropic": (Entropic, ("strength",)),
-    "IV": (IV, ()),
-    "DIDIM": (DIDIM, ()),
-    "CLIE": (CLIE, ()),
-    "CLOE": (CLOE, ()),
-    "output error": (OutputErrorMethod, ()),
-    "EKF": (EKF, ()),
-    "UKF": (UKF, ()),
+    "iv": (IV, ()),
+    "didim": (DIDIM, ()),
+    "clie": (CLIE, ()),
+    "cloe": (CLOE, ()),
+    "output-error": (OutputErrorMethod, ()),
+    "ekf": (EKF, ()),
+    "ukf": (UKF, ()),
 }
 INTERVALS: Mapping[str, Callable[[], Intervals]] = {
-    "clustered": ClusterRobust,
-    "jackknife": BlockJackknife,
-    "textbook": Classical,
+    "cluster-robust": ClusterRobust,
+    "block-jackknife": BlockJackknife,
+    "classical": Classical,
     "sandwich": Sandwich,
     "fixed-b": FixedB,
-    "bootstrap": Bootstrap,
-    "profile": Profile,
+    "block-bootstrap": Bootstrap,
+    "profile-likelihood": Profile,
+    "cr2": ClusterRobust,
+    "cr3": BlockJackknife,
 }
-_LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
+_LOSSES: Mapping[str, Callable[[], Loss]] = {"tukey": Tukey, "huber": Huber, "student-t": StudentT}
 _SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
-CONSTRAINTS = ("possible", "limits", "relations")
+CONSTRAINTS = ("constraints", "bounds", "equality_constraints")
 
 
 def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:
@@ -100,7 +102,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
                 "estimate.method",
                 f"{table.method} simulates the device under the controller that moved it, and the study has none",
                 table.method,
-                "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as WLS.",
+                "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as wls.",
             )
         given["controller"] = controller
     if isinstance(given.get("resolution"), list):
@@ -111,7 +113,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             "estimate.intervals",
             "a profile likelihood requires an estimate that maximises the likelihood, which a regularised one does not",
             table.intervals,
-            "Use another method than entropic, or other intervals, such as clustered.",
+            "Use another method than entropic, or other intervals, such as cluster-robust.",
         )
     held = [key for key in CONSTRAINTS if getattr(table, key)]
     if len(held) > 1:
@@ -124,8 +126,8 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
 
 def _constrained(table: EstimateTable, weighting: Method) -> Method:
     """The method with its constraints."""
-    if table.possible:
+    if table.constraints == "physical":
         return PhysicallyConsistent(weighting)
-    if table.limits:
-        return Bounds({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
-    return EqualityConstraints(table.relations, weighting) if table.relations else weighting
+    if table.bounds:
+        return Bounds({name: (bound.low, bound.high) for name, bound in table.bounds.items()}, weighting)
+    return EqualityConstraints(table.equality_constraints, weighting) if table.equality_constraints else weighting
