@@ -11,7 +11,7 @@ from haptid.treatment_choice import propose as proposal
 from motions import motion, multisine, truth
 
 DT = 1e-3
-CAUSAL = {"parallel_cutoff_hz": 8.0, "parallel_shape": Causal(2), "accelerations": "momentum"}
+CAUSAL = {"parallel_cutoff_hz": 8.0, "parallel_shape": Causal(2), "formulation": "momentum"}
 WITHOUT_DELAY = haptid.Treatment(decimation=10, formulation="momentum")
 RAW = haptid.Treatment(cutoff_hz=None, decimation=10, velocity=HighPass(200.0), torque_delay_s=5e-4, **CAUSAL)
 

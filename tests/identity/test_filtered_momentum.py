@@ -15,7 +15,7 @@ from mechanisms import mechanisms
 from motions import motion, multisine, truth
 
 DT = 1e-3
-PLAIN = {"cutoff_hz": None, "accelerations": "momentum"}
+PLAIN = {"cutoff_hz": None, "formulation": "momentum"}
 MOMENTUM = [
     haptid.Treatment(decimation=10, **PLAIN),
     haptid.Treatment(parallel_cutoff_hz=10.0, parallel_shape=Causal(), **PLAIN),

@@ -10,7 +10,7 @@ import haptid
 from haptid.errors import MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 
-MOMENTUM = {"accelerations": "momentum"}
+MOMENTUM = {"formulation": "momentum"}
 RAW = {
     "cutoff_hz": None,
     "velocity": HighPass(30.0),
@@ -140,7 +140,7 @@ def test_no_acceleration_is_made_of_a_lagging_velocity():
 @pytest.mark.parametrize(
     ("settings_", "name"),
     [
-        ({"accelerations": "none"}, "accelerations"),
+        ({"formulation": "none"}, "formulation"),
         ({"parallel_shape": "causal"}, "parallel_shape"),
         ({"velocity": 30.0}, "velocity"),
         (RAW | {"cutoff_hz": 40.0}, "cutoff_hz"),

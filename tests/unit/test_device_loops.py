@@ -81,7 +81,12 @@ name = "3"
 parent = "1"
 [[loops]]
 passive = ["2", "3"]
-cut = { type = "revolute", body_a = "2", frame_a = { xyz = [0, 0, 0.5] }, body_b = "1", frame_b = { xyz = [0, 0, 0.2] } }
+[loops.cut]
+type = "revolute"
+body_a = "2"
+frame_a = { xyz = [0, 0, 0.5] }
+body_b = "1"
+frame_b = { xyz = [0, 0, 0.2] }
 """
     with pytest.raises(DeviceFileError) as caught:
         device_of(tmp_path, text)

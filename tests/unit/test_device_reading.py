@@ -191,7 +191,7 @@ BROKEN = [
     ),
     (
         "DeviceFileError",
-        add('[[terms]]\nkind = "column"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
+        add('[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
         ["terms[2].expression", '"q_9"'],
     ),
     ("DeviceFileError", swap('name = "2"', 'name = "1"'), ["joints[1].name", "joints[0]"]),

@@ -34,7 +34,7 @@ force = [0.0, 0.0, 1.0]
 WRONG_STUDIES = [
     ("cutoff_hz = 30", "cutoff = 30", "key `treatment.cutoff`", '(found 30). Did you mean "cutoff_hz"? Keys here: cut'),
     ('path = "log.csv"', 'pth = "log.csv"', "key `logs.0.pth`", 'Did you mean "path"? Keys here: path, role'),
-    ("[treatment]", "[estimate.limits.FC1]\nloww = 1\n[treatment]", "key `estimate.limits.FC1.loww`", "low, high."),
+    ("[treatment]", "[estimate.bounds.FC1]\nloww = 1\n[treatment]", "key `estimate.bounds.FC1.loww`", "low, high."),
     (
         "[treatment]",
         "[estimate.equality_constraints]\na = 'b'\n[treatment]",
@@ -45,7 +45,7 @@ WRONG_STUDIES = [
         "[treatment]",
         "[estimate]\nconstraints = 'yes'\n[treatment]",
         "key `estimate.constraints`",
-        "Write true or false",
+        "Input should be 'physical'",
     ),
     ('path = "log.csv"', "path = 3", "key `logs.0.path`", "Write a text in double quotes"),
     ("cutoff_hz = 30", "order = 13", "key `treatment.order`", "12 (found 13); order is order of one pass"),
@@ -108,7 +108,7 @@ JUNK = st.one_of(
     st.booleans(),
     st.integers(-2, 9),
     st.floats(),
-    st.sampled_from(["a", "all", "multisine", "triangles", "column", "", "0.1"]),
+    st.sampled_from(["a", "all", "multisine", "triangles", "custom", "", "0.1"]),
     st.just([]),
     st.just({}),
     st.lists(st.one_of(st.integers(), st.just({}), st.just("a")), max_size=3),

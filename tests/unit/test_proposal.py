@@ -133,7 +133,7 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
 
 def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     made = recorded(phantom)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"formulation": "momentum", "velocity": haptid.HighPass(30.0)}
     treatment = haptid.propose(phantom, made, **asked).treatment
     assert treatment.cutoff_hz is None
     assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
@@ -142,7 +142,7 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
 
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
-    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    asked = {"formulation": "momentum", "velocity": haptid.HighPass(30.0)}
     assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=2e-5)
 
 

@@ -159,7 +159,7 @@ def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
     read = study(LOAD, f"[estimate]\n{text}")
     assert read.intervals == intervals
     made = haptid.identify(read)
-    assert Result.of(made).estimate.intervals == intervals.name
+    assert Result.of(made).estimate.intervals_description == intervals.name
     again = haptid.estimate(made.estimate.observation, haptid.WLS(), intervals)
     np.testing.assert_allclose(made.estimate.covariance, again.covariance)
 

@@ -191,8 +191,8 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
             f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
             where=k + 1,
             found=(float(seconds[k]), float(seconds[k + 1])),
-            advice="Either two recordings are in one file (split them, or keep one with `time_range`), a counter of the "
-            "clock overflowed, or rows are out of order.",
+            advice="Either two recordings are in one file (split them, or keep one with `time_range`), a counter of "
+            "the clock overflowed, or rows are out of order.",
         )
 
 
@@ -281,8 +281,8 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
             where=path,
             found=missing / samples,
             limit=MISSING_LIMIT,
-            advice="Keep a part without them with `time_range`, or leave `time` out and give `rate_hz` if the samples are "
-            "regular and only their stamps are not.",
+            advice="Keep a part without them with `time_range`, or leave `time` out and give `rate_hz` if the samples "
+            "are regular and only their stamps are not.",
         )
     return missing
 

@@ -40,8 +40,10 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
+from haptid.estimation.method import Wrapper
 from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.methods.simulation_based import ClosedLoop
+from haptid.inference.elimination import FixedWeights
 from haptid.simulation import PID
 from haptid.study.schema import EstimateTable, fault
 
@@ -79,6 +81,21 @@ INTERVALS: Mapping[str, Callable[[], Intervals]] = {
 _LOSSES: Mapping[str, Callable[[], Loss]] = {"tukey": Tukey, "huber": Huber, "student-t": StudentT}
 _SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
 CONSTRAINTS = ("constraints", "bounds", "equality_constraints")
+
+
+def method_name(method: Method) -> str:
+    """Name of a method in a study, without the constraints around it; of a method of the user's own, its own name."""
+    found = next((name for name, (make, _) in METHODS.items() if type(method) is make), None)
+    if found is not None:
+        return found
+    if isinstance(method, FixedWeights):
+        return method_name(method.method)
+    return method_name(method.weighting) if isinstance(method, Wrapper) else method.name
+
+
+def intervals_name(intervals: Intervals) -> str:
+    """Name of a kind of intervals in a study; of one of the user's own, its own name."""
+    return next((name for name, make in INTERVALS.items() if type(intervals) is make), intervals.name)
 
 
 def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:

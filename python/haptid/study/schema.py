@@ -163,7 +163,7 @@ class EstimateTable(_Table):
     loss: Literal["tukey", "huber", "student-t"] | None = Field(None, description="irls: robust loss; default: tukey")
     resolution: _Positive | list[_Positive] | None = Field(
         None,
-        description="errors-in-variables: resolution of the position channels, rad or m; default: the log's smallest step",
+        description="errors-in-variables: of the position channels, rad or m; default: the log's smallest step",
     )
     share: _Positive | None = Field(
         None, description="ridge: relative standard deviation of prior values that have none; default: 0.3"

@@ -145,7 +145,8 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
             bad.append(f"{size}, as caused by {words}. Check the command unit, gear ratio and torque constant.")
         elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
             doubt.append(
-                f"{size} (limit {GOOD:g}): check command unit, gear ratio, torque constant and the device file's bodies."
+                f"{size} (limit {GOOD:g}): check command unit, gear ratio, torque constant and the bodies "
+                "of the device file."
             )
     if negative := _negative(made):
         doubt.append(
