@@ -58,7 +58,7 @@ device = "device.toml"
 path = "log.csv"
 """
 EXPERIMENT = 'name = "test"\n'
-COLUMN = '[[terms]]\nkind = "column"\nname = "C"\nunit = "N m"\nexpression = "{}"\njoints = ["1"]\n'
+COLUMN = '[[terms]]\nkind = "custom"\nname = "C"\nunit = "N m"\nexpression = "{}"\njoints = ["1"]\n'
 CHANNELS = Channels(position=Signal(("q1", "q2"), "rad"), torque=Signal(("tau1", "tau2"), "N m"), time="t")
 
 Case = Callable[[Path], object]

@@ -122,7 +122,7 @@ def test_result_file_says_that_an_estimate_is_held(phantom, request, tmp_path):
     for found, possible in ((free, False), (held, True)):
         assert found["estimate"]["method"] == "wls"
         assert (found["estimate"]["constraints"] is not None) is possible
-        assert ("cut at 0" in found["estimate"]["intervals"]) is possible
+        assert ("cut at 0" in found["estimate"]["intervals_description"]) is possible
     assert all(p["unconstrained"] == p["value"] for p in free["estimate"]["parameters"])
 
 

@@ -73,5 +73,6 @@ def test_the_result_says_the_method(study, tmp_path, method):
     done = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"])
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]
-    assert found["method"].startswith(method)
-    assert found["intervals"].startswith("CR2 over time blocks")
+    assert found["method"] == method
+    assert found["intervals"] == "cluster-robust"
+    assert found["intervals_description"].startswith("CR2 over time blocks")

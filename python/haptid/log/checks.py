@@ -250,8 +250,8 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
                     where=name,
                     found=share,
                     limit=HELD_SHARE,
-                    advice="Record a slower motion, exclude the part with `time_range`, or give allow_saturation=True if the "
-                    "command is the torque that acted.",
+                    advice="Record a slower motion, exclude the part by `time_range`, or give allow_saturation=True if "
+                    "the command is the torque that acted.",
                 )
             return (
                 f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "
