@@ -40,7 +40,6 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
-from haptid.estimation.method import Wrapper
 from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.methods.simulation_based import ClosedLoop
 from haptid.inference.elimination import FixedWeights
@@ -88,9 +87,8 @@ def method_name(method: Method) -> str:
     found = next((name for name, (make, _) in METHODS.items() if type(method) is make), None)
     if found is not None:
         return found
-    if isinstance(method, FixedWeights):
-        return method_name(method.method)
-    return method_name(method.weighting) if isinstance(method, Wrapper) else method.name
+    inner: Method | None = method.method if isinstance(method, FixedWeights) else getattr(method, "weighting", None)
+    return method.name if inner is None else method_name(inner)
 
 
 def intervals_name(intervals: Intervals) -> str:

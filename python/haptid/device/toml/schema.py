@@ -327,7 +327,7 @@ class DeviceTable(_Table):
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []
     handle: HandleTable | None = None
-    prior: PriorsTable = PriorsTable()
+    prior: PriorsTable = PriorsTable.model_validate({})
     base_parameters: BaseParametersTable = BaseParametersTable()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
 
