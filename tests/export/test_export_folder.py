@@ -88,7 +88,7 @@ def test_settings_that_mean_nothing(setting):
 
 
 def test_a_column_that_reads_accelerations(tmp_path):
-    text = DEVICE + '[[terms]]\nkind = "column"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
+    text = DEVICE + '[[terms]]\nkind = "custom"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
     (tmp_path / "device.toml").write_text(text)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     with pytest.raises(errors.ExportError, match="depends on accelerations"):

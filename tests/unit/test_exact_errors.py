@@ -70,7 +70,7 @@ def test_angles_that_are_many(tmp_path: Path) -> None:
 
 
 def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
-    column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
+    column = '[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
     model = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
     with pytest.raises(errors.RegroupingError) as raised:
         haptid.regroupings(model)
@@ -78,7 +78,7 @@ def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
 
 
 def test_a_column_of_accelerations_that_others_make_up(tmp_path: Path) -> None:
-    column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
+    column = '[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
     model = device_of(tmp_path, LINK + column.format("a_1"))
     with pytest.raises(errors.RegroupingError) as raised:
         haptid.regroupings(model)
