@@ -160,7 +160,7 @@ def log_of(case: Case, made: bench.Recording) -> haptid.Log:
     model, inner = device_of(case), slice(ENDS, len(made) - ENDS)
     position = tuple(f"q{k}" for k in range(len(model.device.active)))
     command = tuple(f"command{k}" for k in range(len(model.device.motors)))
-    unit = model.device.motors[0].unit
+    unit = model.device.motors[0].command_unit
     channels = haptid.Channels(haptid.Signal(position, "rad"), haptid.Signal(command, unit, side="motor"), time="t")
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
 

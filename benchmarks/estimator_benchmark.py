@@ -97,7 +97,7 @@ def record(seed: int, read: bool = True) -> bench.Recording:
 def log_of(made: bench.Recording) -> haptid.Log:
     """As the controller would have it."""
     joints, motors = (tuple(f"{what}{k}" for k in range(1, 7)) for what in ("q", "command"))
-    unit = model().motors[0].unit
+    unit = model().motors[0].command_unit
     channels = haptid.Channels(haptid.Signal(joints, "rad"), haptid.Signal(motors, unit, side="motor"), time="t")
     inner = slice(ENDS, len(made) - ENDS)
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)

@@ -60,7 +60,7 @@ def unseen(study: haptid.Study, observations: list[haptid.Observation]) -> float
     """Relative error on all unseen rows of a study, per cent."""
     pairs = list(zip(study.logs, observations, strict=True))
     fitted = [o for entry, o in pairs if entry.role == "identify"]
-    if study.holdout is None:
+    if study.cross_validation is None:
         found = haptid.estimate(reduce(add, fitted), study.method)
         return pooled(*(haptid.validate(found, o) for entry, o in pairs if entry.role == "validate")).relative
     parts = [held_out(study, o, [other for other in fitted if other is not o]) for o in fitted]

@@ -49,7 +49,7 @@ def errors(reading: int) -> dict[str, np.ndarray]:
     step = 2 * np.pi / (COUNTS * np.array(CASE.gear))
     zero = rng.uniform(0, 1, len(step))
     position = step * (np.round(whole.position[::EVERY] / step + zero) - zero)
-    gain = np.array([motor.gear * motor.gain for motor in model.device.motors])
+    gain = np.array([motor.gear_ratio * motor.torque_constant for motor in model.device.motors])
     torque = whole.torque[::EVERY] + NOISE / gain * rng.standard_normal(position.shape)
     log = haptid.Log(Path("bench"), "", whole.t[::EVERY], position, torque, whole.channels)
     observation = haptid.observe(model, haptid.treat(log, TREATMENT))

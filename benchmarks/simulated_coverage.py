@@ -26,7 +26,7 @@ assert bench_identification
 RUNS, SECONDS, RATE_HZ, NOISE, ENCODERS = 100, 5.0, 250.0, 0.02, bench.Encoders((4000.0,), (10.0,))
 TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay_s=0.5 / RATE_HZ, reversal_speed=0.05)
 # Widths, as shares of the root mean square speed, that are compared with those of the methods' own.
-WIDE = {"OutputError": 0.01, "EKF": 0.02}
+WIDE = {"OutputErrorMethod": 0.01, "EKF": 0.02}
 
 
 def methods() -> Mapping[str, haptid.estimation.Method]:

@@ -10,8 +10,8 @@ DEVICES = Path(haptid.__file__).parent / "device/library"
 # Set B of the branch of the medical interface: lever axis and forearm turned by half a turn, as the printed
 # regroupings have it.
 SET_B = (
-    ('twin = { d = "-d6" } }\nguess = { 3 = "-pi", 6 = 0 }', 'twin = { d = "d6" } }\nguess = { 3 = 0, 6 = 0 }'),
-    ('twin = { gamma = "-pi/2", d = "-d7" }', 'twin = { gamma = "pi/2", d = "-d7" }'),
+    ('frame_b = { d = "-d6" } }\nguess = { 3 = "-pi", 6 = 0 }', 'frame_b = { d = "d6" } }\nguess = { 3 = 0, 6 = 0 }'),
+    ('frame_b = { gamma = "-pi/2", d = "-d7" }', 'frame_b = { gamma = "pi/2", d = "-d7" }'),
     ('guess = { 7 = 0, 8 = "pi/2" }', 'guess = { 7 = 0, 8 = "-pi/2" }'),
 )
 

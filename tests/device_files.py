@@ -9,14 +9,14 @@ GRAVITY = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (3.0, -4.0, 0.0
 # Distinct, and no sum or difference of two of them is a third.
 SIZES = (0.11, 0.23, 0.47, 0.31, 0.19, 0.53, 0.83, 0.61, 0.71, 0.37)
 TERMS = (
-    'kind = "rotor"\njoints = "all"',
+    'kind = "rotor-inertia"\njoints = "all"',
     'kind = "viscous"\njoints = "all"',
     'kind = "viscous-by-direction"\njoints = "all"',
     'kind = "coulomb"\njoints = "all"',
     'kind = "coulomb-by-direction"\njoints = "all"',
     'kind = "coulomb"\njoints = "all"\nwidth = 2.0\nprefix = "FW"',
-    'kind = "load"\njoints = "active"',
-    'kind = "load"\njoints = "active"\nwidth = 2.0\nprefix = "LW"',
+    'kind = "load-friction"\njoints = "active"',
+    'kind = "load-friction"\njoints = "active"\nwidth = 2.0\nprefix = "LW"',
     'kind = "stribeck"\njoints = "active"\nvelocity = 0.3',
     'kind = "offset"\njoints = "all"',
     'kind = "spring"\njoints = "all"\nrest = 0.25',

@@ -65,7 +65,7 @@ def log(
     tau = np.asarray(delayed(tau, -late)) if late else tau
     white = np.random.default_rng(seed).standard_normal((len(tau) + 2000, 3)) * np.sqrt(1 - phi**2)
     tau = tau + noise * tau.std(axis=0) * signal.lfilter([1.0], [1.0, -phi], white, axis=0)[2000:]
-    drives = [motor.gear * motor.gain for motor in model.device.motors]
+    drives = [motor.gear_ratio * motor.torque_constant for motor in model.device.motors]
     position = STEP * np.round(q.T / STEP)
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(len(tau)), position, tau / drives * gains, CHANNELS)
 

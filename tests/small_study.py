@@ -106,7 +106,7 @@ def between(made: bench.Recording) -> slice:
 
 def log_of(made: bench.Recording) -> haptid.Log:
     """What the controller would have recorded between the ends."""
-    inner, unit = between(made), two_links().device.motors[0].unit
+    inner, unit = between(made), two_links().device.motors[0].command_unit
     torque = haptid.Signal(("command1", "command2"), unit, side="motor")
     channels = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), torque, time="t")
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)

@@ -57,9 +57,10 @@ def main(folder: Path) -> None:
         tau = haptid.inverse_dynamics(model, beta, q, qd, qdd) + NOISE * rng.standard_normal(q.shape)
         columns = {"t": t}
         columns |= {f"q{k + 1}": STEP * np.round(q[k] / STEP) for k in range(3)}
-        # The amplifier box is commanded in its own units: the device file knows its gain.
+        # The amplifier box is commanded in its own units: the device file knows its torque constant.
+        drives = model.device.drives
         columns |= {
-            f"command{k + 1}": tau[k] / model.device.drives[k].gain / model.device.drives[k].gear for k in range(3)
+            f"command{k + 1}": tau[k] / drive.torque_constant / drive.gear_ratio for k, drive in enumerate(drives)
         }
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     truth = dict(zip(model.base.names, beta.tolist(), strict=True))

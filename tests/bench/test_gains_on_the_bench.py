@@ -26,7 +26,7 @@ def wrong(tmp_path_factory):
     """A copy of the device file with a gain that is off."""
     text = (Path(haptid.__file__).parent / "device/library" / "arm3.toml").read_text(encoding="utf-8")
     path = tmp_path_factory.mktemp("device") / "arm3.toml"
-    path.write_text(text.replace("drives = { 2 = 1 }", "drives = { 2 = 1 }\ngain = 1.2"), encoding="utf-8")
+    path.write_text(text.replace("drives = { 2 = 1 }", "drives = { 2 = 1 }\ntorque_constant = 1.2"), encoding="utf-8")
     return haptid.DynamicModel(haptid.read_device(path))
 
 

@@ -130,10 +130,10 @@ passive = ["rod", "block"]
 guess = { rod = 0, block = 0 }
 [loops.cut]
 type = "prismatic"
-on = "rod"
-frame = { rpy = [0, "pi/2", 0] }
-with = "block"
-twin = { rpy = [0, "pi/2", 0] }
+body_a = "rod"
+frame_a = { rpy = [0, "pi/2", 0] }
+body_b = "block"
+frame_b = { rpy = [0, "pi/2", 0] }
 """
 
 

@@ -91,7 +91,7 @@ drives = { 1 = -1, 3 = 2 }
 kind = "viscous"
 motors = "all"
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 motors = "all"
 [[terms]]
 kind = "spring"

@@ -105,7 +105,7 @@ def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
 def test_amplifiers_have_gain_delay_noise_and_saturation():
     amplifiers = bench.Amplifiers(gain=(1.02, 0.97, 1.0), delay=1.3e-3)
     setup, found = made(seconds=2.0, amplifiers=amplifiers)
-    asked = found.command * [drive.gain for drive in setup.model.device.motors]
+    asked = found.command * [drive.torque_constant for drive in setup.model.device.motors]
     # 1.3 ms late: at the beginning of a period the command of two periods before still acts.
     np.testing.assert_allclose(found.torque[2:], [1.02, 0.97, 1.0] * asked[:-2], rtol=1e-12, atol=1e-15)
     _, noisy = made(seconds=2.0, amplifiers=bench.Amplifiers(noise=(2e-3,)))

@@ -60,7 +60,7 @@ device = "device.toml"
 path = "log.csv"
 """
 EXPERIMENT = 'name = "test"\n'
-COLUMN = '[[terms]]\nkind = "column"\nname = "C"\nunit = "N m"\nexpression = "{}"\njoints = ["1"]\n'
+COLUMN = '[[terms]]\nkind = "custom"\nname = "C"\nunit = "N m"\nexpression = "{}"\njoints = ["1"]\n'
 CHANNELS = Channels(position=Signal(("q1", "q2"), "rad"), torque=Signal(("tau1", "tau2"), "N m"), time="t")
 
 Case = Callable[[Path], object]
@@ -207,7 +207,7 @@ def loop_singular(folder: Path) -> object:
     passive = ["coupler", "rocker"]
     at = { crank = 1.0 }
     guess = { rocker = 0.3 }
-    cut = { on = "coupler", frame = { d = 0.3 }, with = "rocker", twin = { d = 0.3 } }
+    cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "rocker", frame_b = { d = 0.3 } }
     """
     return device(folder, kite).device.closure.positions(np.linspace(1.0, -1.013, 100)[None])
 
@@ -404,7 +404,7 @@ def option(_: Path) -> object:
 @case
 def more_joints_than_rows(_: Path) -> object:
     model = haptid.DynamicModel(haptid.read_device("arm7"))
-    return haptid.characterise(haptid.GivenParameters(model, np.ones(len(model.base))), np.full((7, 1), 0.3)).weight
+    return haptid.characterise(haptid.end_effector.GivenParameters(model, np.ones(len(model.base))), np.full((7, 1), 0.3)).weight
 
 
 @case

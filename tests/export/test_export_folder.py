@@ -88,7 +88,7 @@ def test_settings_that_mean_nothing(setting):
 
 
 def test_a_column_that_reads_accelerations(tmp_path):
-    text = DEVICE + '[[terms]]\nkind = "column"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
+    text = DEVICE + '[[terms]]\nkind = "custom"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
     (tmp_path / "device.toml").write_text(text)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     with pytest.raises(errors.ExportError, match="depends on accelerations"):
@@ -105,7 +105,7 @@ def test_loops_that_are_solved_at_every_pose(tmp_path):
 
 def test_parameters_that_no_body_has(tmp_path, identification):
     model = identification.model
-    with pytest.raises(errors.PhysicalConsistencyError, match="possible = true"):
+    with pytest.raises(errors.PhysicalConsistencyError, match='constraints = "physical"'):
         export_model((model, -np.ones(len(model.base))), tmp_path / "out", ["json", "mjcf"])
     assert not (tmp_path / "out").exists()  # nothing, where not all can be written
 

@@ -164,7 +164,7 @@ base = 0.4
 law = "gas"
 stroke = 0.6
 [[terms]]
-kind = "column"
+kind = "custom"
 joints = ["1"]
 name = "K"
 unit = "N m"

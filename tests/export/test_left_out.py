@@ -101,20 +101,20 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def folder(study):
-    """What `haptid essential` writes of it."""
+    """What `haptid eliminate` writes of it."""
     out = study.parent / "essential"
-    done = CliRunner().invoke(app, ["essential", str(study), "--at-most", "20", "--out", str(out), "--quiet"])
+    done = CliRunner().invoke(app, ["eliminate", str(study), "--max-relative-std", "20", "--out", str(out), "--quiet"])
     assert done.exit_code == 0, done.output
     return out
 
 
 def test_essential_writes_a_result(folder, study):
     read = haptid.Result.load(folder)
-    steps = json.loads((folder / "essential.json").read_text())["all motors"]
-    assert {read.names[k] for k in read.zero} == {drop["name"] for drop in steps["left_out"]} == set(FRICTION)
+    steps = json.loads((folder / "elimination.json").read_text())["all motors"]
+    assert {read.names[k] for k in read.zero} == {drop["name"] for drop in steps["eliminated"]} == set(FRICTION)
     assert (read.beta[list(read.zero)] == 0).all()
     assert [said.use for said in read.verdict] == ["predicting", "compensation", "quoting"]
-    assert read.estimate.method == "WLS without 2"
+    assert (read.estimate.method, read.estimate.method_description) == ("wls", "WLS without 2")
     found = haptid.identify(haptid.read_study(study))
     assert read.unseen[0].relative == pytest.approx(steps["error_percent"]["unseen"]["reduced"])
     assert read.fit_errors[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
@@ -123,7 +123,7 @@ def test_essential_writes_a_result(folder, study):
 
 def test_rows_held_out_are_predicted_without_what_is_left_out(study):
     path = study.parent / "alternate.toml"
-    path.write_text(study.read_text().replace("[treatment]", '[holdout]\npattern = "alternate"\n[treatment]'))
+    path.write_text(study.read_text().replace("[treatment]", '[validation]\ncross_validation = "blocks"\n[treatment]'))
     found = haptid.identify(haptid.read_study(path))
     made = with_reduced(found, eliminate(found.estimate, BackwardElimination(MaxRelativeStd(20.0))).reduced)
     assert len(made.runs[0].unseen) == len(found.runs[0].unseen)

@@ -15,7 +15,7 @@ from mechanisms import mechanisms
 from motions import motion, multisine, truth
 
 DT = 1e-3
-PLAIN = {"cutoff_hz": None, "accelerations": "momentum"}
+PLAIN = {"cutoff_hz": None, "formulation": "momentum"}
 MOMENTUM = [
     haptid.Treatment(decimation=10, **PLAIN),
     haptid.Treatment(parallel_cutoff_hz=10.0, parallel_shape=Causal(), **PLAIN),
@@ -109,7 +109,7 @@ def test_rows_near_slow_motion_are_those_behind_it_where_the_filter_is_causal():
     treatment = haptid.Treatment(
         cutoff_hz=None,
         reversal_speed=0.05,
-        accelerations="momentum",
+        formulation="momentum",
         parallel_cutoff_hz=10.0,
         parallel_shape=Causal(),
         decimation=5,

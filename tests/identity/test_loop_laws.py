@@ -118,7 +118,7 @@ def test_torque_is_the_change_of_momentum_and_the_rest(model):
 
 PASSIVE_ROTOR = """
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 joints = ["{0}"]
 prefix = "IB"
 [[terms]]
@@ -216,7 +216,7 @@ parent = "lever"
 d = {lever!r}
 [[loops]]
 passive = ["forearm", "coupler"]
-cut = {{ on = "coupler", frame = {{ d = {arm!r} }}, with = "forearm", twin = {{ d = {lever!r} }} }}
+cut = {{ body_a = "coupler", frame_a = {{ d = {arm!r} }}, body_b = "forearm", frame_b = {{ d = {lever!r} }} }}
 [handle]
 link = "forearm"
 xyz = [0.1, 0.02, 0.03]

@@ -10,8 +10,8 @@ from haptid.motion.filters import Causal, HighPass
 from motions import motion, multisine, truth
 
 DT = 1e-3
-CAUSAL = {"parallel_cutoff_hz": 8.0, "parallel_shape": Causal(2), "accelerations": "momentum"}
-WITHOUT_DELAY = haptid.Treatment(decimation=10, accelerations="momentum")
+CAUSAL = {"parallel_cutoff_hz": 8.0, "parallel_shape": Causal(2), "formulation": "momentum"}
+WITHOUT_DELAY = haptid.Treatment(decimation=10, formulation="momentum")
 RAW = haptid.Treatment(cutoff_hz=None, decimation=10, velocity=HighPass(200.0), torque_delay_s=5e-4, **CAUSAL)
 
 
@@ -30,7 +30,7 @@ def recorded(model, folder, seed):
     np.savetxt(path, rows, delimiter=",", header="t,q1,q2,q3,u1,u2,u3", comments="", fmt="%.15g")
     channels = haptid.Channels(
         position=haptid.Signal(("q1", "q2", "q3"), unit="rad"),
-        torque=haptid.Signal(("u1", "u2", "u3"), unit=model.device.motors[0].unit, side="motor"),
+        torque=haptid.Signal(("u1", "u2", "u3"), unit=model.device.motors[0].command_unit, side="motor"),
         time="t",
     )
     return haptid.read_log(path, channels)
@@ -45,7 +45,7 @@ def test_a_log_becomes_an_estimate_that_predicts_another(model, tmp_path, treatm
 
 def test_a_proposal_keeps_what_was_requested(model, tmp_path):
     log = recorded(model, tmp_path, 1)
-    made = haptid.propose(model, log, accelerations="momentum").treatment
+    made = haptid.propose(model, log, formulation="momentum").treatment
     assert made.momentum
     assert made.parallel_cutoff_hz > 0
     made = haptid.propose(model, log, cutoff_hz=None, velocity=HighPass(200.0), **CAUSAL).treatment
@@ -57,8 +57,8 @@ def test_a_proposal_keeps_what_was_requested(model, tmp_path):
 def test_parts_and_hand_force_are_those_with_accelerations(model, shape):
     """Of exact rates the two roads differ by Tustin's rule at most; the rows themselves are a few samples apart."""
     beta, parts, forces = truth(model), [], []
-    for kind in ("differences", "momentum"):
-        treatment = haptid.Treatment(**{"cutoff_hz": None, **shape, "accelerations": kind})
+    for kind in ("acceleration", "momentum"):
+        treatment = haptid.Treatment(**{"cutoff_hz": None, **shape, "formulation": kind})
         made = motion(model, beta, seconds=6.0, dt=DT, treatment=treatment, noise=0.02)
         found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
         parts.append(decompose_torque(found, made))

@@ -42,7 +42,7 @@ d = "-d4"
 [[loops]]
 relations = ["q4 = pi/2 + q2 - q3"]
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 joints = "active"
 """
 JOINTS = (0, 1, 2)

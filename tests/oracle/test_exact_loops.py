@@ -21,7 +21,7 @@ from haptid.dynamics.symbolic.loops import opened_tree
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"
 TERMS = """
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 joints = "active"
 [[terms]]
 kind = "viscous"
@@ -42,7 +42,7 @@ name = "4"
 d = "L3"
 [[loops]]
 passive = ["2", "4"]
-cut = { on = "2", frame = { d = "L2" }, with = "4", twin = { d = "L4" } }
+cut = { body_a = "2", frame_a = { d = "L2" }, body_b = "4", frame_b = { d = "L4" } }
 """
 # The same linkage cut where the last bar meets the base: both passive joints in one branch.
 CUT_AT_THE_BASE = """
@@ -56,7 +56,7 @@ name = "4"
 d = "L2"
 [[loops]]
 passive = ["2", "4"]
-cut = { on = "4", frame = { d = "L4" }, with = "base", twin = { d = "L0" } }
+cut = { body_a = "4", frame_a = { d = "L4" }, body_b = "base", frame_b = { d = "L0" } }
 """
 # On a turntable, its plane upright, and a second dyad on the first one's arm.
 TWO_DYADS = """
@@ -86,10 +86,10 @@ parent = "4"
 d = "0.31"
 [[loops]]
 passive = ["2", "4"]
-cut = { on = "2", frame = { d = "L2" }, with = "4", twin = { d = "L4" } }
+cut = { body_a = "2", frame_a = { d = "L2" }, body_b = "4", frame_b = { d = "L4" } }
 [[loops]]
 passive = ["5", "6"]
-cut = { on = "5", frame = { d = 0.4, b = 0 }, with = "6", twin = { d = 0.45 } }
+cut = { body_a = "5", frame_a = { d = 0.4, b = 0 }, body_b = "6", frame_b = { d = 0.45 } }
 """
 # A slider in the plane in place of the first crank.
 SLIDER = """
@@ -110,7 +110,7 @@ name = "4"
 d = "L3"
 [[loops]]
 passive = ["2", "4"]
-cut = { on = "2", frame = { d = "L2" }, with = "4", twin = { d = "L4" } }
+cut = { body_a = "2", frame_a = { d = "L2" }, body_b = "4", frame_b = { d = "L4" } }
 """
 LINKAGES = {"five-bar": FIVE_BAR, "four-bar": CUT_AT_THE_BASE, "two dyads": TWO_DYADS, "slider": SLIDER}
 

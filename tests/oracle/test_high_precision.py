@@ -73,7 +73,7 @@ class Mechanism:
     def cuts(self) -> list[list[tuple[int, np.ndarray]]]:
         cuts = self.model.device.closure.cuts
         assert not any(cut.prismatic for cut in cuts)
-        return [[(f.link, placed(f.rotation, f.translation)) for f in (cut.frame, cut.twin)] for cut in cuts]
+        return [[(f.link, placed(f.rotation, f.translation)) for f in (cut.frame_a, cut.frame_b)] for cut in cuts]
 
     @property
     def active(self) -> list[int]:

@@ -150,7 +150,7 @@ def test_bench_sweep_gives_the_true_friction():
 
 
 def gains():
-    return np.array([drive.gear * drive.gain for drive in DEVICE.device.drives])
+    return np.array([drive.gear_ratio * drive.torque_constant for drive in DEVICE.device.drives])
 
 
 def test_motions_without_a_constant_velocity():

@@ -20,7 +20,7 @@ from true_parameters import true_parameters
 
 LOAD = """
 [[terms]]
-kind = "load"
+kind = "load-friction"
 motors = "all"
 """
 NAMES, SIZE = ("FLM1", "FLM2"), 0.08
@@ -86,7 +86,7 @@ def test_the_diagnosis_sees_it_where_it_is_missing(model, tmp_path):
 
 def test_rows_without_accelerations_and_exports_are_rejected(model, tmp_path):
     made = moved(model)
-    still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
+    still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, formulation="momentum"))
     with pytest.raises(errors.MissingAccelerationError):
         haptid.observe(model, still)
     found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())

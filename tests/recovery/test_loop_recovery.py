@@ -8,14 +8,14 @@ from closed_devices import bodies, path
 from haptid.end_effector.torque_decomposition import decompose_torque
 
 TREATMENTS = {
-    "differences": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),
-    "momentum": haptid.Treatment(parallel_cutoff_hz=30.0, decimation=5, accelerations="momentum"),
+    "acceleration": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),
+    "momentum": haptid.Treatment(parallel_cutoff_hz=30.0, decimation=5, formulation="momentum"),
 }
 
 
 @pytest.mark.parametrize("name", ["slider_crank", "five_bar", "delta"])
-@pytest.mark.parametrize("accelerations", TREATMENTS)
-def test_they_are_inside_their_intervals_and_predict_another_motion(name, accelerations):
+@pytest.mark.parametrize("formulation", TREATMENTS)
+def test_they_are_inside_their_intervals_and_predict_another_motion(name, formulation):
     model = haptid.DynamicModel(haptid.read_device(name))
     beta = model.base.of(bodies(model))
     dt = 2e-3
@@ -24,8 +24,8 @@ def test_they_are_inside_their_intervals_and_predict_another_motion(name, accele
         q, qd, qdd = path(model, 10.0, dt, size=0.5, seed=seed)
         tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
         tau += 0.02 * tau.std(axis=1, keepdims=True) * np.random.default_rng(seed).standard_normal(tau.shape)
-        exact = {"rates": (qd.T, qdd.T)} if accelerations == "differences" else {}
-        made.append(haptid.Motion(dt, q.T, tau.T, TREATMENTS[accelerations], **exact))
+        exact = {"rates": (qd.T, qdd.T)} if formulation == "acceleration" else {}
+        made.append(haptid.Motion(dt, q.T, tau.T, TREATMENTS[formulation], **exact))
     found = haptid.estimate(haptid.observe(model, made[0]), haptid.WLS())
     low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() > 0.8

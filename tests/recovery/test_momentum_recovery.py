@@ -9,7 +9,7 @@ from motions import multisine, truth
 
 DT = 1e-3
 COUNT = 1.4e-4  # rad
-PLAIN = {"decimation": 10, "accelerations": "momentum"}
+PLAIN = {"decimation": 10, "formulation": "momentum"}
 WITHOUT_DELAY = haptid.Treatment(reversal_speed=0.1, **PLAIN)
 CAUSAL = haptid.Treatment(reversal_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(2), **PLAIN)
 

@@ -21,7 +21,7 @@ from true_parameters import true_parameters
 
 LOAD = """
 [[terms]]
-kind = "load"
+kind = "load-friction"
 motors = "all"
 """
 STRIBECK = """
@@ -35,8 +35,8 @@ STUDY = f"""{HEAD}
 path = "a.parquet"
 [[logs]]
 path = "b.parquet"
-[holdout]
-pattern = "each-log"
+[validation]
+cross_validation = "leave-one-log-out"
 [treatment]
 cutoff_hz = 30
 parallel_cutoff_hz = 20

@@ -119,7 +119,7 @@ def test_constants_of_an_own_expression(tmp_path):
         DEVICE.split('[[terms]]\nkind = "stribeck"')[0]
         + """
 [[terms]]
-kind = "column"
+kind = "custom"
 joints = ["1"]
 name = "COG1"
 unit = "N m"

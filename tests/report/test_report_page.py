@@ -17,7 +17,7 @@ EXPECTED = {
     "errors",
     "residual",
     "friction",
-    "dissection",
+    "torque_decomposition",
     "excitation",
     "mechanism",
     "maps",

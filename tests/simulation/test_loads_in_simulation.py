@@ -17,11 +17,11 @@ from true_parameters import true_parameters
 
 LOAD = """
 [[terms]]
-kind = "load"
+kind = "load-friction"
 motors = "all"
 width = 0.1
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 motors = "all"
 """
 COUPLED = '[[motors]]\nname = "1"\n[[motors]]\nname = "2"\ndrives = { 1 = 1, 2 = 1 }\n'

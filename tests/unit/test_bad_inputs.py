@@ -130,7 +130,7 @@ def pickled(folder):
 
 WAVE = np.minimum(np.arange(3000), 1500)
 LOOP = '[[joints]]\nname = "3"\nd = 0.3\n[[loops]]\npassive = ["3"]\n'
-CUT = 'cut = { type = "revolute", on = "3", frame = { d = 9.0 }, with = "1", twin = { d = 0.1 } }\n'
+CUT = 'cut = { type = "revolute", body_a = "3", frame_a = { d = 9.0 }, body_b = "1", frame_b = { d = 0.1 } }\n'
 BAD = {
     # the log's samples
     "nan": (change(q1=at(700, np.nan)), r"q1.*not finite|q1.*missing"),
@@ -181,7 +181,7 @@ BAD = {
     "cut-off above the rate": (text("study.toml", "cutoff_hz = 30", "cutoff_hz = 400"), r"400 Hz"),
     "no decimation": (text("study.toml", "decimation = 5", "decimation = 0"), r"decimation"),
     "time given twice": (text("study.toml", 'time = "t"', 'time = "t"\nrate_hz = 500'), r"one of the two"),
-    "stretch upside down": (entry("stretch = [3, 1]"), r"before it begins"),
+    "time range upside down": (entry("time_range = [3, 1]"), r"before it begins"),
     "every row too slow": (text("study.toml", "decimation = 5", "decimation = 5\nreversal_speed = 90"), r"slower"),
     # the device
     "reversal_speed of the wrong length": (

@@ -13,14 +13,14 @@ from small_study import DEVICE, write_study
 
 TERMS = """
 [[terms]]
-kind = "load"
+kind = "load-friction"
 motors = "all"
 [[terms]]
 kind = "stribeck"
 joints = ["2"]
 velocity = { start = 0.5, low = 0.02, high = 5 }
 [[terms]]
-kind = "column"
+kind = "custom"
 name = "C1"
 unit = "N m"
 joints = ["1"]

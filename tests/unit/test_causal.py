@@ -10,7 +10,7 @@ import haptid
 from haptid.errors import MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 
-MOMENTUM = {"accelerations": "momentum"}
+MOMENTUM = {"formulation": "momentum"}
 RAW = {
     "cutoff_hz": None,
     "velocity": HighPass(30.0),
@@ -64,7 +64,7 @@ def test_without_delay_the_slope_is_the_filter_times_the_frequency(decimation, s
     rate = 1000.0
     cutoff = share * 0.5 * rate / decimation
     made = haptid.Treatment(
-        decimation=decimation, parallel_cutoff_hz=cutoff, parallel_shape=shape, accelerations="momentum"
+        decimation=decimation, parallel_cutoff_hz=cutoff, parallel_shape=shape, formulation="momentum"
     ).parallel_filter(1 / rate)
     np.testing.assert_allclose(made.slope, -made.slope[::-1], atol=1e-9)
     assert len(made) == 2 * made.before + 1
@@ -76,7 +76,7 @@ def test_without_delay_the_slope_is_the_filter_times_the_frequency(decimation, s
 
 
 def test_without_a_filter_momenta_are_differentiated_as_they_are():
-    made = haptid.Treatment(accelerations="momentum").parallel_filter(1e-3)
+    made = haptid.Treatment(formulation="momentum").parallel_filter(1e-3)
     assert (len(made), made.before, made.taps.sum()) == (9, 4, 1.0)
     t = 1e-3 * np.arange(-4, 5)
     assert made.slope @ np.sin(30 * t) == pytest.approx(30.0, rel=1e-9)
@@ -84,8 +84,8 @@ def test_without_a_filter_momenta_are_differentiated_as_they_are():
 
 def test_gradients_of_constants_are_zero_and_of_ramps_one():
     for treatment in (
-        haptid.Treatment(decimation=10, accelerations="momentum"),
-        haptid.Treatment(parallel_cutoff_hz=8.0, parallel_shape=Causal(3), accelerations="momentum"),
+        haptid.Treatment(decimation=10, formulation="momentum"),
+        haptid.Treatment(parallel_cutoff_hz=8.0, parallel_shape=Causal(3), formulation="momentum"),
     ):
         made = treatment.parallel_filter(1e-3)
         assert abs(made.slope.sum()) < 1e-9
@@ -140,7 +140,7 @@ def test_no_acceleration_is_made_of_a_lagging_velocity():
 @pytest.mark.parametrize(
     ("settings_", "name"),
     [
-        ({"accelerations": "none"}, "accelerations"),
+        ({"formulation": "none"}, "formulation"),
         ({"parallel_shape": "causal"}, "parallel_shape"),
         ({"velocity": 30.0}, "velocity"),
         (RAW | {"cutoff_hz": 40.0}, "cutoff_hz"),
@@ -209,7 +209,7 @@ convention = "modified-dh"
 [[joints]]
 name = "1"
 [[terms]]
-kind = "column"
+kind = "custom"
 name = "{name}"
 unit = "N m"
 joints = ["1"]
@@ -218,7 +218,7 @@ expression = "{expression}"
 
 
 def test_a_column_made_of_accelerations_is_rejected_without_them(tmp_path):
-    treatment = haptid.Treatment(decimation=5, accelerations="momentum")
+    treatment = haptid.Treatment(decimation=5, formulation="momentum")
     t = 1e-3 * np.arange(3000)
     motion = haptid.Motion(1e-3, np.sin(9 * t)[:, None], np.cos(t)[:, None], treatment)
     for name, expression in (("SIN", "sin(3 * q_1) * v_1"), ("JERKY", "abs(a_1)")):

@@ -96,7 +96,7 @@ def test_result_file_keeps_its_contract(phantom):
     assert observation["rank"] == len(found["estimate"]["parameters"]) == 14
     assert observation["parameters"] > observation["rank"]
     assert 1 < observation["condition"]["scaled"] < observation["condition"]["raw"]
-    assert found["estimate"]["method"] == "WLS"
+    assert found["estimate"]["method"] == "wls"
     assert found["estimate"]["status"] == "ok"
     for p in found["estimate"]["parameters"]:
         assert set(p) >= {
@@ -115,14 +115,14 @@ def test_result_file_says_that_an_estimate_is_held(phantom, request, tmp_path):
     text = (request.config.rootpath / "examples" / "phantom" / "study.toml").read_text()
     assert "[estimate]" not in text
     study = tmp_path / "study.toml"
-    study.write_text(f"{text}\n[estimate]\npossible = true\n")
+    study.write_text(f"{text}\n[estimate]\nconstraints = 'physical'\n")
     done = call("identify", study, "--data", folder / "logs", "--out", tmp_path / "held", "--quiet")
     assert done.exit_code == 0, done.output
     free, held = (json.loads((f / "result.json").read_text()) for f in (folder / "result", tmp_path / "held"))
     for found, possible in ((free, False), (held, True)):
-        assert found["estimate"]["method"] == "WLS"
+        assert found["estimate"]["method"] == "wls"
         assert (found["estimate"]["constraints"] is not None) is possible
-        assert ("cut at 0" in found["estimate"]["intervals"]) is possible
+        assert ("cut at 0" in found["estimate"]["intervals_description"]) is possible
     assert all(p["unconstrained"] == p["value"] for p in free["estimate"]["parameters"])
 
 

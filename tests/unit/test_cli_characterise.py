@@ -49,7 +49,7 @@ def test_a_pose_has_every_figure_with_its_interval(folder, tmp_path):
     found = characterise(Result.load(folder).identified, np.array([[0.0], [0.2], [0.3]]))
     low, high = found.apparent_mass.conf_int()[0, 0]
     assert float(row["apparent mass 1 [kg]"]) == found.apparent_mass.values[0, 0]
-    assert (float(row["apparent mass 1 [kg] low95"]), float(row["apparent mass 1 [kg] high95"])) == (low, high)
+    assert (float(row["apparent mass 1 [kg] ci_low"]), float(row["apparent mass 1 [kg] ci_high"])) == (low, high)
     assert float(row["back-drive force along [N]"]) == found.backdrive_force([0, 0, 1]).values[0]
     assert float(row["stiffness 1 [N/m]"]) == pytest.approx(found.stiffness([300.0] * 3)[0][0, 0])
     assert float(row["greatest force in its worst direction [N]"]) > 0

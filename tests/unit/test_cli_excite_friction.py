@@ -1,4 +1,4 @@
-"""`haptid excite`, `haptid friction` and `haptid essential`, as a user types them."""
+"""`haptid excite`, `haptid friction` and `haptid eliminate`, as a user types them."""
 
 import csv
 import json
@@ -23,7 +23,7 @@ def call(*arguments):
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
-@pytest.mark.parametrize("command", ["excite", "friction", "essential"])
+@pytest.mark.parametrize("command", ["excite", "friction", "eliminate"])
 def test_help_says_what_goes_in_and_what_comes_out(command):
     text = call(command, "--help").stdout
     for part in ("--out", "Exit status", "Example"):
@@ -32,7 +32,7 @@ def test_help_says_what_goes_in_and_what_comes_out(command):
 
 def test_the_experiment_is_one_that_the_bench_takes(tmp_path):
     out = tmp_path / "excite.toml"
-    done = call("excite", DEVICE, *WITHIN, "--tries", 12, "--out", out, "--rate-hz", 100)
+    done = call("excite", DEVICE, *WITHIN, "--max-evaluations", 12, "--out", out, "--rate-hz", 100)
     assert done.exit_code == 0, done.output
     assert "with unit columns" in done.stdout
     model, experiment = haptid.DynamicModel(haptid.read_device(DEVICE)), bench.read_experiment(out)
@@ -49,7 +49,9 @@ def test_the_experiment_is_one_that_the_bench_takes(tmp_path):
 
 def test_an_experiment_like_another_keeps_its_controller(tmp_path, request):
     like, out = request.config.rootpath / EXAMPLE, tmp_path / "excite.toml"
-    done = call("excite", DEVICE, "--like", like, *WITHIN, "--triangles", "--seconds", 6, "--tries", 6, "--out", out)
+    done = call(
+        "excite", DEVICE, "--like", like, *WITHIN, "--triangles", "--seconds", 6, "--max-evaluations", 6, "--out", out
+    )
     assert done.exit_code in (0, 2), done.output
     if done.exit_code == 0:
         assert bench.read_experiment(out).table.controller == bench.read_experiment(like).table.controller
@@ -93,7 +95,7 @@ def swept(tmp_path_factory):
 
 def test_friction_of_a_log_is_printed_and_drawn(swept, tmp_path):
     folder, true = swept
-    done = call("friction", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")
+    done = call("friction", "log", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")
     assert done.exit_code == 0, done.output
     assert done.stdout.count("are sufficient") == 3
     found = json.loads((tmp_path / "f" / "friction.json").read_text())
@@ -104,7 +106,7 @@ def test_friction_of_a_log_is_printed_and_drawn(swept, tmp_path):
     with (tmp_path / "f" / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["joint"] for row in rows} == {"motor 1", "motor 2", "motor 3"}
-    assert all(float(row["low95"]) <= float(row["torque"]) <= float(row["high95"]) for row in rows)
+    assert all(float(row["ci_low"]) <= float(row["torque"]) <= float(row["ci_high"]) for row in rows)
     assert (tmp_path / "f" / "friction.png").stat().st_size > 10_000
 
 
@@ -116,7 +118,7 @@ def test_friction_of_a_study_is_the_same(swept, tmp_path):
         'position = { channels = ["q1", "q2", "q3"], unit = "rad" }\n'
         'torque = { channels = ["tau1", "tau2", "tau3"], unit = "N m", side = "joint" }\n'
     )
-    done = call("friction", study, "--data", folder, "--out", tmp_path / "s", "--quiet")
+    done = call("friction", "study", study, "--data", folder, "--out", tmp_path / "s", "--quiet")
     assert done.exit_code == 0, done.output
     assert done.stdout == ""
     assert json.loads((tmp_path / "s" / "friction.json").read_text())["viscous_and_coulomb_are_enough"]
@@ -125,16 +127,16 @@ def test_friction_of_a_study_is_the_same(swept, tmp_path):
 def test_a_log_without_constant_velocities_is_one_line(tmp_path, request):
     runpy.run_path(str(request.config.rootpath / "examples" / "phantom" / "make_logs.py"))["main"](tmp_path)
     study = request.config.rootpath / "examples" / "phantom" / "study.toml"
-    done = call("friction", study, "--data", tmp_path, "--out", tmp_path / "none")
+    done = call("friction", "study", study, "--data", tmp_path, "--out", tmp_path / "none")
     assert done.exit_code == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "none").exists()
-    done = call("essential", study, "--data", tmp_path, "--at-most", 20, "--by-motor", "--out", tmp_path / "e")
+    done = call("eliminate", study, "--data", tmp_path, "--max-relative-std", 20, "--by-motor", "--out", tmp_path / "e")
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "e" / "essential.json").read_text())
+    found = json.loads((tmp_path / "e" / "elimination.json").read_text())
     assert set(found) == {"all motors", "motor 1", "motor 2", "motor 3"}
     whole = found["all motors"]
-    assert len(whole["essential"]) + len(whole["left_out"]) == whole["parameters"] == 14
+    assert len(whole["essential"]) + len(whole["eliminated"]) == whole["parameters"] == 14
     assert set(whole["error_percent"]) == {"fit", "unseen"}
     assert "essential" in done.stdout
 

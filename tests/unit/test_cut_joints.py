@@ -37,10 +37,10 @@ passive = ["2", "3"]
 guess = {{ 2 = 0, 3 = 0 }}
 [loops.cut]
 name = "cut"
-on = "3"
-frame = {{ d = {ground!r} }}
-with = "2"
-twin = {{ d = {crank!r}, theta = {turn!r} }}
+body_a = "3"
+frame_a = {{ d = {ground!r} }}
+body_b = "2"
+frame_b = {{ d = {crank!r}, theta = {turn!r} }}
 [[terms]]
 kind = "viscous"
 joints = {joints}
@@ -58,7 +58,7 @@ parent = "base"
 type = "prismatic"
 [[loops]]
 relations = ["qb = -2*qa"]
-cut = { name = "c", type = "prismatic", on = "a", frame = { r = 0.1 }, with = "b", twin = { r = 0.4 } }
+cut = { name = "c", type = "prismatic", body_a = "a", frame_a = { r = 0.1 }, body_b = "b", frame_b = { r = 0.4 } }
 [[terms]]
 kind = "coulomb"
 joints = "all"
@@ -78,7 +78,7 @@ def turned(model: haptid.DynamicModel, qa: np.ndarray) -> np.ndarray:
     def rotation(frame: Frame) -> np.ndarray:
         return (links[:, frame.link, :3, :3] if frame.link >= 0 else np.eye(3)) @ frame.rotation
 
-    seen = [np.swapaxes(rotation(cut.frame), -1, -2) @ rotation(cut.twin) for cut in model.device.closure.cuts]
+    seen = [np.swapaxes(rotation(cut.frame_a), -1, -2) @ rotation(cut.frame_b) for cut in model.device.closure.cuts]
     return np.array([np.arctan2(R[:, 1, 0], R[:, 0, 0]) for R in seen])
 
 

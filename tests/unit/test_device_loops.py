@@ -18,7 +18,7 @@ LENGTH = st.floats(0.05, 1.0)
 
 def four_bar(arm: float, lever: float, coupler: float, end: float, loop: str = "") -> str:
     """Arm and lever on one axis, a forearm on the arm, a coupler on the lever, joined by the cut."""
-    frames = f'frame = {{ d = {coupler!r} }}, with = "forearm", twin = {{ d = {end!r} }}'
+    frames = f'frame_a = {{ d = {coupler!r} }}, body_b = "forearm", frame_b = {{ d = {end!r} }}'
     return f"""
 name = "four-bar"
 gravity = [0, -9.81, 0]
@@ -37,7 +37,7 @@ parent = "lever"
 d = {lever!r}
 [[loops]]
 passive = ["forearm", "coupler"]
-{loop or f'cut = {{ on = "coupler", {frames} }}'}
+{loop or f'cut = {{ body_a = "coupler", {frames} }}'}
 """
 
 
@@ -58,7 +58,7 @@ def test_any_parallelogram_closes_on_random_poses(
     qa = np.random.default_rng(1).uniform(-3, 3, (20, 2))
     links = poses(device, qa @ closure.G.T + closure.offset)
     cut = closure.cuts[0]
-    ends = [links[:, f.link, :3, :3] @ f.translation + links[:, f.link, :3, 3] for f in (cut.frame, cut.twin)]
+    ends = [links[:, f.link, :3, :3] @ f.translation + links[:, f.link, :3, 3] for f in (cut.frame_a, cut.frame_b)]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
     if abs(arm - lever) > 1e-3:
         assert closure.relations == ("qforearm = -qarm + qlever", "qcoupler = qarm - qlever")
@@ -81,7 +81,12 @@ name = "3"
 parent = "1"
 [[loops]]
 passive = ["2", "3"]
-cut = { type = "revolute", on = "2", frame = { xyz = [0, 0, 0.5] }, with = "1", twin = { xyz = [0, 0, 0.2] } }
+[loops.cut]
+type = "revolute"
+body_a = "2"
+frame_a = { xyz = [0, 0, 0.5] }
+body_b = "1"
+frame_b = { xyz = [0, 0, 0.2] }
 """
     with pytest.raises(DeviceFileError) as caught:
         device_of(tmp_path, text)
@@ -92,7 +97,7 @@ cut = { type = "revolute", on = "2", frame = { xyz = [0, 0, 0.5] }, with = "1", 
     assert device.closure.relations == ("q2 = -0.3 + q1",)
     text = (
         text.replace('type = "revolute"', 'type = "prismatic"')
-        .replace('on = "2"', 'on = "3"')
+        .replace('body_a = "2"', 'body_a = "3"')
         .replace('["2", "3"]', '["3"]')
     )
     device = device_of(tmp_path, text)  # collinear z, free along it, no turn: only joint 3 is settled
@@ -109,7 +114,7 @@ def test_relations_need_no_cut_and_may_chain(tmp_path: Path) -> None:
 
 
 def test_relations_are_verified_against_the_cut(tmp_path: Path) -> None:
-    cut = 'cut = { on = "coupler", frame = { d = 0.3 }, with = "forearm", twin = { d = 0.1 } }\n'
+    cut = 'cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "forearm", frame_b = { d = 0.1 } }\n'
     good = 'relations = ["qforearm = qlever - qarm", "qcoupler = qarm - qlever"]'
     assert device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + good)).closure.error < 1e-13
     with pytest.raises(LoopClosureError) as caught:
@@ -121,7 +126,7 @@ def test_relations_are_verified_against_the_cut(tmp_path: Path) -> None:
 
 
 def test_one_relation_given_and_the_other_derived(tmp_path: Path) -> None:
-    cut = 'cut = { on = "coupler", frame = { d = 0.3 }, with = "forearm", twin = { d = 0.1 } }\n'
+    cut = 'cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "forearm", frame_b = { d = 0.1 } }\n'
     device = device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + 'relations = ["qforearm = qlever - qarm"]'))
     assert device.closure.relations[1] == "qcoupler = qarm - qlever"
 
@@ -171,7 +176,7 @@ def test_relations_must_determine_every_passive_joint(tmp_path: Path, loop: str,
 def test_relations_across_loops_must_end_at_active_joints(tmp_path: Path) -> None:
     text = four_bar(0.3, 0.1, 0.3, 0.1, loop='relations = ["qforearm = qlever", "qcoupler = qtool"]')
     text = text.replace("[[loops]]", '[[joints]]\nname = "tool"\nparent = "forearm"\n[[loops]]', 1)
-    text += '[[loops]]\npassive = ["tool"]\ncut = { on = "tool", with = "base" }\n'
+    text += '[[loops]]\npassive = ["tool"]\ncut = { body_a = "tool", body_b = "base" }\n'
     with pytest.raises(DeviceFileError, match="qtool, which is itself passive"):
         device_of(tmp_path, text)
 
@@ -193,7 +198,7 @@ name = "rocker"
 d = 0.5
 [[loops]]
 passive = ["rod", "rocker"]
-cut = { on = "rocker", frame = { d = 0.2 }, with = "base", twin = { xyz = [0.5, 0, 0] } }
+cut = { body_a = "rocker", frame_a = { d = 0.2 }, body_b = "base", frame_b = { xyz = [0.5, 0, 0] } }
 """
     device = device_of(tmp_path, text)
     assert device.closure.relations == ("qrod = -qcrank", "qrocker = pi + qcrank")

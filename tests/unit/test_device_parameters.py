@@ -99,7 +99,7 @@ drives = { 1 = 1, 2 = -2 }
 [[motors]]
 name = "2"
 [[terms]]
-kind = "rotor"
+kind = "rotor-inertia"
 joints = "all"
 [[terms]]
 kind = "viscous"
@@ -203,7 +203,7 @@ joints = ["2"]
 crank = 0.1
 base = 0.4
 [[terms]]
-kind = "column"
+kind = "custom"
 name = "COG1"
 unit = "N m"
 expression = "sin(3*q_1) + sqrt(v_2) * a_3"

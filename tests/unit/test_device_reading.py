@@ -72,8 +72,8 @@ BROKEN = [
     ("DeviceFileError", add(BALANCE.replace("gas", "spring")), ["terms[2].stroke", "no meaning"]),
     (
         "DeviceFileError",
-        add('[[loops]]\npassive = ["3"]\ncut = { on = "3", with = "1", frame = { d = 1, xyz = [0, 0, 0] } }'),
-        ["loops[0].cut.frame", "xyz or rpy is given together with d"],
+        add('[[loops]]\npassive = ["3"]\ncut = { body_a = "3", body_b = "1", frame_a = { d = 1, xyz = [0, 0, 0] } }'),
+        ["loops[0].cut.frame_a", "xyz or rpy is given together with d"],
     ),
     (
         "DeviceFileError",
@@ -104,7 +104,7 @@ BROKEN = [
     ("DeviceFileError", swap("schema = 1", "schema = 2"), ["schema", "found 2"]),
     ("DeviceFileError", swap("schema = 1", 'convention = "mdh"'), ["convention", "'mdh'", "modified-dh"]),
     ("DeviceFileError", swap("width = 0.1", "width = -0.1"), ["terms[1].width", "-0.1", "zero"]),
-    ("DeviceFileError", add('[[motors]]\nname = "1"\ngear = 0'), ["motors[0].gear", "not zero"]),
+    ("DeviceFileError", add('[[motors]]\nname = "1"\ngear_ratio = 0'), ["motors[0].gear_ratio", "not zero"]),
     ("DeviceFileError", add('[[symmetry]]\nreason = "x"'), ["symmetry[0]", "says nothing"]),
     (
         "DeviceFileError",
@@ -113,13 +113,13 @@ BROKEN = [
     ),
     (
         "DeviceFileError",
-        add('[[prior_bodies]]\nlink = "1"\nmass = -1\ncom = [0, 0, 0]'),
-        ["prior_bodies[0].mass"],
+        add('[[prior.bodies]]\nlink = "1"\nmass = -1\ncom = [0, 0, 0]'),
+        ["prior.bodies[0].mass"],
     ),
     (
         "DeviceFileError",
-        add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\ninertia = [1, 1, -3, 0, 0, 0]'),
-        ["prior_bodies[0].inertia", "-3"],
+        add('[[prior.bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\ninertia = [1, 1, -3, 0, 0, 0]'),
+        ["prior.bodies[0].inertia", "-3"],
     ),
     ("DeviceFileError", add("[prior]\nM1 = { value = 1, std = 0 }"), ["prior.M1.std", "above zero"]),
     ("DeviceFileError", add("[base_parameters]\ntolerance = 2"), ["base_parameters.tolerance", "found 2"]),
@@ -172,8 +172,8 @@ BROKEN = [
     ("DeviceFileError", add("[prior]\nFV9 = 1"), ["prior.FV9", 'Did you mean "FV']),
     (
         "DeviceFileError",
-        add('[[prior_bodies]]\nlink = "9"\nmass = 1\ncom = [0, 0, 0]'),
-        ["prior_bodies[0].link"],
+        add('[[prior.bodies]]\nlink = "9"\nmass = 1\ncom = [0, 0, 0]'),
+        ["prior.bodies[0].link"],
     ),
     ("DeviceFileError", add('[handle]\nlink = "hand"'), ["handle.link", '"hand"']),
     ("DeviceFileError", add('[base_parameters]\nkeep = ["ZZ9"]'), ["base_parameters.keep[0]", "ZZ9"]),
@@ -181,17 +181,17 @@ BROKEN = [
     ("DeviceFileError", add('[[loops]]\nrelations = ["q9 = -q1"]'), ["loops[0].relations[0]", '"q9"']),
     (
         "DeviceFileError",
-        add('[[loops]]\npassive = ["9"]\ncut = { on = "3", with = "1" }'),
+        add('[[loops]]\npassive = ["9"]\ncut = { body_a = "3", body_b = "1" }'),
         ["loops[0].passive[0]"],
     ),
     (
         "DeviceFileError",
-        add('[[loops]]\npassive = ["3"]\ncut = { on = "9", with = "1" }'),
-        ["loops[0].cut.on"],
+        add('[[loops]]\npassive = ["3"]\ncut = { body_a = "9", body_b = "1" }'),
+        ["loops[0].cut.body_a"],
     ),
     (
         "DeviceFileError",
-        add('[[terms]]\nkind = "column"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
+        add('[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
         ["terms[2].expression", '"q_9"'],
     ),
     ("DeviceFileError", swap('name = "2"', 'name = "1"'), ["joints[1].name", "joints[0]"]),
@@ -207,8 +207,8 @@ BROKEN = [
     ("DeviceFileError", swap("d3 = 0.45", "d3 = 0.45\nq_2 = 3"), ["lengths.q_2", "joint 2"]),
     (
         "DeviceFileError",
-        add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\n' * 2),
-        ["prior_bodies[1].link"],
+        add('[[prior.bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\n' * 2),
+        ["prior.bodies[1].link"],
     ),
     ("DeviceFileError", swap('name = "2"', 'name = "2"\nparent = "4"'), ["joints[1].parent", '"4"']),
     (
@@ -233,7 +233,7 @@ BROKEN = [
     ("DeviceFileError", swap('d = "d3"', "active = false"), ["joints[2].active", "no loop"]),
     (
         "LoopClosureError",
-        add('[[loops]]\npassive = ["3"]\ncut = { on = "3", frame = { d = 0.1 }, with = "1" }'),
+        add('[[loops]]\npassive = ["3"]\ncut = { body_a = "3", frame_a = { d = 0.1 }, body_b = "1" }'),
         ["loops: ", "does not close", " m "],
     ),
     (
@@ -241,15 +241,15 @@ BROKEN = [
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\n'
         'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
-        'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
+        'cut = { body_a = "3", frame_a = { d = 0.25 }, body_b = "base", frame_b = { d = 0.5 } }',
         ["loops: ", "in 2 assembly modes", "guess"],
     ),
     (
         "SingularityError",
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\nparent = "base"\ntype = "prismatic"\ngamma = "pi/2"\nalpha = "pi/2"\n'
-        '[[loops]]\npassive = ["1", "2"]\nat = { 3 = 0.7 }\ncut = { on = "2", frame = { d = 0.5 }, '
-        'with = "3", twin = { rpy = ["-pi/2", 0, 0] } }',
+        '[[loops]]\npassive = ["1", "2"]\nat = { 3 = 0.7 }\ncut = { body_a = "2", frame_a = { d = 0.5 }, '
+        'body_b = "3", frame_b = { rpy = ["-pi/2", 0, 0] } }',
         ["loops: at the start pose", "3 = 0.7", "limit 0.001"],
     ),
     (
@@ -257,12 +257,12 @@ BROKEN = [
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\nparent = "base"\nd = 0.5\n'
         '[[loops]]\npassive = ["2", "3"]\nat = { 1 = 1.5 }\nguess = { 2 = -1.3, 3 = 1.2 }\n'
-        'cut = { name = "4", on = "2", frame = { d = 0.5 }, with = "3", twin = { d = 0.4 } }',
+        'cut = { name = "4", body_a = "2", frame_a = { d = 0.5 }, body_b = "3", frame_b = { d = 0.4 } }',
         ["loops: the cut joint 4 has a name", "(limit 1e-06)", "Remove its name"],
     ),
     (
         "DeviceFileError",
-        add('[[loops]]\npassive = ["2", "3"]\ncut = { on = "1", with = "1" }'),
+        add('[[loops]]\npassive = ["2", "3"]\ncut = { body_a = "1", body_b = "1" }'),
         ["loops: ", "determine only 0 of 2"],
     ),
     (
@@ -413,7 +413,7 @@ def test_the_schema_knows_every_key() -> None:
     joint = schema["$defs"]["ModifiedDHJoint"]
     assert set(joint["properties"]) >= {"name", "parent", "alpha", "d", "r", "limits"}
     assert joint["additionalProperties"] is False
-    assert "with" in schema["$defs"]["CutTable"]["properties"]
+    assert "body_b" in schema["$defs"]["CutTable"]["properties"]
 
 
 def test_shipped_devices_are_listed() -> None:

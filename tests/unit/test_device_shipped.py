@@ -148,7 +148,7 @@ def test_phantom_end_point_is_the_papers() -> None:
 
 def test_phantom_commands_are_amplifier_torques() -> None:
     for drive in DynamicModel(read_device("phantom_premium_15")).device.drives:
-        assert drive.gear * drive.gain * 2.73 == pytest.approx(1.0, rel=1e-14)
+        assert drive.gear_ratio * drive.torque_constant * 2.73 == pytest.approx(1.0, rel=1e-14)
 
 
 def test_kuka_counterbalance_is_the_authors_formula() -> None:
@@ -164,11 +164,11 @@ def test_kuka_counterbalance_is_the_authors_formula() -> None:
 
 def test_drives_match_the_logs_of_the_data() -> None:
     tx40 = DynamicModel(read_device("staubli_tx40"))
-    assert [drive.gear for drive in tx40.device.drives] == [32, 32, 45, -48, 45, 32]
+    assert [drive.gear_ratio for drive in tx40.device.drives] == [32, 32, 45, -48, 45, 32]
     np.testing.assert_array_equal(tx40.device.coupling[5], [0, 0, 0, 0, 1, 1])
     emps = DynamicModel(read_device("emps")).device.drives[0]
-    assert (emps.unit, emps.gain) == ("V", 35.15065188248547)
+    assert (emps.command_unit, emps.torque_constant) == ("V", 35.15065188248547)
     gears = [256.857142857, 267.428571429, 252.333333333, 221.0, 239.619047619, 154.323134328]
     np.testing.assert_allclose(
-        [drive.gear for drive in DynamicModel(read_device("kuka_kr300")).device.drives], gears, rtol=1e-11
+        [drive.gear_ratio for drive in DynamicModel(read_device("kuka_kr300")).device.drives], gears, rtol=1e-11
     )

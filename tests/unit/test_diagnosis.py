@@ -128,7 +128,7 @@ def test_an_exact_fit_leaves_no_residual_to_look_at():
 
 
 def test_without_accelerations_some_looks_are_left_out():
-    found = diagnose(estimated(log(1), accelerations="momentum"))
+    found = diagnose(estimated(log(1), formulation="momentum"))
     assert {finding.name for finding in found.findings} == LOOKS - {"time delay", "errors in W"}
     assert len(found.left_out) == 2
     assert found.verdict.torque == "ok"

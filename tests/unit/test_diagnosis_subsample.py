@@ -21,7 +21,7 @@ from haptid.inference.diagnosis.subsample import (
 )
 from haptid.observation.plan import Plan
 
-TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)
+TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block_s=0.5)
 
 
 def estimated(**faults: float) -> haptid.Estimate:

@@ -11,7 +11,7 @@ from haptid.estimation.methods.regularised import Entropic, EntropicPenalty, pri
 from motions import motion
 
 BODY = """
-[[prior_bodies]]
+[[prior.bodies]]
 link = "{link}"
 mass = {mass}
 com = [{x}, 0.01, -0.02]
@@ -141,6 +141,6 @@ def test_what_cannot_be_pulled_is_rejected(model, tmp_path):
     assert prior_links(model) == ["1", "2", "3"]
     with pytest.raises(errors.SettingError):
         Entropic(-1.0)
-    bare = device_of(tmp_path, DEVICE.split("[[prior_bodies]]")[0])
+    bare = device_of(tmp_path, DEVICE.split("[[prior.bodies]]")[0])
     with pytest.raises(errors.IncompleteDeviceError):
         haptid.estimate(observed(model).__class__(bare, observed(model).motors, observed(model).blocks, ()), Entropic())

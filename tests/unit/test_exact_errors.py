@@ -37,7 +37,7 @@ parent = "lever"
 d = "lever"
 [[loops]]
 passive = ["forearm", "coupler"]
-cut = { on = "coupler", frame = { d = "coupler" }, with = "forearm", twin = { d = "lever" } }
+cut = { body_a = "coupler", frame_a = { d = "coupler" }, body_b = "forearm", frame_b = { d = "lever" } }
 """
 LINK = 'name = "two links"\ngravity = [0, -9.81, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.25\n'
 
@@ -71,7 +71,7 @@ def test_angles_that_are_many(tmp_path: Path) -> None:
 
 
 def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
-    column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
+    column = '[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
     model = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
     with pytest.raises(errors.RegroupingError) as raised:
         regroupings(model)
@@ -79,7 +79,7 @@ def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
 
 
 def test_a_column_of_accelerations_that_others_make_up(tmp_path: Path) -> None:
-    column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
+    column = '[[terms]]\nkind = "custom"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
     model = device_of(tmp_path, LINK + column.format("a_1"))
     with pytest.raises(errors.RegroupingError) as raised:
         regroupings(model)

@@ -46,7 +46,7 @@ def test_what_fails_is_written_only_on_request(result, tmp_path):
     assert refused.exit_code == 2
     assert "export it anyway" in " ".join(refused.output.split())
     assert not (tmp_path / "model").exists()
-    assert run(app, [*arguments, "--anyway"]).exit_code == 0
+    assert run(app, [*arguments, "--force"]).exit_code == 0
     assert "VALIDATION FAILED" in (tmp_path / "model" / "matlab" / "two_links_parameters.m").read_text()
 
 

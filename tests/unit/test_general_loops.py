@@ -97,7 +97,7 @@ d = 0.2
 passive = ["coupler", "rocker"]
 at = { crank = 1.0 }
 guess = { rocker = 0.3 }
-cut = { on = "coupler", frame = { d = 0.3 }, with = "rocker", twin = { d = 0.3 } }
+cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "rocker", frame_b = { d = 0.3 } }
 """
 
 
@@ -174,10 +174,10 @@ b = 0.1
 d = 0.22
 [[loops]]
 passive = ["forearm", "coupler"]
-cut = { on = "coupler", frame = { d = 0.3 }, with = "forearm", twin = { d = 0.1 } }
+cut = { body_a = "coupler", frame_a = { d = 0.3 }, body_b = "forearm", frame_b = { d = 0.1 } }
 [[loops]]
 passive = ["rod", "rocker"]
-cut = { on = "rod", frame = { d = 0.25 }, with = "rocker", twin = { d = 0.2 } }
+cut = { body_a = "rod", frame_a = { d = 0.25 }, body_b = "rocker", frame_b = { d = 0.2 } }
 at = { crank = 1.57 }
 guess = { rod = -1.3, rocker = 1.2 }
 """

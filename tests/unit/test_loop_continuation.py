@@ -75,9 +75,9 @@ def test_a_motion_that_is_not_a_number_closes_nowhere() -> None:
 @pytest.mark.parametrize("rotor", ["crank", "rocker"])
 def test_masses_are_the_torques_of_unit_accelerations(rotor: str, tmp_path: Path) -> None:
     text = (Path(haptid.__file__).parent / "device/library" / "four_bar.toml").read_text()
-    term = 'kind = "rotor"\nmotors = "all"'
+    term = 'kind = "rotor-inertia"\nmotors = "all"'
     assert term in text
-    (tmp_path / "four_bar.toml").write_text(text.replace(term, f'kind = "rotor"\njoints = ["{rotor}"]'))
+    (tmp_path / "four_bar.toml").write_text(text.replace(term, f'kind = "rotor-inertia"\njoints = ["{rotor}"]'))
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "four_bar.toml"))
     chi = rigid(model, model.device.parameters.S @ bodies(model))
     c, still = np.linspace(0.5, 2.5, 9)[None], np.zeros((1, 9))

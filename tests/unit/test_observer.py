@@ -164,7 +164,7 @@ convention = "modified-dh"
 [[joints]]
 name = "1"
 [[terms]]
-kind = "column"
+kind = "custom"
 name = "JERKY"
 unit = "N m"
 joints = ["1"]
@@ -191,7 +191,7 @@ def test_velocity_may_come_from_a_causal_differentiator():
     force = np.array([0.4, -0.2, 0.3])
     load = np.einsum("nij,i->jn", handle_motion(model, q).row_jacobian[:, :3], force)
     tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
-    causal = haptid.Treatment(cutoff_hz=None, velocity=HighPass(400.0), accelerations="momentum")
+    causal = haptid.Treatment(cutoff_hz=None, velocity=HighPass(400.0), formulation="momentum")
     seen = observe_force(estimate, haptid.Motion(1e-3, q.T, tau.T, causal))
     settled = seen.t > 0.5
     np.testing.assert_allclose(seen.force[settled], force + 0 * seen.force[settled], atol=0.05)

@@ -140,7 +140,7 @@ def test_what_is_far_outside_of_its_interval_is_reported(model):
     beta = truth(model)
     beta[model.base.names.index("FV1")] = -1e-2
     found = haptid.estimate(observed(model, beta, noise=0.01), PhysicallyConsistent())
-    assert found.status == "strained"
+    assert found.status == "constrained_outside_ci"
     assert "FV1" in found.notes[-1]
     assert "does not repair it" in found.notes[-1]
     low, high = found["FV1"].conf_int()

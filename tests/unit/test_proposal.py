@@ -39,7 +39,7 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
         haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"),
         time="t",
     )
-    gains = [motor.gear * motor.gain for motor in model.device.motors]
+    gains = [motor.gear_ratio * motor.torque_constant for motor in model.device.motors]
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 
@@ -222,7 +222,7 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
 
 def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     made = recorded(phantom)
-    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
+    asked = {"formulation": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     treatment = haptid.propose(phantom, made, **asked).treatment
     assert treatment.cutoff_hz is None
     assert treatment.parallel_cutoff_hz >= 3 * bandwidth(made) * 0.99
@@ -231,7 +231,7 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
 
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
-    asked = {"accelerations": "momentum", "velocity": haptid.motion.HighPass(30.0)}
+    asked = {"formulation": "momentum", "velocity": haptid.motion.HighPass(30.0)}
     assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=4e-5)
 
 

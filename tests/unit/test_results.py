@@ -44,7 +44,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
     for name in ("values", "covariance", "dof", "se"):
         np.testing.assert_array_equal(getattr(read.unconstrained, name), getattr(estimate.quantities, name))
     np.testing.assert_array_equal(read.conf_int(), estimate.conf_int())
-    assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
+    assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("wls", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
     assert read.unconstrained.unbounded == estimate.single_block == ()
     assert (read.study, read.haptid) == (found.study.name, haptid.__version__)

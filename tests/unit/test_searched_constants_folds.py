@@ -24,8 +24,8 @@ velocity = { start = 0.5, low = 0.02, high = 5 }
 STUDY = f"""{HEAD}
 [[logs]]
 path = "log.parquet"
-[holdout]
-pattern = "alternate"
+[validation]
+cross_validation = "blocks"
 [treatment]
 cutoff_hz = "none"
 parallel_cutoff_hz = 20

@@ -22,7 +22,7 @@ from motions import multisine, truth
 from small_study import columns, two_links, write_study
 
 BODY = PriorBody(0.7, np.array([0.25, 0.1, 0.0]), np.diag([0.0, 0.0, 0.003]))
-LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0, 0.003, 0, 0, 0] }"
+LOAD = "payload = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0, 0.003, 0, 0, 0] }"
 
 
 def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
@@ -126,10 +126,10 @@ def test_kept_triangles_are_of_one_load(study, tmp_path):
 @pytest.mark.parametrize(
     ("text", "where"),
     [
-        ("load = { link = '2', mass = 0.0, com = [0, 0, 0] }", "logs.2.load.mass"),
-        ("load = { link = '2', mass = 1.0, com = [0, 0] }", "logs.2.load.com"),
-        ("load = { link = '2', mass = 1.0, com = [0, 0, 0], inertia = [1.0] }", "logs.2.load.inertia"),
-        ("load = { mass = 1.0, com = [0, 0, 0] }", "logs.2.load.link"),
+        ("payload = { link = '2', mass = 0.0, com = [0, 0, 0] }", "logs.2.payload.mass"),
+        ("payload = { link = '2', mass = 1.0, com = [0, 0] }", "logs.2.payload.com"),
+        ("payload = { link = '2', mass = 1.0, com = [0, 0, 0], inertia = [1.0] }", "logs.2.payload.inertia"),
+        ("payload = { mass = 1.0, com = [0, 0, 0] }", "logs.2.payload.link"),
     ],
 )
 def test_a_load_that_is_none_is_rejected(study, text, where):
@@ -139,27 +139,27 @@ def test_a_load_that_is_none_is_rejected(study, text, where):
 
 def test_a_load_on_no_link_is_rejected(study):
     with pytest.raises(UnknownNameError):
-        haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
+        haptid.identify(study("payload = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
 
 
 @pytest.mark.parametrize(
     ("text", "intervals"),
     [
         ("", e.ClusterRobust()),
-        ('intervals = "clustered"', e.ClusterRobust()),
-        ('intervals = "jackknife"', e.BlockJackknife()),
-        ('intervals = "textbook"', e.Classical()),
+        ('intervals = "cluster-robust"', e.ClusterRobust()),
+        ('intervals = "block-jackknife"', e.BlockJackknife()),
+        ('intervals = "classical"', e.Classical()),
         ('intervals = "sandwich"', e.Sandwich()),
         ('intervals = "fixed-b"', e.FixedB()),
-        ('intervals = "bootstrap"', e.Bootstrap()),
-        ('intervals = "profile"', e.Profile()),
+        ('intervals = "block-bootstrap"', e.Bootstrap()),
+        ('intervals = "profile-likelihood"', e.Profile()),
     ],
 )
 def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
     read = study(LOAD, f"[estimate]\n{text}")
     assert read.intervals == intervals
     made = haptid.identify(read)
-    assert Result.of(made).estimate.intervals == intervals.name
+    assert Result.of(made).estimate.intervals_description == intervals.name
     again = haptid.estimate(made.estimate.observation, haptid.WLS(), intervals)
     np.testing.assert_allclose(made.estimate.covariance, again.covariance)
 

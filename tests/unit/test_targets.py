@@ -33,14 +33,14 @@ name = "2"
 d = "L"
 [[motors]]
 name = "1"
-gear = -20
-gain = 0.05
-unit = "V"
+gear_ratio = -20
+torque_constant = 0.05
+command_unit = "V"
 [[motors]]
 name = "2"
-gear = 10
-gain = 0.05
-unit = "V"
+gear_ratio = 10
+torque_constant = 0.05
+command_unit = "V"
 [[terms]]
 kind = "viscous"
 motors = "all"

@@ -33,7 +33,7 @@ law = "spring"
 crank = 0.1
 base = 0.3
 [[terms]]
-kind = "column"
+kind = "custom"
 joints = ["1"]
 name = "CG"
 unit = "N m"

@@ -14,8 +14,8 @@ from windows import FILTERS, windows
 
 TREATMENTS = [
     haptid.Treatment(cutoff_hz=None),
-    haptid.Treatment(cutoff_hz=None, decimation=7, reversal_speed=0.1, guard=0.01),
-    haptid.Treatment(cutoff_hz=None, decimation=10, accelerations="momentum"),
+    haptid.Treatment(cutoff_hz=None, decimation=7, reversal_speed=0.1, reversal_guard_s=0.01),
+    haptid.Treatment(cutoff_hz=None, decimation=10, formulation="momentum"),
     haptid.Treatment(cutoff_hz=None, decimation=5, parallel_shape=Causal()),
 ]
 

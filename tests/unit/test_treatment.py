@@ -137,8 +137,8 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"cutoff_hz": "40"},
         {"decimation": True},
         {"reversal_speed": ()},
-        {"block": 0.0},
-        {"guard": -0.1},
+        {"block_s": 0.0},
+        {"reversal_guard_s": -0.1},
         {"parallel_cutoff_hz": 0.0},
     ],
 )

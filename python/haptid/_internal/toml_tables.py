@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -205,7 +205,7 @@ def _models_at(model: type[BaseModel], steps: Sequence[str | int], data: Any) ->
             by_name = False
         else:
             field = _fields(here[0]).get(step) if here else None
-            annotation = field.annotation if field else None
+            annotation = field.annotation if field else _of_names(here[0]) if here else None
             by_name = any(get_origin(part) is dict for part in (annotation, *get_args(annotation)))
         here = _of_kind(list(_models(annotation)), value)
     return here
@@ -239,6 +239,13 @@ def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
     """The kinds that a table may have."""
     field = model.model_fields.get("kind")
     return get_args(field.annotation) if field else ()
+
+
+def _of_names(model: type[BaseModel]) -> Any:
+    """Type of the values of a table whose other keys are names chosen by the user, None of other tables."""
+    if model.model_config.get("extra") != "allow":
+        return None
+    return get_args(get_type_hints(model, include_extras=True)["__pydantic_extra__"])[1]
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:

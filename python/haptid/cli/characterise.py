@@ -46,9 +46,8 @@ def characterise(
     ] = None,
     stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one, or one each")] = None,
     torque: Annotated[list[str] | None, typer.Option("--torque", help="limit of a motor: NAME=VALUE")] = None,
-    worst: Annotated[
-        float | None,
-        typer.Option("--worst", help="largest condition number of a pose (default: 30)"),
+    max_condition: Annotated[
+        float | None, typer.Option(help="largest condition number of a pose (default: 30)")
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
@@ -68,7 +67,9 @@ def characterise(
         with progress_bars(quiet) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             progress("figures", 0.0)
-            found = compute(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
+            found = compute(
+                read.identified, poses.qa, worst_condition=WORST_CONDITION if max_condition is None else max_condition
+            )
             made = table_columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")
             progress("figures", 1.0)

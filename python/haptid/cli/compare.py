@@ -100,11 +100,11 @@ def _parameter(series: Series, k: int) -> dict[str, Any]:
         "name": series.names[k],
         "unit": series.units[k],
         "value": series.value[:, k].tolist(),
-        "sd": series.se[:, k].tolist(),
-        "freedom": series.dof[:, k].tolist(),
+        "se": series.se[:, k].tolist(),
+        "dof": series.dof[:, k].tolist(),
         "common": float(series.common[k]),
         "p": float(series.p[k]),
-        "p_together": float(series.holm[k]),
+        "p_holm": float(series.holm[k]),
         "differs": series.names[k] in series.differs,
     }
 
@@ -114,11 +114,11 @@ def _slope(lines: Drift, k: int) -> dict[str, Any]:
     return {
         "name": name,
         "slope": float(lines.slope[k]),
-        "sd": float(lines.se[k]),
-        "freedom": float(lines.dof[k]),
-        "interval": lines.conf_int()[k].tolist(),
+        "se": float(lines.se[k]),
+        "dof": float(lines.dof[k]),
+        "conf_int": lines.conf_int()[k].tolist(),
         "p": float(lines.p[k]),
-        "p_together": float(lines.holm[k]),
+        "p_holm": float(lines.holm[k]),
         "drifts": name in lines.drifts,
         "bent": name in lines.bent,
     }

@@ -1,4 +1,4 @@
-"""`haptid essential`."""
+"""`haptid eliminate`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ HELP = """\
 Identify a device, then eliminate base parameters backwards, one at a time, stopped by a robust F-test.
 
 The candidate of each step is the parameter with the largest relative standard error. The elimination stops where the
-F-test rejects it, or where the largest relative standard error is at most 10 times the smallest, or --at-most per
-cent. If the study has a log with the role "validate", both models are compared on it. Writes into OUT:
+F-test rejects it, or where the largest relative standard error is at most 10 times the smallest, or
+--max-relative-std per cent. If the study has a log with the role "validate", both models are compared on it. Writes
+into OUT:
 
-  essential.json    every step, the essential parameters with intervals, their changes, errors of both models
+  elimination.json  every step, the essential parameters with intervals, their changes, errors of both models
 
   result.json       the reduced model of all motors, as of haptid identify, for haptid export and others
 
@@ -29,27 +30,27 @@ cent. If the study has a log with the role "validate", both models are compared 
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid essential examples/phantom/study.toml --data logs --at-most 20
+Example: haptid eliminate examples/phantom/study.toml --data logs --max-relative-std 20
 """
 
 
 @app.command(help=HELP)
-def essential(
+def eliminate(
     study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
     data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
-    at_most: Annotated[
-        float | None, typer.Option("--at-most", min=0.0, help="largest relative standard error that remains, per cent")
+    max_relative_std: Annotated[
+        float | None, typer.Option(min=0.0, help="largest relative standard error that remains, per cent")
     ] = None,
     level: Annotated[float, typer.Option(min=0.0, max=1.0, help="significance level of the F-test")] = 0.05,
     by_motor: Annotated[bool, typer.Option("--by-motor", help="also on the rows of each motor alone")] = False,
-    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-essential"),
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-elimination"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
-    from haptid.inference.elimination import eliminate as reduce
+    from haptid.inference.elimination import eliminate as eliminated
     from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify
@@ -57,13 +58,14 @@ def essential(
     with errors_shown():
         check_writable(out_folder)
         plan = read_study(study)
-        how = BackwardElimination(GautierRatio() if at_most is None else MaxRelativeStd(at_most), level)
+        criterion = GautierRatio() if max_relative_std is None else MaxRelativeStd(max_relative_std)
+        how = BackwardElimination(criterion, level)
         with progress_bars(quiet) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             found = identify(plan, data, progress)
             progress("eliminating", 0.0)
             unseen = _unseen(found)
-            reductions = {"all motors": reduce(found.estimate, how, unseen)}
+            reductions = {"all motors": eliminated(found.estimate, how, unseen)}
             if by_motor:
                 labels = [motor.label for motor in found.estimate.observation.motors]
                 reductions |= dict(zip(labels, eliminate_by_motor(found.estimate, how, unseen), strict=True))
@@ -75,12 +77,12 @@ def essential(
             progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
-            (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
+            (folder / "elimination.json").write_text(text + "\n", encoding="utf-8")
     if not quiet:
         for name, one in reductions.items():
             out.print(name, style="bold")
             out.print(one.summary(), highlight=False, soft_wrap=True)
-        out.print(f"Steps in {out_folder / 'essential.json'}; the reduced model in {out_folder / 'result.json'}")
+        out.print(f"Steps in {out_folder / 'elimination.json'}; the reduced model in {out_folder / 'result.json'}")
 
 
 def _unseen(found: Identification) -> Any:
@@ -97,14 +99,15 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
     from haptid.results.result import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}
-    cache = [found.reduced.parameters[k] for k in found.reduced.free_parameters]
+    free = list(found.reduced.free_parameters)
+    kept = [found.reduced.parameters[k] for k in free]
     made = {
         "parameters": len(found.full.free_parameters),
         "reason": found.reason,
-        "left_out": [
+        "eliminated": [
             {
                 "name": d.name,
-                "relative_sd_percent": d.relative_se,
+                "relative_se_percent": d.relative_se,
                 "F": d.test.F,
                 "p": d.test.p,
                 "error_percent": d.error,
@@ -115,13 +118,14 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
         "essential": [
             {
                 "name": p.name,
-                "value": p.value,
-                "sd": p.se,
-                "interval95": list(p.conf_int()),
                 "unit": p.unit,
-                "moved_sd": m,
+                "value": p.value,
+                "se": p.se,
+                "dof": dof,
+                "conf_int": list(p.conf_int()),
+                "change_in_se": change,
             }
-            for p, m in zip(cache, found.shift[list(found.reduced.free_parameters)].tolist(), strict=True)
+            for p, dof, change in zip(kept, found.reduced.dof[free].tolist(), found.shift[free].tolist(), strict=True)
         ],
         "error_percent": {
             kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both

@@ -49,7 +49,7 @@ def excite(
     keep: Annotated[
         list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
     ] = None,
-    tries: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
+    max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
@@ -77,7 +77,7 @@ def excite(
                 within,
                 columns=columns,
                 beta=beta,
-                search=Search(tries=tries, seed=seed),
+                search=Search(tries=max_evaluations, seed=seed),
                 progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(cost)),
             )
         write_experiment(out_file, found, plain_experiment(found) if other is None else other)

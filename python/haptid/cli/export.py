@@ -12,7 +12,7 @@ from haptid.cli.common import app, errors_shown, out
 HELP = """\
 Export an identified model for other programs.
 
-RESULT is the output folder of haptid identify or haptid essential. Formats:
+RESULT is the output folder of haptid identify or haptid eliminate. Formats:
 
   c, c-single       C99 for a control loop, in double or single precision
 
@@ -38,11 +38,11 @@ Example: haptid export first-result --to c --to mjcf --out first-model
 @app.command(help=HELP)
 def export(
     result: Annotated[
-        Path, typer.Argument(help="output folder of haptid identify or haptid essential", show_default=False)
+        Path, typer.Argument(help="output folder of haptid identify or haptid eliminate", show_default=False)
     ],
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
     folder: Annotated[Path, typer.Option("--out", help="parent of the formats' folders", show_default=False)],
-    anyway: Annotated[bool, typer.Option("--anyway", help="export a failed model, with a warning")] = False,
+    force: Annotated[bool, typer.Option("--force", help="export a failed model, with a warning")] = False,
     name: Annotated[
         str | None, typer.Option("--name", help="prefix of all names in code (default: from the device)")
     ] = None,
@@ -58,7 +58,7 @@ def export(
 
     with errors_shown():
         read = Result.load(result)
-        made = haptid.export_model(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=anyway)
+        made = haptid.export_model(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=force)
     if quiet:
         return
     for written in made.values():

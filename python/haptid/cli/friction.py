@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,15 +13,17 @@ from haptid.cli.common import app, errors_shown, out, progress_bars, progress_ca
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
+    from haptid.log import Log
     from haptid.motion.treatment import Motion
 
+_Progress = Callable[[str, float], None]
+_Read = Callable[[_Progress], "tuple[DynamicModel, Motion]"]
 HELP = """\
 Select a friction model for each joint from a constant-velocity test.
 
-In the test each joint in turn moves to and fro at several constant speeds (kind = "sweep" on `haptid bench`). WHAT is
-a study, whose first log with the role "identify" is the test; or a device followed by the path of a log with the
-channels t, q1.., tau1.. (N m at the joints). Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction
-are compared by AICc; a larger model must be lower by 2. Writes into OUT:
+In the test each joint in turn moves to and fro at several constant speeds (kind = "sweep" on `haptid bench`).
+Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction are compared by AICc; a larger model must be
+lower by 2. Writes into OUT:
 
   friction.csv    velocity, friction torque and its 95 % interval, one row for each constant velocity
 
@@ -31,22 +33,50 @@ are compared by AICc; a larger model must be lower by 2. Writes into OUT:
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid friction friction-study.toml --out friction
+Examples: haptid friction study friction-study.toml --out friction
+
+          haptid friction log phantom_premium_15 sweep.csv --out friction
 """
+friction = typer.Typer(help=HELP, no_args_is_help=True)
+app.add_typer(friction, name="friction")
+
+_Tolerance = Annotated[
+    float | None, typer.Option(min=0.001, max=0.5, help="largest relative variation of a constant velocity")
+]
+_Slowest = Annotated[float | None, typer.Option(help="least speed that is used, rad/s or m/s")]
+_Out = Annotated[Path, typer.Option("--out", help="folder for the results")]
+_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")]
+_FOLDER = Path("haptid-friction")
 
 
-@app.command(help=HELP)
-def friction(
-    what: Annotated[str, typer.Argument(help="a study (TOML), or a device", show_default=False)],
-    log: Annotated[Path | None, typer.Argument(help="the log, after a device", show_default=False)] = None,
+@friction.command("study", help="From a study, whose first log with the role 'identify' is the test.")
+def of_study(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
     data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
-    tolerance: Annotated[
-        float | None, typer.Option(min=0.001, max=0.5, help="largest relative variation of a constant velocity")
-    ] = None,
-    slowest: Annotated[float | None, typer.Option(help="least speed that is used, rad/s or m/s")] = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-friction"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+    tolerance: _Tolerance = None,
+    slowest: _Slowest = None,
+    out_folder: _Out = _FOLDER,
+    quiet: _Quiet = False,
 ) -> None:
+    _run(lambda progress: _of_study(study, data, progress), tolerance, slowest, out_folder, quiet)
+
+
+@friction.command("log", help="From a device and a log with the channels t, q1.., tau1.. (N m at the joints).")
+def of_log(
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
+    log: Annotated[Path, typer.Argument(help="the log of the test", show_default=False)],
+    tolerance: _Tolerance = None,
+    slowest: _Slowest = None,
+    out_folder: _Out = _FOLDER,
+    quiet: _Quiet = False,
+) -> None:
+    _run(lambda progress: _of_log(device, log, progress), tolerance, slowest, out_folder, quiet)
+
+
+def _run(read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool) -> None:
+    """Fit the friction curves of a test, and write them."""
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.experiment.friction_test.choice import choose_friction
     from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
@@ -58,7 +88,7 @@ def friction(
         constant = ConstantVelocity(**{name: value for name, value in settings.items() if value is not None})
         with progress_bars(quiet) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
-            model, motion = _test(what, log, data, progress)
+            model, motion = read(progress)
             progress("friction by velocity", 0.0)
             curve = friction_curve(model, motion, constant=constant)
             choice = choose_friction(curve)
@@ -73,24 +103,35 @@ def friction(
         out.print(f"Figures in {out_folder}")
 
 
-def _test(
-    what: str, log: Path | None, data: Path | None, progress: Callable[[str, float], None]
-) -> tuple[DynamicModel, Motion]:
-    """Device and motion of the test, from a study or as given."""
+def _of_study(path: Path, data: Path | None, progress: _Progress) -> tuple[DynamicModel, Motion]:
+    """Device and treated motion of the test of a study."""
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
     from haptid.log import read_log
-    from haptid.motion.treatment import treat
     from haptid.study import read_study
-    from haptid.treatment_choice.propose import propose
 
     progress("reading the log", 0.0)
-    if log is not None:
-        model, read, asked = DynamicModel(read_device(what)), read_log(log), {}
-    else:
-        study = read_study(what)
-        entry = next(one for one in study.logs if one.role == "identify")
-        model, asked = DynamicModel(read_device(study.device)), dict(study.treatment)
-        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, time_range=entry.time_range)
+    study = read_study(path)
+    entry = next(one for one in study.logs if one.role == "identify")
+    model = DynamicModel(read_device(study.device))
+    read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, time_range=entry.time_range)
+    return model, _treated(model, read, dict(study.treatment), progress)
+
+
+def _of_log(device: str, path: Path, progress: _Progress) -> tuple[DynamicModel, Motion]:
+    """Device and treated motion of a log as it is."""
+    from haptid.device import read_device
+    from haptid.dynamics.model import DynamicModel
+    from haptid.log import read_log
+
+    progress("reading the log", 0.0)
+    model = DynamicModel(read_device(device))
+    return model, _treated(model, read_log(path), {}, progress)
+
+
+def _treated(model: DynamicModel, log: Log, settings: dict[str, Any], progress: _Progress) -> Motion:
+    from haptid.motion.treatment import treat
+    from haptid.treatment_choice.propose import propose
+
     progress("reading the log", 1.0)
-    return model, treat(read, propose(model, read, **asked).treatment)
+    return treat(log, propose(model, log, **settings).treatment)

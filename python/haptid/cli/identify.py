@@ -51,7 +51,9 @@ def identify(
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler whose workers reduce the logs, tcp://host:8786")
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="do not resume an interrupted run")] = False,
+    no_resume: Annotated[
+        bool, typer.Option("--no-resume", help="start again, not from an interrupted run's intermediate results")
+    ] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
@@ -66,7 +68,7 @@ def identify(
     with errors_shown():
         check_writable(out_folder)
         plan = read_study(study)
-        cache = resumed(out_folder, fresh, quiet or as_json)
+        cache = resumed(out_folder, no_resume, quiet or as_json)
         with (
             interruptible(cache),
             progress_bars(quiet or as_json) as bars,

@@ -20,14 +20,14 @@ def workers(count: int, scheduler: str | None) -> Executor:
     return SerialExecutor() if count == 1 else ProcessExecutor(count)
 
 
-def resumed(out: Path, fresh: bool, quiet: bool) -> RFactorCache:
+def resumed(out: Path, no_resume: bool, quiet: bool) -> RFactorCache:
     """Stored intermediate results of an interrupted run; none where the run is to start again."""
     target = out.resolve()
     cache = RFactorCache(target.with_name(f".{target.name}.partial"))
-    if fresh:
+    if no_resume:
         cache.forget()
     elif not quiet and (parts := cache.count()):
-        err.print(f"Resuming an interrupted run: {parts} parts in {cache.folder}. --fresh starts again.")
+        err.print(f"Resuming an interrupted run: {parts} parts in {cache.folder}. --no-resume starts again.")
     return cache
 
 

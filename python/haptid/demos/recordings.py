@@ -113,10 +113,10 @@ class BenchRecording:
 
     def log(self, time_range: tuple[float, float]) -> Log:
         """Positions and commands between two times, s: the channels that an identification uses."""
-        device = self.model.device
+        device, motors = self.model.device, self.model.device.motors
         channels = Channels(
             Signal(tuple(f"q{k + 1}" for k in range(len(device.active))), "rad"),
-            Signal(tuple(f"command{k + 1}" for k in range(len(device.motors))), device.motors[0].unit, side="motor"),
+            Signal(tuple(f"command{k + 1}" for k in range(len(motors))), motors[0].command_unit, side="motor"),
             time="t",
         )
         return read_log(self.path, channels, time_range=time_range)

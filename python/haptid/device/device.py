@@ -94,13 +94,13 @@ class Cut:
 
     Attributes:
         prismatic: False: the frames' origins and z axes coincide. True: z axes one line, orientations equal.
-        frame, twin: the two frames that the joint brings together.
+        frame_a, frame_b: the two frames that the joint brings together.
         name: of the joint where terms may act on it, else None.
     """
 
     prismatic: bool
-    frame: Frame
-    twin: Frame
+    frame_a: Frame
+    frame_b: Frame
     name: str | None = None
 
 
@@ -110,17 +110,18 @@ class Motor:
 
     Attributes:
         name: of the motor, or of the joint without motor.
-        gear: shaft position = gear * coordinate.
-        gain: shaft torque per unit of command, N m or N; torque on the coordinate = gear * gain * command.
-        unit: of the command: N m, N, V, A or counts.
+        gear_ratio: shaft position = gear_ratio * coordinate.
+        torque_constant: shaft torque per unit of command, N m or N; torque on the coordinate = gear_ratio *
+            torque_constant * command.
+        command_unit: N m, N, V, A or counts.
         row: the coordinate as a combination of the active joints' positions, (active,).
         motorised: False for an active joint without motor.
     """
 
     name: str
-    gear: float
-    gain: float
-    unit: str
+    gear_ratio: float
+    torque_constant: float
+    command_unit: str
     row: Array
     motorised: bool = True
 

@@ -108,18 +108,18 @@ def _std(device: Device, members: tuple[str, ...]) -> float | None:
 def read_priors(
     tables: AnyDevice, joints: Sequence[Joint], raw: tuple[str, ...], reader: Reader, place: Place
 ) -> dict[str, Prior]:
-    """The priors of [[prior_bodies]] and [prior], by raw parameter name; the latter take precedence."""
+    """The priors of [[prior.bodies]] and [prior], by raw parameter name; the latter take precedence."""
     made: dict[str, Prior] = {}
     links = [joint.name for joint in joints]
-    for k, body in enumerate(tables.prior_bodies):
-        here = place.at("prior_bodies", k)
+    for k, body in enumerate(tables.prior.bodies):
+        here = place.at("prior", "bodies", k)
         if body.link not in links:
             raise here.at("link").unknown("link", body.link, links)
         if f"M{body.link}" in made:
             raise here.at("link").taken("prior body of link", body.link, "an earlier one")
         percent = None if body.std_percent is None else reader.number(body.std_percent, here.at("std_percent"))
         made |= body_prior(_body(body, reader, here), joints[links.index(body.link)], percent)
-    for name, value in tables.prior.items():
+    for name, value in tables.prior.parameters.items():
         here = place.at("prior", name)
         if name not in raw:
             raise here.unknown("parameter", name, raw)

@@ -132,7 +132,7 @@ def _acceleration_column(column: str) -> MissingAccelerationError:
         f"column {column} reads accelerations, which momentum rows, the momentum observer and Kalman filters lack.",
         where=column,
         advice=(
-            "Choose accelerations = 'differences', estimate_force or another method, or write the term as a rotor "
+            "Choose formulation = 'acceleration', estimate_force or another method, or write the term as a rotor "
             "inertia."
         ),
     )

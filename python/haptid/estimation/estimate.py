@@ -102,7 +102,7 @@ class Estimate:
             unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
         classical_covariance: classical, valid for white residuals, (p, p).
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
-        status: "ok", "weak" (ill-conditioned), or "strained" where constraints contradict an interval.
+        status: "ok", "ill_conditioned", or "constrained_outside_ci" where constraints contradict an interval.
         notes: for the user.
         constrained_fit: of a method with inequality constraints: the constrained and the unconstrained estimate, and
             the active constraints; None of the others.
@@ -344,13 +344,13 @@ def _status_and_notes(
     raw, scaled = observation.condition_without(zero)
     status = "ok"
     if scaled > WELL_CONDITIONED:
-        status = "weak"
+        status = "ill_conditioned"
         notes.append(
             f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
             f"Torque predictions are reliable; individual parameters only where the standard error is small."
         )
     if quantities.unbounded:
-        status = "weak"
+        status = "ill_conditioned"
         names = ", ".join(quantities.names[k] for k in quantities.unbounded)
         notes.append(
             f"Excited in a single time block: {names}. The standard error cannot be estimated (interval: unbounded). "
@@ -358,6 +358,6 @@ def _status_and_notes(
         )
     if constrained:
         half = half_width(quantities.se, quantities.dof)
-        status = "strained" if constrained.constrained_outside_ci(half) else status
+        status = "constrained_outside_ci" if constrained.constrained_outside_ci(half) else status
         notes += constrained.notes(half)
     return status, tuple(notes)

@@ -169,10 +169,10 @@ def coordinate_lines(model: DynamicModel) -> list[str]:
 
 def _command(drive: Motor, torque: str) -> str:
     """Conversion of a torque to the motor's command."""
-    factor = drive.gear * drive.gain
-    if factor == 1.0 and drive.unit == torque:
+    factor = drive.gear_ratio * drive.torque_constant
+    if factor == 1.0 and drive.command_unit == torque:
         return "command = torque"
-    return f"command in {drive.unit} = torque / ({factor:.9g} {torque} per {drive.unit})"
+    return f"command in {drive.command_unit} = torque / ({factor:.9g} {torque} per {drive.command_unit})"
 
 
 def one_line(text: str) -> str:

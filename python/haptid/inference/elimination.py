@@ -26,6 +26,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.errors import SettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
+from haptid.estimation.method import Method
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
@@ -274,9 +275,7 @@ def refit_without(full: Estimate, names: tuple[str, ...]) -> Estimate:
 
 
 def _weighting(full: Estimate) -> FixedWeights:
-    return FixedWeights(
-        full.method.name, full.method.unit_residual, tuple(full.weights.tolist()), _motors(full.observation)
-    )
+    return FixedWeights(full.method, tuple(full.weights.tolist()), _motors(full.observation))
 
 
 def _motors(observation: Observation) -> tuple[str, ...]:
@@ -288,15 +287,22 @@ class FixedWeights:
     """Weights fixed at those of a fit with more parameters.
 
     Attributes:
-        name, unit_residual: of the method that made them.
+        method: that made them.
         by_motor: weight of each motor's rows.
         motors: their names.
     """
 
-    name: str
-    unit_residual: bool
+    method: Method
     by_motor: tuple[float, ...]
     motors: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return self.method.name
+
+    @property
+    def unit_residual(self) -> bool:
+        return self.method.unit_residual
 
     def weights(self, observation: Observation) -> Array:
         """Of the observation's motors, (motors,)."""

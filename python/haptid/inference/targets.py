@@ -242,8 +242,8 @@ def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
         if len(loads) != 1:
             return None
         drive = model.device.drives[loads[0]]
-        torque = float(rates[loads[0]]) * drive.gear * drive.gain
-        found.add((1.0 / torque, drive.unit, motor.unit))
+        torque = float(rates[loads[0]]) * drive.gear_ratio * drive.torque_constant
+        found.add((1.0 / torque, drive.command_unit, motor.unit))
     return found.pop() if len(found) == 1 else None
 
 

@@ -82,7 +82,7 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
         raise _wrong_count("position", motion.q.shape[1], names)
     change = np.asarray(device.row_map)
     if side == "motor":
-        shafts = np.diag([1.0 / drive.gear for drive in device.drives])
+        shafts = np.diag([1.0 / drive.gear_ratio for drive in device.drives])
         change = change @ np.linalg.solve(device.coupling, shafts)
     if (change == np.eye(len(names))).all():
         return lambda x: x
@@ -115,10 +115,10 @@ def torque_map(device: Device, log: Log) -> Array:
     unit = log.channels.torque_unit
     if log.channels.torque.side == "motor":
         for drive in device.motors:
-            if unit != drive.unit:
-                raise _wrong_unit(drive.name, unit, drive.unit, "motor")
+            if unit != drive.command_unit:
+                raise _wrong_unit(drive.name, unit, drive.command_unit, "motor")
         moved = device.drive_rates[[drive.motorised for drive in device.drives]]
-        return np.asarray(moved.T * [drive.gear * drive.gain for drive in device.motors])
+        return np.asarray(moved.T * [drive.gear_ratio * drive.torque_constant for drive in device.motors])
     for k, j in enumerate(device.active):
         wanted = "N" if device.joints[j].prismatic else "N m"
         if _joint_measured(device)[k] and unit != wanted:

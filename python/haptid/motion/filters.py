@@ -89,7 +89,7 @@ class KaiserSmoother:
     noise bandwidth is three times as long.
     """
 
-    name: ClassVar[str] = "bell"
+    name: ClassVar[str] = "kaiser"
     # Default cut-off as a share of the decimated Nyquist frequency: aliases are 20 dB down.
     share: ClassVar[float] = 0.4
 
@@ -127,7 +127,7 @@ class WindowedSinc:
     Source: Gautier, Janot and Vandanjon (2013), section III.
     """
 
-    name: ClassVar[str] = "sharp"
+    name: ClassVar[str] = "sinc"
     share: ClassVar[float] = 0.8
 
     def reach(self, cutoff: float, decimation: int) -> float:

@@ -40,6 +40,8 @@ from haptid.motion.streaming import CUBIC, SMOOTH, Delayed, delayed, filtered, l
 
 # Tail of an impulse response after which a transient counts as over, as a share of the response.
 TRANSIENT_LEFT = 1e-3
+# Longest delay, as a share of the log: a longer one is almost certainly in another unit.
+LONGEST_DELAY = 0.1
 # Samples to either side that a central difference requires.
 SIDE = len(DIFFERENCES) // 2
 
@@ -57,13 +59,13 @@ class Treatment:
             decimated Nyquist frequency, and no filter where `decimation` is 1.
         parallel_shape: of that filter: `KaiserSmoother()`, `WindowedSinc()` as in published methods, or `Causal()`.
         reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction is slower than this anywhere
-            within `guard` of the row, rad/s or m/s; one value, or one for each row of torque.
-        guard: s; None is the length of the parallel filter without its negligible ends.
-        block: length of a time block, s.
+            within `reversal_guard_s` of the row, rad/s or m/s; one value, or one for each row of torque.
+        reversal_guard_s: s; None is the length of the parallel filter without its negligible ends.
+        block_s: length of a time block, s.
         torque_delay_s: the acting torque is the log's of so much earlier, s: half a sampling period for a command that
             is constant from its sample to the next (zero-order hold). One value, or one for each torque channel.
-        accelerations: "differences" of the positions, or "momentum": no accelerations, the parallel filter
-            differentiates momenta.
+        formulation: "acceleration", by differences of the positions, or "momentum": no accelerations, the parallel
+            filter differentiates momenta.
         velocity: a causal differentiator of the unfiltered positions; None is central differences.
     """
 
@@ -72,11 +74,11 @@ class Treatment:
     decimation: int = 1
     parallel_cutoff_hz: float | None = None
     reversal_speed: float | tuple[float, ...] = 0.0
-    guard: float | None = None
-    block: float = 1.0
+    reversal_guard_s: float | None = None
+    block_s: float = 1.0
     torque_delay_s: float | tuple[float, ...] = 0.0
     parallel_shape: Shape | Causal = field(default_factory=KaiserSmoother)
-    accelerations: Literal["differences", "momentum"] = "differences"
+    formulation: Literal["acceleration", "momentum"] = "acceleration"
     velocity: HighPass | None = None
 
     def __post_init__(self) -> None:
@@ -88,10 +90,11 @@ class Treatment:
             self._expect("cutoff_hz", lambda _: bool(many) and all(map(positive, many)), "finite numbers above zero")
         if self.parallel_cutoff_hz is not None:
             self._expect("parallel_cutoff_hz", positive, "a finite number above zero")
-        if self.guard is not None:
-            self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
-        self._expect("block", positive, "a finite number above zero")
-        self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
+        if self.reversal_guard_s is not None:
+            self._expect("reversal_guard_s", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
+        self._expect("block_s", positive, "a finite number above zero")
+        shapes = "KaiserSmoother(), WindowedSinc() or Causal()"
+        self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), shapes)
         delays = self.torque_delay_s if isinstance(self.torque_delay_s, tuple) else (self.torque_delay_s,)
         self._expect("torque_delay_s", lambda _: bool(delays) and all(map(_finite, delays)), "finite times, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
@@ -99,7 +102,7 @@ class Treatment:
         many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
         if not many or not all(v == 0 or positive(v) for v in many):
             raise bad_setting("reversal_speed", self.reversal_speed, "finite speeds, 0 or more")
-        self._expect("accelerations", lambda v: v in ("differences", "momentum"), '"differences" or "momentum"')
+        self._expect("formulation", lambda v: v in ("acceleration", "momentum"), '"acceleration" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
         self._check_together()
 
@@ -107,13 +110,13 @@ class Treatment:
         """Refuse combinations of settings that contradict each other."""
         if self.velocity is not None:
             if not self.momentum:
-                raise _no_accelerations("accelerations = 'differences'")
+                raise _no_accelerations("formulation = 'acceleration'")
             self._expect("cutoff_hz", lambda v: v is None, "None: `velocity` takes positions as they are")
 
     @property
     def momentum(self) -> bool:
         """Whether rows are in the momentum formulation, without accelerations."""
-        return self.accelerations == "momentum"
+        return self.formulation == "momentum"
 
     def _expect(self, name: str, fits: Callable[[Any], bool], wanted: str) -> None:
         value = getattr(self, name)
@@ -424,6 +427,9 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
         if isinstance(settings, tuple) and len(settings) != channels:
             raise bad_setting(name, settings, f"one value, or {channels}: one for each channel")
     n = len(log.t)
+    longest = float(np.max(np.abs(treatment.torque_delay_s)))
+    if longest > LONGEST_DELAY * n * dt:
+        raise bad_setting("torque_delay_s", longest, f"at most a tenth of the log, {LONGEST_DELAY * n * dt:.3g} s")
     if sections is not None and n <= 3 * (2 * sections.shape[1] + 1):
         raise too_short(n * dt, 3 * (2 * sections.shape[1] + 1) * dt, "the position filter")
     q = log.position if sections is None else filtered(log.position, sections, log.segments)
@@ -475,5 +481,5 @@ def _no_accelerations(what: str) -> MissingAccelerationError:
     return MissingAccelerationError(
         f"{what} requires accelerations, and `velocity` by a high-pass provides none.",
         where="velocity",
-        advice="Choose accelerations = 'momentum', or leave `velocity` out.",
+        advice="Choose formulation = 'momentum', or leave `velocity` out.",
     )

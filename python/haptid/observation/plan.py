@@ -88,12 +88,12 @@ class Plan:
             raise bad_setting("reversal_speed", treatment.reversal_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
-        block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
+        block = max(1, round(min(treatment.block_s / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
         while rows > MOST_BLOCKS * block:
             block *= 2
         guard = shared.main_part(OUTSIDE_GUARD)
-        if treatment.guard is not None:
-            guard = (round(min(treatment.guard / motion.dt, len(motion))),) * 2
+        if treatment.reversal_guard_s is not None:
+            guard = (round(min(treatment.reversal_guard_s / motion.dt, len(motion))),) * 2
         return Plan(model, motion, shared, low + shared.before, rows, block, guard, *model.needed)
 
     @property

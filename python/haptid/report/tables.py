@@ -131,7 +131,9 @@ def error_cells(validation: Validation, motors: int) -> list[str | Text]:
 def _verdict(found: Identification) -> str:
     """Largest error on unseen rows and the study's criterion, in a sentence."""
     if not found.unseen:
-        return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
+        return (
+            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [validation]."
+        )
     worst = max(v.relative for v in found.unseen)
     text = f"Largest relative error on unseen rows: {worst:.2f} % of the torque."
     if found.meets_criteria is None:

@@ -21,7 +21,15 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.errors import ResultFileError, ShapeError, listed
-from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
+from haptid.estimation import (
+    BoundedSolution,
+    Constrained,
+    EqualityConstraints,
+    Estimate,
+    Method,
+    PhysicallyConsistent,
+    Reduced,
+)
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
@@ -30,6 +38,7 @@ from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
     Criteria,
+    EqualityConstraintsTable,
     ErrorTable,
     NonlinearConstant,
     ObservationTable,
@@ -43,6 +52,7 @@ from haptid.results.schema import (
     ResultUse,
 )
 from haptid.study.identify import Identification, Run
+from haptid.study.method import intervals_name, method_name
 from haptid.uncertainty.quantities import Quantities
 from haptid.validation.validation import MotorError, Validation
 
@@ -110,14 +120,16 @@ class Result(ResultTable):
                 blocks=len(estimate.observation.blocks),
             ),
             estimate=ResultEstimate(
-                method=weighting(estimate.method).name,
+                method=method_name(estimate.method),
+                method_description=estimate.method.name,
                 status=estimate.status,
-                intervals=interval(estimate),
+                intervals=intervals_name(estimate.intervals),
+                intervals_description=interval(estimate),
                 parameters=list(_parameters(estimate)),
                 targets=list(_targets(estimate)),
                 nonlinear_constants=list(_constants(projection)),
                 load_friction_parameters=None if model.load is None else model.load.tolist(),
-                constraints=_constraints(estimate.constrained_fit),
+                constraints=_constraints(estimate),
                 covariance=estimate.covariance.tolist(),
             ),
             validation=[entry for run in identification.runs for entry in _errors(run)],
@@ -131,7 +143,7 @@ class Result(ResultTable):
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:
-        """Read the output folder of `haptid identify` or `haptid essential`, or its `result.json`.
+        """Read the output folder of `haptid identify` or `haptid eliminate`, or its `result.json`.
 
         Args:
             folder: the folder, or the file itself.
@@ -160,7 +172,7 @@ class Result(ResultTable):
     def save(self, folder: Path) -> None:
         """Write `result.json`, `parameters.csv` and `correlation.csv` into an existing folder."""
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
-        heads = ("name", "value", "se", "low95", "high95", "relative_se_percent", "classical_se", "unit", "grouping")
+        heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
@@ -318,9 +330,11 @@ def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConst
         )
 
 
-def _constraints(found: Constrained | BoundedSolution | None) -> PhysicalConstraints | BoundConstraints | None:
+def _constraints(estimate: Estimate) -> PhysicalConstraints | BoundConstraints | EqualityConstraintsTable | None:
+    found = estimate.constrained_fit
     if found is None:
-        return None
+        how = estimate.method
+        return EqualityConstraintsTable(values=dict(how.relations)) if isinstance(how, EqualityConstraints) else None
     if isinstance(found, BoundedSolution):
         return BoundConstraints(active=list(found.active))
     inside, names = found.feasible, found.feasible.model.device.parameters.names

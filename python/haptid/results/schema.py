@@ -60,7 +60,7 @@ class ResultLog(ResultTable):
 
     @classmethod
     def of(cls, run: Run) -> ResultLog:
-        read, load = run.motion.log, run.entry.load
+        read, load = run.motion.log, run.entry.payload
         assert read is not None  # a study's motions all come from logs
         return cls(
             path=run.entry.path,
@@ -175,15 +175,24 @@ class BoundConstraints(ResultTable):
     active: list[str]
 
 
-Constraints = Annotated[PhysicalConstraints | BoundConstraints, Field(discriminator="kind")]
+class EqualityConstraintsTable(ResultTable):
+    """Exact values of combinations of parameters."""
+
+    kind: Literal["equality"] = "equality"
+    values: dict[str, float] = Field(description="by expression, SI")
+
+
+Constraints = Annotated[PhysicalConstraints | BoundConstraints | EqualityConstraintsTable, Field(discriminator="kind")]
 
 
 class ResultEstimate(ResultTable):
     """The estimate."""
 
-    method: str
-    status: str = Field(description="ok, or what is wrong; the notes say why")
-    intervals: str = Field(description="how the confidence intervals were made")
+    method: str = Field(description="as in a study: ols, wls, ..")
+    method_description: str = Field(default="", description="with its settings and constraints")
+    status: str = Field(description="ok, ill_conditioned or constrained_outside_ci; the notes say why")
+    intervals: str = Field(description="as in a study: cluster-robust, ..")
+    intervals_description: str = Field(default="", description="how they were made, and where they were cut or widened")
     level: float = Field(default=LEVEL, description="confidence level of every conf_int")
     parameters: list[ResultParameter] = Field(description="base parameters")
     targets: list[ResultParameter] = Field(default=[], description="combinations that the device file names")

@@ -150,12 +150,12 @@ def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
     """Logs of the fit without payload if there are any: subtracting a payload requires a treatment first."""
     fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
-    bare = [log for log, entry in fitting if entry.load is None]
+    bare = [log for log, entry in fitting if entry.payload is None]
     return bare or [log for log, _ in fitting]
 
 
 def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
-    return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
+    return log if entry.payload is None else log_without_payload(model, log, treatment, entry.payload)
 
 
 def _treat(log: Log, treatment: Treatment, progress: _Progress) -> Motion:
@@ -194,14 +194,14 @@ def held_out(
         others: of the other logs with the role "identify".
         whole: all rows of the log behind the reference filter.
     """
-    if study.holdout and has_nonlinear_constants(model):
-        predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
+    if study.cross_validation and has_nonlinear_constants(model):
+        predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]
         rest = [motion for other in others for motion in other.motions]
         behind = None if whole is None else whole.motions[0]
         return (predict(model, observation.motions[0], rest, study.method, behind),)
-    if study.holdout == "each-log":
+    if study.cross_validation == "leave-one-log-out":
         return (validate(estimate(reduce(add, others), study.method), observation, whole),)
-    if study.holdout == "alternate":
+    if study.cross_validation == "blocks":
         halves = observation.alternate()
         folds = (
             validate(estimate(reduce(add, others, fit), study.method), unseen, whole)

@@ -42,41 +42,58 @@ from haptid.estimation import (
 )
 from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.methods.simulation_based import ClosedLoop
+from haptid.inference.elimination import FixedWeights
 from haptid.simulation import PID
 from haptid.study.schema import EstimateTable, fault
 
 # Constructor of each method, and the study keys that are its settings.
 METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
-    "OLS": (OLS, ()),
-    "WLS": (WLS, ("passes",)),
-    "SUR": (SUR, ("passes",)),
-    "GLS": (GLS, ("passes",)),
-    "IRLS": (IRLS, ("loss",)),
+    "ols": (OLS, ()),
+    "wls": (WLS, ("passes",)),
+    "sur": (SUR, ("passes",)),
+    "gls": (GLS, ("passes",)),
+    "irls": (IRLS, ("loss",)),
     "heteroscedastic": (Heteroscedastic, ("passes",)),
-    "TLS": (TLS, ()),
-    "encoder noise": (ErrorsInVariables, ("resolution",)),
+    "total-least-squares": (TLS, ()),
+    "errors-in-variables": (ErrorsInVariables, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
     "entropic": (Entropic, ("strength",)),
-    "IV": (IV, ()),
-    "DIDIM": (DIDIM, ()),
-    "CLIE": (CLIE, ()),
-    "CLOE": (CLOE, ()),
-    "output error": (OutputErrorMethod, ()),
-    "EKF": (EKF, ()),
-    "UKF": (UKF, ()),
+    "iv": (IV, ()),
+    "didim": (DIDIM, ()),
+    "clie": (CLIE, ()),
+    "cloe": (CLOE, ()),
+    "output-error": (OutputErrorMethod, ()),
+    "ekf": (EKF, ()),
+    "ukf": (UKF, ()),
 }
 INTERVALS: Mapping[str, Callable[[], Intervals]] = {
-    "clustered": ClusterRobust,
-    "jackknife": BlockJackknife,
-    "textbook": Classical,
+    "cluster-robust": ClusterRobust,
+    "block-jackknife": BlockJackknife,
+    "classical": Classical,
     "sandwich": Sandwich,
     "fixed-b": FixedB,
-    "bootstrap": Bootstrap,
-    "profile": Profile,
+    "block-bootstrap": Bootstrap,
+    "profile-likelihood": Profile,
+    "cr2": ClusterRobust,
+    "cr3": BlockJackknife,
 }
-_LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
+_LOSSES: Mapping[str, Callable[[], Loss]] = {"tukey": Tukey, "huber": Huber, "student-t": StudentT}
 _SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
-CONSTRAINTS = ("possible", "limits", "relations")
+CONSTRAINTS = ("constraints", "bounds", "equality_constraints")
+
+
+def method_name(method: Method) -> str:
+    """Name of a method in a study, without the constraints around it; of a method of the user's own, its own name."""
+    found = next((name for name, (make, _) in METHODS.items() if type(method) is make), None)
+    if found is not None:
+        return found
+    inner: Method | None = method.method if isinstance(method, FixedWeights) else getattr(method, "weighting", None)
+    return method.name if inner is None else method_name(inner)
+
+
+def intervals_name(intervals: Intervals) -> str:
+    """Name of a kind of intervals in a study; of one of the user's own, its own name."""
+    return next((name for name, make in INTERVALS.items() if type(intervals) is make), intervals.name)
 
 
 def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:
@@ -100,7 +117,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
                 "estimate.method",
                 f"{table.method} simulates the device under the controller that moved it, and the study has none",
                 table.method,
-                "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as WLS.",
+                "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as wls.",
             )
         given["controller"] = controller
     if isinstance(given.get("resolution"), list):
@@ -111,7 +128,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             "estimate.intervals",
             "a profile likelihood requires an estimate that maximises the likelihood, which a regularised one does not",
             table.intervals,
-            "Use another method than entropic, or other intervals, such as clustered.",
+            "Use another method than entropic, or other intervals, such as cluster-robust.",
         )
     constraints = [key for key in CONSTRAINTS if getattr(table, key)]
     if len(constraints) > 1:
@@ -126,8 +143,8 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
 
 def _constrained(table: EstimateTable, weighting: Method) -> Method:
     """The method with its constraints."""
-    if table.possible:
+    if table.constraints == "physical":
         return PhysicallyConsistent(weighting)
-    if table.limits:
-        return Bounds({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
-    return EqualityConstraints(table.relations, weighting) if table.relations else weighting
+    if table.bounds:
+        return Bounds({name: (bound.low, bound.high) for name, bound in table.bounds.items()}, weighting)
+    return EqualityConstraints(table.equality_constraints, weighting) if table.equality_constraints else weighting

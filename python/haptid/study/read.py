@@ -19,12 +19,12 @@ from haptid.study.method import INTERVALS, method_of
 from haptid.study.schema import (
     ChannelsTable,
     ControllerTable,
-    HoldoutTable,
-    LoadTable,
     LogTable,
+    PayloadTable,
     SignalTable,
     StudyTable,
     TreatmentTable,
+    ValidationTable,
     fault,
 )
 from haptid.study.study import LogEntry, Study
@@ -40,7 +40,7 @@ def read_study(path: str | Path) -> Study:
     path = Path(path)
     table = read_checked(path, StudyTable, StudyFileError, "a study")
     logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
-    _check_logs(path, logs, table.holdout)
+    _check_logs(path, logs, table.validation)
     controller = _controller(path, table.controller) if table.controller else None
     return Study(
         name=table.name,
@@ -49,7 +49,7 @@ def read_study(path: str | Path) -> Study:
         logs=logs,
         treatment=_treatment(path, table.treatment),
         method=method_of(path, table.estimate, controller),
-        holdout=table.holdout.pattern if table.holdout else None,
+        cross_validation=table.validation.cross_validation if table.validation else None,
         largest_error=table.criteria.relative_error_percent,
         intervals=INTERVALS[table.estimate.intervals](),
         controller=controller,
@@ -92,9 +92,10 @@ def _device(study: Path, text: str) -> str | Path:
 
 def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -> LogEntry:
     table = log.channels or common
-    stretch = (log.stretch[0], log.stretch[1]) if log.stretch else None
-    if stretch and stretch[0] >= stretch[1]:
-        raise fault(study, f"logs.{index}.stretch", f"ends at {stretch[1]} before it begins at {stretch[0]}")
+    time_range = (log.time_range[0], log.time_range[1]) if log.time_range else None
+    if time_range and time_range[0] >= time_range[1]:
+        start, stop = time_range
+        raise fault(study, f"logs.{index}.time_range", f"ends at {stop} before it begins at {start}")
     channels = None
     if table:
         where = f"logs.{index}.channels" if log.channels else "channels"
@@ -112,10 +113,10 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
             )
         except LogError as error:
             raise fault(study, where, str(error).rstrip(".")) from error
-    return LogEntry(log.path, log.role, stretch, channels, _load(log.load) if log.load else None)
+    return LogEntry(log.path, log.role, time_range, channels, _payload(log.payload) if log.payload else None)
 
 
-def _load(table: LoadTable) -> Payload:
+def _payload(table: PayloadTable) -> Payload:
     inertia = None if table.inertia is None else tensor(np.array(table.inertia))
     return Payload(table.link, PriorBody(table.mass, np.array(table.com), inertia))
 
@@ -140,7 +141,7 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
     )
 
 
-def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable | None) -> None:
+def _check_logs(study: Path, logs: tuple[LogEntry, ...], validation: ValidationTable | None) -> None:
     fitted = [log for log in logs if log.role == "identify"]
     if not fitted:
         raise fault(study, "logs", "no log has role 'identify', so there is nothing to fit")
@@ -150,8 +151,10 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable |
         if any(_overlap(log.time_range, other.time_range) for other in earlier):
             raise fault(study, "logs", f"{log.path!r} is named twice; give the two entries parts that do not overlap")
         earlier.append(log)
-    if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
-        raise fault(study, "logs", "holdout pattern 'each-log' needs at least two logs with role 'identify'")
+    if validation and validation.cross_validation == "leave-one-log-out" and len(fitted) < 2:
+        raise fault(
+            study, "logs", "cross_validation = 'leave-one-log-out' needs at least two logs with role 'identify'"
+        )
 
 
 def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:

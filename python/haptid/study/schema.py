@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from haptid.errors import StudyFileError
 
 Role = Literal["identify", "validate"]
+CrossValidation = Literal["blocks", "leave-one-log-out"]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -47,7 +48,7 @@ class ChannelsTable(_Table):
     torque: SignalTable
 
 
-class LoadTable(_Table):
+class PayloadTable(_Table):
     """A known payload, fixed to a link during the recording; a point mass where `inertia` is left out."""
 
     link: str = Field(description="name of the link's joint")
@@ -63,43 +64,41 @@ class LogTable(_Table):
 
     path: str = Field(description="relative to --data, or to the study file")
     role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
-    stretch: list[_Finite] | None = Field(
-        None, min_length=2, max_length=2, description="time range used, from .. to, s"
-    )
+    time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
-    load: LoadTable | None = Field(None, description="known payload of this recording; its torque is subtracted")
+    payload: PayloadTable | None = Field(None, description="known payload of this recording; its torque is subtracted")
 
 
 class TreatmentTable(_Table):
     """Treatment of the logs; settings that are not given are proposed from the logs. See `haptid.Treatment`."""
 
-    cutoff_hz: _Positive | Literal["none"] | None = Field(
-        None, description="-3 dB of the position filter, Hz, or 'none'"
+    cutoff_hz: _Positive | list[_Positive] | Literal["none"] | None = Field(
+        None, description="-3 dB of the position filter, Hz, one for all channels or one for each; or 'none'"
     )
     order: int | None = Field(None, ge=1, le=12, description="order of one pass of the Butterworth filter; default 4")
     decimation: int | None = Field(None, ge=1, description="samples per row")
     parallel_cutoff_hz: _Positive | None = Field(None, description="-3 dB of the parallel filter of torque and W, Hz")
-    parallel_shape: Literal["bell", "sharp", "causal"] | None = Field(
+    parallel_shape: Literal["kaiser", "sinc", "causal"] | None = Field(
         None,
-        description="of that filter: bell (Kaiser window, default), sharp (windowed sinc), or causal",
+        description="of that filter: kaiser (Kaiser window, default), sinc (windowed sinc), or causal",
     )
     parallel_order: int | None = Field(None, ge=1, le=12, description="of the causal filter; default 1")
-    accelerations: Literal["differences", "momentum"] | None = Field(
-        None, description="differences of the positions (default), or momentum: a formulation without accelerations"
+    formulation: Literal["acceleration", "momentum"] | None = Field(
+        None, description="acceleration: by differences of the positions (default); momentum: without accelerations"
     )
     velocity_cutoff_hz: _Positive | None = Field(
-        None, description="velocity by a causal differentiator of the positions, Hz; with accelerations = 'momentum'"
+        None, description="velocity by a causal differentiator of the positions, Hz; with formulation = 'momentum'"
     )
     reversal_speed: _Finite | list[_Finite] | None = Field(
         None, description="rows below this speed are dropped, rad/s or m/s; 0 for none"
     )
-    guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+    reversal_guard_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None,
         description="rows this close to slow motion are dropped too, s; default: the length of the parallel filter",
     )
-    block: _Positive | None = Field(None, description="length of a time block, s; default 1")
-    torque_delay_s: _Finite | None = Field(
-        None, description="delay of the torque channel, by which the acting torque is earlier, s; 0 for none"
+    block_s: _Positive | None = Field(None, description="length of a time block, s; default 1")
+    torque_delay_s: _Finite | list[_Finite] | None = Field(
+        None, description="by which the acting torque is earlier, s, one for all channels or one for each; 0 for none"
     )
 
 
@@ -126,15 +125,15 @@ class ControllerTable(_Table):
     reference: ReferenceTable | None = Field(None, description="reference positions; default: the treated ones")
 
 
-class HoldoutTable(_Table):
-    """Cross-validation: rows predicted by fits without them."""
+class ValidationTable(_Table):
+    """How rows without a log of their own are predicted."""
 
-    pattern: Literal["alternate", "each-log"] = Field(
-        description="alternate: every other time block; each-log: leave one log out"
+    cross_validation: CrossValidation = Field(
+        description="blocks: two folds of every other time block; leave-one-log-out: one fold for each log"
     )
 
 
-class LimitTable(_Table):
+class BoundTable(_Table):
     """Bounds of a base parameter."""
 
     low: _Finite | None = Field(None, description="lower bound, SI")
@@ -145,31 +144,31 @@ class EstimateTable(_Table):
     """The estimator."""
 
     method: Literal[
-        "OLS",
-        "WLS",
-        "SUR",
-        "GLS",
-        "IRLS",
+        "ols",
+        "wls",
+        "sur",
+        "gls",
+        "irls",
         "heteroscedastic",
-        "TLS",
-        "encoder noise",
+        "total-least-squares",
+        "errors-in-variables",
         "ridge",
         "entropic",
-        "IV",
-        "DIDIM",
-        "CLIE",
-        "CLOE",
-        "output error",
-        "EKF",
-        "UKF",
-    ] = Field("WLS", description="estimation method; see the page on estimators")
+        "iv",
+        "didim",
+        "clie",
+        "cloe",
+        "output-error",
+        "ekf",
+        "ukf",
+    ] = Field("wls", description="estimation method; see the page on estimators")
     passes: int | None = Field(
-        None, ge=1, description="iterations of the weights; only of WLS, SUR, GLS, heteroscedastic and ridge"
+        None, ge=1, description="iterations of the weights; only of wls, sur, gls, heteroscedastic and ridge"
     )
-    loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: robust loss; default: Tukey")
+    loss: Literal["tukey", "huber", "student-t"] | None = Field(None, description="irls: robust loss; default: tukey")
     resolution: _Positive | list[_Positive] | None = Field(
         None,
-        description="encoder noise: resolution of the position channels, rad or m; default: the log's smallest step",
+        description="errors-in-variables: of the position channels, rad or m; default: the log's smallest step",
     )
     share: _Positive | None = Field(
         None, description="ridge: relative standard deviation of prior values that have none; default: 0.3"
@@ -177,15 +176,26 @@ class EstimateTable(_Table):
     strength: _Positive | None = Field(
         None, description="ridge, entropic: regularisation strength; default: by cross-validation"
     )
-    intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap", "profile"] = Field(
-        "clustered", description="how standard errors are computed; see the page on estimators"
+    intervals: Literal[
+        "cluster-robust",
+        "block-jackknife",
+        "classical",
+        "sandwich",
+        "fixed-b",
+        "block-bootstrap",
+        "profile-likelihood",
+        "cr2",
+        "cr3",
+    ] = Field(
+        "cluster-robust",
+        description="standard errors; cr2 is cluster-robust, cr3 is block-jackknife; see the page on estimators",
     )
-    possible: bool = Field(
-        False, description="constrain the estimate to be physically consistent: bodies and passive friction"
+    constraints: Literal["physical"] | None = Field(
+        None, description="physical: constrain the estimate to bodies of positive mass and inertia, passive friction"
     )
-    limits: dict[str, LimitTable] | None = Field(None, description="bounds of base parameters, by name")
-    relations: dict[str, _Finite] | None = Field(
-        None, description="equality constraints: combinations of parameters and their exact values"
+    bounds: dict[str, BoundTable] | None = Field(None, description="bounds of base parameters, by name")
+    equality_constraints: dict[str, _Finite] | None = Field(
+        None, description="combinations of parameters and their exact values"
     )
 
 
@@ -204,7 +214,7 @@ class StudyTable(_Table):
     channels: ChannelsTable | None = None
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
-    holdout: HoldoutTable | None = None
+    validation: ValidationTable | None = None
     controller: ControllerTable | None = None
     estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from haptid.estimation import ClusterRobust, Intervals, Method
 from haptid.log import Channels
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
-from haptid.study.schema import Role
+from haptid.study.schema import CrossValidation, Role
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class LogEntry:
     role: Role
     time_range: tuple[float, float] | None
     channels: Channels | None
-    load: Payload | None = None
+    payload: Payload | None = None
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Study:
         logs: the logs, in the file's order.
         treatment: given settings of `Treatment`; the others are proposed from the logs.
         method: of estimation.
-        holdout: cross-validation scheme, None for none.
+        cross_validation: scheme, None for none.
         largest_error: criterion on the relative error on unseen rows, per cent; None for none.
         intervals: how standard errors are computed.
         controller: that moved the device, None if not given.
@@ -47,7 +47,7 @@ class Study:
     logs: tuple[LogEntry, ...]
     treatment: Mapping[str, Any]
     method: Method
-    holdout: Literal["alternate", "each-log"] | None
+    cross_validation: CrossValidation | None
     largest_error: float | None
     intervals: Intervals = field(default_factory=ClusterRobust)
     controller: PID | None = None

@@ -39,10 +39,10 @@ def better_cutoff(
     """
     block = min(len(log.t) * float(log.dt) for log in logs) / _PARTS / _BLOCKS
     try:
-        judged = observe(model, *(treat(log, replace(reference, block=block)) for log in logs))
+        judged = observe(model, *(treat(log, replace(reference, block_s=block)) for log in logs))
     except (NoRowsError, MotionTooShortError):
         return usual
-    parts = [_losses(model, logs, replace(treatment, block=block), judged) for treatment in tried]
+    parts = [_losses(model, logs, replace(treatment, block_s=block), judged) for treatment in tried]
     if parts[usual] is None:  # as with a filter longer than what the log has between its ends
         return next((k for k, loss in enumerate(parts) if loss is not None), usual)
     losses = [np.inf if loss is None else float(loss.sum()) for loss in parts]

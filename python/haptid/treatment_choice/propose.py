@@ -126,7 +126,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
     reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
     effects = noise_effect(model, logs, filters.spectra, treatment)
-    reference = replace(reference, block=treatment.block / REFERENCE_BLOCKS)
+    reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
 
 
@@ -147,7 +147,7 @@ def _delays(
     if treatment.momentum:  # the lag of a differentiator is not a delay of the torque
         wide = USUAL * (treatment.parallel(float(logs[0].dt)) or 1 / logs[0].dt)
         cutoff = treatment.cutoff_hz or min(wide, _HIGHEST / float(logs[0].dt))
-        plain = replace(treatment, velocity=None, cutoff_hz=cutoff, accelerations="differences")
+        plain = replace(treatment, velocity=None, cutoff_hz=cutoff, formulation="acceleration")
     try:
         return find_delays(model, logs, plain, start)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
@@ -234,8 +234,8 @@ class _Filters:
             follows["cutoff_hz"] = self._position_cutoffs(parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
-        if "guard" not in given and not all_rows:
-            follows["guard"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
+        if "reversal_guard_s" not in given and not all_rows:
+            follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
 
     @cache  # noqa: B019 - lives as long as one call of `propose`
@@ -339,8 +339,8 @@ class _Filters:
         shares = self._shares(treatment, np.array(self.reversal_speed))[list(self.model.device.measured)]
         speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
         return (
-            f"Rows within {treatment.guard:.2g} s of motion slower than {speeds} (of each motor, SI) are dropped, "
-            f"because the sign of dry friction is uncertain at reversals. "
+            f"Rows within {treatment.reversal_guard_s:.2g} s of motion slower than {speeds} (of each motor, SI) are "
+            f"dropped, because the sign of dry friction is uncertain at reversals. "
             f"{', '.join(f'{100 * share:.0f}' for share in shares)} % of the motors' rows are kept.",
         )
 
@@ -349,7 +349,7 @@ def _independent_blocks(
     model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: _Given
 ) -> tuple[Treatment, tuple[str, ...]]:
     """With time blocks, the clusters of standard errors, several times longer than the memory of the residual."""
-    if "block" in given:
+    if "block_s" in given:
         return treatment, ()
     longest = min(len(log.t) * float(log.dt) for log in logs) / LEAST_BLOCKS
     try:
@@ -361,6 +361,6 @@ def _independent_blocks(
     wanted = max(_SECOND, period, _MEMORIES * memory)
     block = float(f"{min(wanted, max(longest, period)):.2g}")
     short = "" if wanted <= longest else "; the log is too short for longer ones, and its intervals are rough"
-    return replace(treatment, block=block), (
+    return replace(treatment, block_s=block), (
         f"Time blocks of {block:g} s: the residual's autocorrelation has an integral time of {memory:.2g} s{short}.",
     )

@@ -176,9 +176,9 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
 def _parameter(one: Identified, name: str) -> dict[str, Any]:
     full, reduced = one.full[name], one.reduced[name]
     made: dict[str, Any] = {"unit": full.unit, "true": one.true(name)}
-    made["full"] = {"value": full.value, "sd": full.se, "interval95": full.conf_int()}
+    made["full"] = {"value": full.value, "se": full.se, "conf_int": full.conf_int()}
     if name in one.reduction.essential:
-        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.conf_int()}
+        made["essential"] = {"value": reduced.value, "se": reduced.se, "conf_int": reduced.conf_int()}
     return made
 
 

@@ -53,7 +53,7 @@ class Published(Part):
         return Treatment(
             cutoff_hz=None,
             velocity=None if lag is None else HighPass(1 / (2 * np.pi * lag)),
-            accelerations="momentum",
+            formulation="momentum",
             parallel_cutoff_hz=self.cutoff_hz,
             parallel_shape=Causal(),
             decimation=self.decimation,

@@ -31,7 +31,7 @@ def sections(found: Results) -> list[DocumentSection]:
 
 def per_command(model: DynamicModel) -> Array:
     """Command per joint torque of each motor, (motors,)."""
-    return np.array([1.0 / (drive.gear * drive.gain) for drive in model.device.motors])
+    return np.array([1.0 / (drive.gear_ratio * drive.torque_constant) for drive in model.device.motors])
 
 
 def _bench(found: Results) -> DocumentSection:

@@ -146,7 +146,7 @@ def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identi
 def _parameters(found: Results) -> list[list[Any]]:
     """One line for each mounting, fit and parameter."""
     lines: list[list[Any]] = [
-        ["mounting", "fit", "parameter", "unit", "value", "sd", "low", "high", "true", "published", "command"]
+        ["mounting", "fit", "parameter", "unit", "value", "se", "ci_low", "ci_high", "true", "published", "command"]
     ]
     for key, fits in found.fits.items():
         exact = fits["exact"].targets
@@ -175,9 +175,9 @@ def values(found: Results) -> dict[str, Any]:
             }
             for pair, made in found.comparisons
         ],
-        "hand": {"rms_errors": found.hand.errors, "inside_interval95": found.hand.inside},
+        "hand": {"rms_errors": found.hand.errors, "inside_conf_int": found.hand.inside},
         "tool": {
-            name: {"value": value, "interval95": interval, "true": found.tool_truth.get(name)}
+            name: {"value": value, "conf_int": interval, "true": found.tool_truth.get(name)}
             for name, value, interval in tool
         },
     }
@@ -194,7 +194,7 @@ def _mounting(found: Results, fits: Fits) -> dict[str, Any]:
             "relative_error_percent": fit.relative,
             "relative_error_percent_all_rows": fit.relative_everywhere,
             "parameters": [
-                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.conf_int()}
+                {"name": p.name, "unit": p.unit, "value": p.value, "se": p.se, "conf_int": p.conf_int()}
                 for p in fit.targets.parameters
             ],
         }
@@ -202,7 +202,7 @@ def _mounting(found: Results, fits: Fits) -> dict[str, Any]:
             near = accuracy(fit.targets, fits.encoders, found.demo.stretch.unseen)
             made["fits"][key]["against_truth"] = {
                 "errors_percent": dict(zip(near.names, near.errors.tolist(), strict=True)),
-                "inside_interval95": dict(zip(near.names, near.inside.tolist(), strict=True)),
+                "inside_conf_int": dict(zip(near.names, near.inside.tolist(), strict=True)),
                 "torque_percent": near.torque.tolist(),
             }
     made["judged"] = {

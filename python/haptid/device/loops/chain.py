@@ -39,7 +39,7 @@ class Chain:
     @staticmethod
     def of(joints: Sequence[Joint], cuts: tuple[Cut, ...], active: tuple[int, ...]) -> Chain:
         """Of joints and the cuts among them."""
-        frames = [frame for cut in cuts for frame in (cut.frame, cut.twin)]
+        frames = [frame for cut in cuts for frame in (cut.frame_a, cut.frame_b)]
         lengths = [np.linalg.norm(p) for p in (*(j.translation for j in joints), *(f.translation for f in frames))]
         above = np.eye(len(joints), dtype=bool)
         for j, joint in enumerate(joints):
@@ -51,7 +51,7 @@ class Chain:
         """Groups of cuts that share no unknown joint, each with the unknown joints between its frames."""
         groups: list[tuple[tuple[Cut, ...], set[int]]] = []
         for cut in self.cuts:
-            one, other = (self._carriers(frame) for frame in (cut.frame, cut.twin))
+            one, other = (self._carriers(frame) for frame in (cut.frame_a, cut.frame_b))
             cuts: tuple[Cut, ...] = (cut,)
             joints = set(np.flatnonzero(one ^ other).tolist()) & set(unknown)
             for group in [group for group in groups if group[1] & joints]:
@@ -111,7 +111,7 @@ class Chain:
 def compiled(chain: Chain) -> Any:
     """The chain as an object of the core."""
     joints = chain.joints
-    cuts = [(cut.prismatic, *(_frame(frame) for frame in (cut.frame, cut.twin))) for cut in chain.cuts]
+    cuts = [(cut.prismatic, *(_frame(frame) for frame in (cut.frame_a, cut.frame_b))) for cut in chain.cuts]
     rotation, translation = np.array([j.rotation for j in joints]), np.array([j.translation for j in joints])
     parents, prismatic = [joint.parent for joint in joints], [joint.prismatic for joint in joints]
     core = importlib.import_module("haptid._core")

@@ -1,4 +1,4 @@
-"""Named cut joints, on which terms act: position and rates of the twin frame relative to the other frame."""
+"""Named cut joints, on which terms act: position and rates of frame b relative to frame a."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CutJoint:
-    """A cut joint that has a name: its position is that of the twin frame in the other, along or about z.
+    """A cut joint that has a name: its position is that of frame b in frame a, along or about z.
 
     Attributes:
         name: of the joint.
@@ -96,16 +96,16 @@ def _joint(
 
 
 def _position(cut: Cut, links: Array) -> Array:
-    """Angle of the twin frame's x axis, or position of its origin, in the other frame, (n,), from poses of links."""
-    frame, twin = (_pose(at, links) for at in (cut.frame, cut.twin))
+    """Angle of the x axis of frame b, or position of its origin, in frame a, (n,), from poses of links."""
+    a, b = (_pose(at, links) for at in (cut.frame_a, cut.frame_b))
     if cut.prismatic:
-        return np.asarray(np.einsum("ni,ni->n", frame[:, :3, 2], twin[:, :3, 3] - frame[:, :3, 3]))
-    x, y = (np.einsum("ni,ni->n", frame[:, :3, axis], twin[:, :3, 0]) for axis in (0, 1))
+        return np.asarray(np.einsum("ni,ni->n", a[:, :3, 2], b[:, :3, 3] - a[:, :3, 3]))
+    x, y = (np.einsum("ni,ni->n", a[:, :3, axis], b[:, :3, 0]) for axis in (0, 1))
     return np.asarray(np.arctan2(y, x))
 
 
 def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
-    """Rates of a cut joint, (n, active): those of the twin frame along or about the common axis, less the other's.
+    """Rates of a cut joint, (n, active): those of frame b along or about the common axis, less those of frame a.
 
     Args:
         joints: of the tree.
@@ -113,9 +113,9 @@ def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
         links: poses, (n, joints, 4, 4).
         G: rates of all joints, (n, joints, active).
     """
-    axis = _pose(cut.frame, links)[:, :3, 2]
+    axis = _pose(cut.frame_a, links)[:, :3, 2]
     made = np.zeros((len(links), G.shape[2]))
-    for frame, sign in ((cut.twin, 1.0), (cut.frame, -1.0)):
+    for frame, sign in ((cut.frame_b, 1.0), (cut.frame_a, -1.0)):
         origin = _pose(frame, links)[:, :3, 3]
         k = frame.link
         while k >= 0:

@@ -149,11 +149,11 @@ def close(
 def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Cut:
     """A cut joint, its two frames in normal form."""
     index = {"base": -1, **{joint.name: k for k, joint in enumerate(joints)}}
-    on, twin = _found(table.on, index, place.at("on")), _found(table.with_, index, place.at("with"))
+    a, b = (_found(name, index, place.at(key)) for key, name in (("body_a", table.body_a), ("body_b", table.body_b)))
     return Cut(
         table.type == "prismatic",
-        frame_on(joints, on, reader.frame(table.frame, place.at("frame")), base),
-        frame_on(joints, twin, reader.frame(table.twin, place.at("twin")), base),
+        frame_on(joints, a, reader.frame(table.frame_a, place.at("frame_a")), base),
+        frame_on(joints, b, reader.frame(table.frame_b, place.at("frame_b")), base),
         table.name,
     )
 

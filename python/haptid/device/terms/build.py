@@ -20,10 +20,10 @@ from haptid.device.terms.term import UNITS, TermColumn
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyTerm,
-    ColumnTerm,
     CoulombTerm,
     CounterbalanceTerm,
-    LoadTerm,
+    CustomTerm,
+    LoadFrictionTerm,
     PlainTerm,
     SpringTerm,
     StribeckTerm,
@@ -32,12 +32,12 @@ from haptid.device.toml.schema import (
 
 # Stem of the parameter's name, by kind of term.
 STEMS = {
-    "rotor": "IA",
+    "rotor-inertia": "IA",
     "viscous": "FV",
     "viscous-by-direction": "FV",
     "coulomb": "FC",
     "coulomb-by-direction": "FC",
-    "load": "FL",
+    "load-friction": "FL",
     "stribeck": "FS",
     "offset": "OFF",
     "spring": "K",
@@ -196,7 +196,7 @@ def read_terms(tables: Sequence[AnyTerm], targets: TermTargets, reader: Reader, 
 
 
 def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> list[TermColumn]:
-    if isinstance(table, ColumnTerm):
+    if isinstance(table, CustomTerm):
         return [custom_column(table, target, targets, reader, place)]
     motor = table.prefix is None and target.what == "motor"
     stem = table.prefix or STEMS[table.kind]
@@ -209,7 +209,7 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             signs = (("", kind),) if kind == "coulomb" else (("P", "coulomb+"), ("N", "coulomb-"))
             made = [target.column(name(suffix), sign) for suffix, sign in signs]
             return [with_constants(column, {"width": table.width}, reader, place) for column in made]
-        case LoadTerm():
+        case LoadFrictionTerm():
             width = reader.not_negative(table.width, place.at("width"))
             return [target.external(name(), "1", LoadDependentFriction(load_row(target, place), width))]
         case StribeckTerm():
@@ -231,6 +231,8 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
                 for suffix, force in suffixes
                 for shape in [read_counterbalance(table, target, force, reader, place)]
             ]
+        case PlainTerm(kind="rotor-inertia"):
+            return [target.column(name(), "rotor")]
         case _:
             return [target.column(name(), table.kind)]
 

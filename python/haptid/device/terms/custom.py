@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptid.device.expressions import RESERVED, column
 from haptid.device.terms.term import Searched, TermColumn
-from haptid.device.toml.schema import ColumnTerm, SearchedTable
+from haptid.device.toml.schema import CustomTerm, SearchedTable
 
 if TYPE_CHECKING:
     from haptid.device.geometry import Reader
@@ -21,7 +21,7 @@ SPEED = ("rad/s", "m/s")
 RANGE = 100.0
 
 
-def custom_column(table: ColumnTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> TermColumn:
+def custom_column(table: CustomTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> TermColumn:
     """The term of a user's own expression.
 
     Raises:

@@ -114,10 +114,10 @@ class CutTable(_Table):
 
     name: Name | None = None
     type: Literal["revolute", "prismatic"] = "revolute"
-    on: Name
-    frame: FrameTable = FrameTable()
-    with_: Name = Field(alias="with")
-    twin: FrameTable = FrameTable()
+    body_a: Name
+    frame_a: FrameTable = FrameTable()
+    body_b: Name
+    frame_b: FrameTable = FrameTable()
 
 
 class LoopTable(_Table):
@@ -141,9 +141,9 @@ class MotorTable(_Table):
 
     name: Name
     drives: dict[Name, _Quantity] | None = None
-    gear: _Quantity = 1.0
-    gain: _Quantity = 1.0
-    unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
+    gear_ratio: _Quantity = 1.0
+    torque_constant: _Quantity = 1.0
+    command_unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
 
 
 class SearchedTable(_Table):
@@ -175,7 +175,7 @@ class TermTable(_Table):
 class PlainTerm(TermTable):
     """A term without settings."""
 
-    kind: Literal["rotor", "viscous", "viscous-by-direction", "offset"]
+    kind: Literal["rotor-inertia", "viscous", "viscous-by-direction", "offset"]
 
 
 class CoulombTerm(TermTable):
@@ -185,10 +185,10 @@ class CoulombTerm(TermTable):
     width: _Constant = 0.0
 
 
-class LoadTerm(TermTable):
+class LoadFrictionTerm(TermTable):
     """Load-dependent Coulomb friction: sgn(v) |torque of the bodies|."""
 
-    kind: Literal["load"]
+    kind: Literal["load-friction"]
     width: _Quantity = 0.0
 
 
@@ -220,10 +220,10 @@ class CounterbalanceTerm(TermTable):
     sign: Literal[-1, 1] = 1
 
 
-class ColumnTerm(TermTable):
+class CustomTerm(TermTable):
     """Custom column, given as an expression."""
 
-    kind: Literal["column"]
+    kind: Literal["custom"]
     name: Name
     unit: Text
     expression: Text
@@ -231,7 +231,7 @@ class ColumnTerm(TermTable):
 
 
 AnyTerm = Annotated[
-    PlainTerm | CoulombTerm | LoadTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm,
+    PlainTerm | CoulombTerm | LoadFrictionTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | CustomTerm,
     Field(discriminator="kind"),
 ]
 
@@ -283,6 +283,20 @@ class PriorBodyTable(_Table):
     std_percent: _Quantity | None = None
 
 
+class PriorsTable(_Table):
+    """Priors of parameters by name, and `bodies`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Annotated[PriorTable | _Quantity, Field(union_mode="left_to_right")]]
+
+    bodies: list[PriorBodyTable] = []
+
+    @property
+    def parameters(self) -> dict[str, PriorTable | float | str]:
+        """By name of the parameter."""
+        return self.__pydantic_extra__
+
+
 class TargetTable(_Table):
     """A target: linear combination of standard parameters, with its unit."""
 
@@ -313,8 +327,7 @@ class DeviceTable(_Table):
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []
     handle: HandleTable | None = None
-    prior: dict[Name, Annotated[PriorTable | _Quantity, Field(union_mode="left_to_right")]] = {}
-    prior_bodies: list[PriorBodyTable] = []
+    prior: PriorsTable = PriorsTable.model_validate({})
     base_parameters: BaseParametersTable = BaseParametersTable()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
 

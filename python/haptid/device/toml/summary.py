@@ -25,7 +25,7 @@ def summary_lines(device: Device) -> tuple[str, ...]:
             lines.append(f"  closed within {device.closure.error:.1e} m")
     lines += ["", "Motors"]
     rows = [_motor_row(device, drive) for drive in device.drives]
-    lines += _table(("motor", "coordinate", "gear", "gain", "command"), rows)
+    lines += _table(("motor", "coordinate", "gear ratio", "torque constant", "command"), rows)
     lines += ["", "Terms", *_terms(device.terms)] if device.terms else []
     parameters = device.parameters
     lines += ["", f"{len(parameters)} standard parameters of {len(parameters.raw)} columns"]
@@ -59,7 +59,7 @@ def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
             coordinate += f" {sign} {size}q{name}" if coordinate else f"{sign}{size}q{name}"
     if not drive.motorised:
         return (drive.name, coordinate, "-", "-", "no motor")
-    return (drive.name, coordinate, f"{drive.gear:.8g}", f"{drive.gain:.8g}", drive.unit)
+    return (drive.name, coordinate, f"{drive.gear_ratio:.8g}", f"{drive.torque_constant:.8g}", drive.command_unit)
 
 
 def _terms(terms: Iterable[TermColumn]) -> list[str]:

@@ -27,7 +27,7 @@ def read_drives(
 ) -> tuple[Motor, ...]:
     """The motors in order, then a drive without motor for every active joint that no motor drives.
 
-    A file without motors has one motor for each active joint, with gear 1 and gain 1.
+    A file without motors has one motor for each active joint, with gear ratio 1 and torque constant 1.
 
     Raises:
         DeviceFileError: a motor drives no active joint, or the motors do not determine the active joints.
@@ -68,11 +68,11 @@ def _motor(table: MotorTable, active: list[str], joints: list[str], reader: Read
     if not row.any():
         raise place.error(f'motor "{table.name}" drives no active joint', idle)
     settings: dict[str, float] = {}
-    for key, value in (("gear", table.gear), ("gain", table.gain)):
+    for key, value in (("gear_ratio", table.gear_ratio), ("torque_constant", table.torque_constant)):
         settings[key] = reader.number(value, place.at(key))
         if settings[key] == 0 or not math.isfinite(1 / settings[key]):
             raise place.at(key).error(f"found {value!r}", "Write a number that is not zero.")
-    return Motor(table.name, settings["gear"], settings["gain"], table.unit, row)
+    return Motor(table.name, settings["gear_ratio"], settings["torque_constant"], table.command_unit, row)
 
 
 def _check(N: Array, motors: int, place: Place) -> None:

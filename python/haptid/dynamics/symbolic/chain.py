@@ -300,7 +300,7 @@ def assembled(
     gravity = _gravity(device.gravity, symbols)
     motion = motion_of(joints, cuts, symbols)
     columns = symbolic_columns(device, active, symbols)
-    steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame, cut.twin))]
+    steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame_a, cut.frame_b))]
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
     angles = {symbol.angle for symbol in known if symbol.angle}
@@ -328,9 +328,9 @@ def _cuts(
     made = []
     for k, cut in enumerate((loop.cut for loop in tables.loops if loop.cut), 1):
         both = []
-        for on, table, word in ((cut.on, cut.frame, "cut"), (cut.with_, cut.twin, "twin")):
-            link = index[on]
-            local = reader.frame(table, f"{word}{k}")
+        for body, table, side in ((cut.body_a, cut.frame_a, "a"), (cut.body_b, cut.frame_b, "b")):
+            link = index[body]
+            local = reader.frame(table, f"cut{k}{side}")
             both.append(SymbolicFrame(link, (*(base if link < 0 else frames[link]), *local)))
         made.append(SymbolicCut(cut.type == "prismatic", *both))
     return tuple(made)

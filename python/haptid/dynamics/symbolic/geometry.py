@@ -123,8 +123,8 @@ class SymbolicCut:
     """A cut joint, and the two frames that coincide when its loop is closed."""
 
     prismatic: bool
-    frame: SymbolicFrame
-    twin: SymbolicFrame
+    frame_a: SymbolicFrame
+    frame_b: SymbolicFrame
 
 
 # Cosine, sine and slide of every joint, (joints, n) each.

@@ -266,13 +266,13 @@ def dyads(
     left = list(passive)
     made = []
     for cut in cuts:
-        sides = [[j for j in _ancestors(joints, f.link) if j in left] for f in (cut.frame, cut.twin)]
+        sides = [[j for j in _ancestors(joints, f.link) if j in left] for f in (cut.frame_a, cut.frame_b)]
         loop = [j for j in (*sides[0], *sides[1]) if not (j in sides[0] and j in sides[1])]
         if cut.prismatic or len(loop) != 2 or any(joints[j].prismatic for j in loop):
             return f"a loop has {len(loop)} passive joints and a {'sliding' if cut.prismatic else 'turning'} cut"
         serial = any(set(loop) <= set(side) for side in sides)
         second = max(loop) if serial else loop[1]
-        near, far = (cut.frame, cut.twin) if second in sides[0] else (cut.twin, cut.frame)
+        near, far = (cut.frame_a, cut.frame_b) if second in sides[0] else (cut.frame_b, cut.frame_a)
         made.append(Dyad(next(j for j in loop if j != second), second, near, far, serial))
         left = [j for j in left if j not in loop]
     return f"{len(left)} passive joints are in no loop with a cut" if left else tuple(made)
@@ -373,9 +373,9 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
     states, placed = chain.motion.states(rng, points), joint_placements(chain.joints, points)
     links = symbolic_poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
-        frame, twin = (frame_pose(at, links, points) for at in (cut.frame, cut.twin))
-        if _gap(field, frame, twin, cut.prismatic).any():
-            on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
+        frame_a, frame_b = (frame_pose(at, links, points) for at in (cut.frame_a, cut.frame_b))
+        if _gap(field, frame_a, frame_b, cut.prismatic).any():
+            on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame_a, cut.frame_b))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]
             raise RegroupingError(
                 f"with symbolic lengths the loop cut between links {on} and {other} does not close: it closes at "
@@ -388,12 +388,12 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
             )
 
 
-def _gap(field: PrimeField, frame: Residues, twin: Residues, prismatic: bool) -> Residues:
+def _gap(field: PrimeField, frame_a: Residues, frame_b: Residues, prismatic: bool) -> Residues:
     """Closure error: distance of origins and z axes; for a sliding joint, of orientations, and the offset across z."""
-    apart = field.reduce(frame - twin)
+    apart = field.reduce(frame_a - frame_b)
     if not prismatic:
         return apart[:, :3, 2:]
-    across = field.product(np.swapaxes(twin[:, :3, :2], 1, 2), apart[:, :3, 3:])
+    across = field.product(np.swapaxes(frame_b[:, :3, :2], 1, 2), apart[:, :3, 3:])
     return np.concatenate([apart[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)
 
 

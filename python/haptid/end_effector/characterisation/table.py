@@ -121,7 +121,7 @@ def write_columns(found: Characterisation, made: Sequence[TableColumn], path: Pa
         heads.append(column.heading)
         values.append(column.figure.values)
         if (interval := column.figure.conf_int()) is not None:
-            heads += [f"{column.heading} low95", f"{column.heading} high95"]
+            heads += [f"{column.heading} ci_low", f"{column.heading} ci_high"]
             values += [*interval.T]
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)

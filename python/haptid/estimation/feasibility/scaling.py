@@ -80,7 +80,7 @@ def _lengths(model: DynamicModel) -> Array:
     """Length of every link: to its children's joints, the cut joints, the handle, (joints,), m."""
     reach = np.zeros(len(model.device.joints))
     ends = [(joint.parent, joint.translation) for joint in model.device.joints]
-    ends += [(f.link, f.translation) for cut in model.device.closure.cuts for f in (cut.frame, cut.twin)]
+    ends += [(f.link, f.translation) for cut in model.device.closure.cuts for f in (cut.frame_a, cut.frame_b)]
     if model.device.handle is not None:
         ends.append((model.device.handle.link, model.device.handle.translation))
     for link, end in ends:

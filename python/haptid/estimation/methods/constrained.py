@@ -42,7 +42,7 @@ class FixedAtZero(Wrapper):
     weighting: Method = field(default_factory=WLS)
 
     def __post_init__(self) -> None:
-        expect_weighting("Without", self.weighting)
+        expect_weighting("FixedAtZero", self.weighting)
 
     @property
     def name(self) -> str:
@@ -93,7 +93,7 @@ class EqualityConstraints(Wrapper):
     weighting: Method = field(default_factory=WLS)
 
     def __post_init__(self) -> None:
-        expect_weighting("Equal", self.weighting)
+        expect_weighting("EqualityConstraints", self.weighting)
         object.__setattr__(self, "relations", dict(self.relations))
 
     @property
@@ -160,7 +160,7 @@ class Bounds(Wrapper):
     weighting: Method = field(default_factory=WLS)
 
     def __post_init__(self) -> None:
-        expect_weighting("Bounded", self.weighting)
+        expect_weighting("Bounds", self.weighting)
         object.__setattr__(self, "limits", dict(self.limits))
         for name, (low, high) in self.limits.items():
             if low is not None and high is not None and not low < high:
@@ -295,7 +295,7 @@ class PhysicallyConsistent(Wrapper):
     weighting: Method = field(default_factory=WLS)
 
     def __post_init__(self) -> None:
-        expect_weighting("Consistent", self.weighting)
+        expect_weighting("PhysicallyConsistent", self.weighting)
 
     @property
     def name(self) -> str:

@@ -90,7 +90,7 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
     Source: Hamon, Gautier and Garrec (2010), Proc. IEEE/RSJ IROS, 6187-6193.
 
     Args:
-        model: with terms of the kind "load".
+        model: with terms of the kind "load-friction".
         motions: treated, with accelerations; or every other block of one.
         method: of estimation. Only its weighting is used here, `WLS()` where it has none of its own; its constraints
             and priors apply in the final fit.

@@ -146,7 +146,7 @@ def _force_errors(
     made = _tracked(setup, trajectory, law, hand)
     keep = np.exp(-_GAIN * setup.dt)
     model = setup.model
-    motors = made.command * np.array([drive.gear * drive.gain for drive in model.device.motors])
+    motors = made.command * np.array([drive.gear_ratio * drive.torque_constant for drive in model.device.motors])
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     bare = signal.lfilter([1 - keep], [1, -keep], -motors @ model.device.drive_rates[driven], axis=0)
     true = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)

@@ -101,7 +101,7 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
     at = poses(model.device, q)
     J = np.zeros((len(q), 3 * len(cuts), len(passive)))
     for k, cut in enumerate(cuts):
-        for frame, sign in ((cut.frame, 1.0), (cut.twin, -1.0)):
+        for frame, sign in ((cut.frame_a, 1.0), (cut.frame_b, -1.0)):
             point, link = frame_origin(at, frame), frame.link
             while link >= 0:
                 if link in passive:

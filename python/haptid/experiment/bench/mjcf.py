@@ -108,7 +108,7 @@ def cut_sites(model: DynamicModel) -> tuple[tuple[str, str], ...]:
 
     A planar loop needs one pin at each cut joint, a spatial loop two along the cut axis: a hinge.
     """
-    return tuple((name, twin) for name, twin, _ in _pins(model))
+    return tuple((a, b) for a, b, _ in _pins(model))
 
 
 def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
@@ -124,15 +124,15 @@ def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
             )
         return []
     hinges = isinstance(model.device.closure, NewtonClosure) and not determined_by_pins(model.device.closure)
-    found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]
+    found = [(f"cut {k + 1} a", f"cut {k + 1} b", cut) for k, cut in enumerate(cuts)]
     arm = HINGE * size(model)
-    found += [(f"{name} b", f"{twin} b", _along_axis(cut, arm)) for name, twin, cut in found if hinges]
+    found += [(f"{a} axis", f"{b} axis", _along_axis(cut, arm)) for a, b, cut in found if hinges]
     return found
 
 
 def _along_axis(cut: Cut, arm: float) -> Cut:
     """The cut joint with its frames shifted along their z axes."""
-    one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame, cut.twin))
+    one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame_a, cut.frame_b))
     return Cut(cut.prismatic, one, other)
 
 
@@ -192,8 +192,8 @@ def _sites(element: Element, model: DynamicModel, link: int, radius: float) -> N
 def _frames(model: DynamicModel) -> list[tuple[str, Frame]]:
     """Named frames that become sites: those of the cut joints and the handle."""
     found: list[tuple[str, Frame]] = []
-    for name, twin, cut in _pins(model):
-        found += [(name, cut.frame), (twin, cut.twin)]
+    for a, b, cut in _pins(model):
+        found += [(a, cut.frame_a), (b, cut.frame_b)]
     if model.device.handle is not None:
         found.append((HANDLE, model.device.handle))
     return found

@@ -71,7 +71,7 @@ def stick_figure(model: DynamicModel, qa: Array) -> tuple[Array, Array | None]:
     """
     q = model.device.closure.positions(qa.T).T
     at = poses(model.device, q)
-    frames = [frame for cut in model.device.closure.cuts for frame in (cut.frame, cut.twin)]
+    frames = [frame for cut in model.device.closure.cuts for frame in (cut.frame_a, cut.frame_b)]
     frames += [] if model.device.handle is None else [model.device.handle]
     ends = [(joint.parent, at[:, j, :3, 3]) for j, joint in enumerate(model.device.joints)]
     ends += [(frame.link, frame_origin(at, frame)) for frame in frames]

@@ -40,7 +40,7 @@ def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording,
     """
     model, columns = setup.model, {"t": (made.t, "s")}
     units = [joint_unit(model, j) for j in model.device.active]
-    commands = [drive.unit for drive in model.device.motors]
+    commands = [drive.command_unit for drive in model.device.motors]
     for k, unit in enumerate(units):
         columns[f"q{k + 1}"] = (made.position[:, k], unit)
     for k, unit in enumerate(commands):

@@ -217,7 +217,7 @@ class _Recorder:
             target=trajectory.q,
             position=self.c @ joints,
             velocity=self.cd @ joints,
-            command=self.commanded / [drive.gear * drive.gain for drive in setup.model.device.motors],
+            command=self.commanded / [drive.gear_ratio * drive.torque_constant for drive in setup.model.device.motors],
             wrench=wrench,
             q=q,
             qd=qd,

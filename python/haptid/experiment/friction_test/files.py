@@ -32,7 +32,7 @@ def write_points(curve: FrictionCurve, path: Path) -> None:
     """Write the points of the curves as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(["joint", "velocity", "torque", "sd", "low95", "high95", "unit"])
+        table.writerow(["joint", "velocity", "torque", "se", "ci_low", "ci_high", "unit"])
         for joint in curve.joints:
             for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.conf_int(), strict=True):
                 table.writerow([joint.label, *(float(x) for x in (v, tau, se, low, high)), joint.unit])
@@ -58,7 +58,7 @@ def _fit_values(fit: FrictionFit) -> dict[str, Any]:
     return {
         "model": fit.friction_model,
         "values": fit.values,
-        "interval95": {name: list(ends) for name, ends in fit.conf_int().items()},
+        "conf_int": {name: list(ends) for name, ends in fit.conf_int().items()},
         "aicc": fit.aicc if math.isfinite(fit.aicc) else None,
         "relative_error_percent": fit.error,
     }

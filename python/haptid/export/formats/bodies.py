@@ -35,8 +35,8 @@ def standard_parameters_of(model: DynamicModel, beta: Array) -> Array:
             f"the base parameters are not physically consistent: {'; '.join(found.failing)}.",
             found=found.failing,
             advice=(
-                "A simulator requires bodies. Identify with `possible = true` under [estimate] in the study, or with "
-                "`haptid.PhysicallyConsistent`."
+                'A simulator requires bodies. Identify with `constraints = "physical"` under [estimate] in the study, '
+                "or with `haptid.PhysicallyConsistent`."
             ),
         )
     conditions = roomy(model, beta)

@@ -77,7 +77,7 @@ def _parameters(source: Provenance) -> list[dict[str, Any]]:
             "name": name,
             "value": float(source.beta[k]),
             "unit": unit,
-            "interval95": None if source.intervals is None else source.intervals[k].tolist(),
+            "conf_int": None if source.intervals is None else source.intervals[k].tolist(),
             "grouping": base.groupings[k],
             "regroups": _nonzero(base.regrouping[k], base.standard),
         }

@@ -156,9 +156,9 @@ def _cut(root: Element, model: DynamicModel, name: str, cut: Cut) -> None:
     joint = SubElement(
         SubElement(root, "gazebo"), "joint", name=name, type="prismatic" if cut.prismatic else "revolute"
     )
-    SubElement(joint, "parent").text = _link_name(model, cut.frame.link)
-    SubElement(joint, "child").text = _link_name(model, cut.twin.link)
-    SubElement(joint, "pose").text = numbers((*cut.twin.translation, *angles(cut.twin.rotation)))
+    SubElement(joint, "parent").text = _link_name(model, cut.frame_a.link)
+    SubElement(joint, "child").text = _link_name(model, cut.frame_b.link)
+    SubElement(joint, "pose").text = numbers((*cut.frame_b.translation, *angles(cut.frame_b.rotation)))
     SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
 
 

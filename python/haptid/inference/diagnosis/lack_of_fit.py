@@ -133,7 +133,7 @@ CANDIDATES = (
         "friction by load",
         (lambda at: (at.load * np.sign(at.v))[None],),
         "load-dependent dry friction, as gears and cables have",
-        'Add a [[terms]] of kind "load"',
+        'Add a [[terms]] of kind "load-friction"',
     ),
 )
 

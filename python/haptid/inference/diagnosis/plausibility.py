@@ -132,8 +132,8 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
 def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, negative friction, and clock jitter."""
     figures = {f"factor {scale.motor}": scale.value for scale in found}
-    gears = [motor.gear for motor in made.model.device.motors] + [
-        motor.gear * motor.gain for motor in made.model.device.motors
+    gears = [motor.gear_ratio for motor in made.model.device.motors] + [
+        motor.gear_ratio * motor.torque_constant for motor in made.model.device.motors
     ]
     bad, doubt = [], []
     for scale in found:
@@ -142,9 +142,12 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
         if scale.value < 0:
             bad.append(f"{size}: a sign is wrong; reverse the channel of torque or of position.")
         elif words and not 1 / GOOD < scale.value < GOOD:
-            bad.append(f"{size}, as caused by {words}. Check unit, gear and gain.")
+            bad.append(f"{size}, as caused by {words}. Check the command unit, gear ratio and torque constant.")
         elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
-            doubt.append(f"{size} (limit {GOOD:g}): check unit, gear, gain and the device file's bodies.")
+            doubt.append(
+                f"{size} (limit {GOOD:g}): check command unit, gear ratio, torque constant and the bodies "
+                "of the device file."
+            )
     if negative := _negative(made):
         doubt.append(
             f"{joined_names(negative)} negative, which is impossible: check signs, the torque's delay and filters."

@@ -231,8 +231,8 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     if status == "bad":
         sentence += (
             f", longer than {100 * _LONGEST:.0f} % of a block of {block:.2g} s: neighbouring blocks are dependent and "
-            f"the intervals too narrow. Look for a missing term, and write block = {round(10 * longest, 1):g} under "
-            f"[treatment] in the study file, or Treatment(block={round(10 * longest, 1):g}) in Python."
+            f"the intervals too narrow. Look for a missing term, and write block_s = {round(10 * longest, 1):g} under "
+            f"[treatment] in the study file, or Treatment(block_s={round(10 * longest, 1):g}) in Python."
         )
     elif coloured:
         sentence += (

@@ -1,7 +1,6 @@
 """Sections of a report, in the order of the page: one class and one template each."""
 
 from haptid.report.section import Section
-from haptid.report.sections.dissection import DissectionSection
 from haptid.report.sections.excitation import ExcitationSection
 from haptid.report.sections.friction import FrictionSection
 from haptid.report.sections.hand import HandSection
@@ -11,6 +10,7 @@ from haptid.report.sections.parameters import ParametersSection
 from haptid.report.sections.provenance import ProvenanceSection
 from haptid.report.sections.residual import ResidualSection
 from haptid.report.sections.torque import ErrorsSection, TorqueSection
+from haptid.report.sections.torque_decomposition import TorqueDecompositionSection
 from haptid.report.sections.verdict import VerdictSection
 
 SECTIONS: tuple[type[Section], ...] = (
@@ -20,7 +20,7 @@ SECTIONS: tuple[type[Section], ...] = (
     ErrorsSection,
     ResidualSection,
     FrictionSection,
-    DissectionSection,
+    TorqueDecompositionSection,
     ExcitationSection,
     MechanismSection,
     MapsSection,

@@ -109,7 +109,7 @@ def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, A
         "sliders": sliders,
         "closure": _closure(model.device.closure),
         "cuts": [
-            {"slides": cut.prismatic, "frame": _frame(cut.frame), "twin": _frame(cut.twin)}
+            {"slides": cut.prismatic, "frame_a": _frame(cut.frame_a), "frame_b": _frame(cut.frame_b)}
             for cut in model.device.closure.cuts
         ],
         "handle": None if model.device.handle is None else _frame(model.device.handle),

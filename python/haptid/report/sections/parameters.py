@@ -82,7 +82,7 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     if made.zero:
         return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
     if made.constrained_fit or len(made.beta) > MOST_SEARCHED:
-        return None, "Essential parameters were not computed; use `haptid.essential`."
+        return None, "Essential parameters were not computed; use `haptid.eliminate`."
     try:
         found = search(made)
     except HaptidError as error:
@@ -99,7 +99,7 @@ def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
             "low": f"{c.conf_int()[0]:.3g}",
             "high": f"{c.conf_int()[1]:.3g}",
             "unit": c.unit,
-            "weak": not c.bounded,
+            "uncertain": not c.bounded,
         }
         for c in (projection.constants if projection else ())
     ]
@@ -119,8 +119,8 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "value": p.value,
         "low": _finite(p.conf_int()[0]),
         "high": _finite(p.conf_int()[1]),
-        "sd": _finite(p.se),
-        "free": p.free,
+        "se": _finite(p.se),
+        "unconstrained": p.free,
         "relative": _finite(relative),
         "classical_se": _finite(p.classical_se),
         "unit": p.unit,
@@ -129,7 +129,7 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "formula": formula,
         "latex": "",
         "essential": essential,
-        "weak": bool(relative > 50),
+        "uncertain": bool(relative > 50),
         "shown": {
             "value": f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
             "low": with_digits(p.conf_int()[0], p.se),

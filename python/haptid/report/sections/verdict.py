@@ -67,7 +67,9 @@ def _criterion(source: ReportSource) -> str:
     """The study's criterion and whether it is met, in a sentence."""
     found, worst = source.identification, source.validation
     if worst is None:
-        return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
+        return (
+            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [validation]."
+        )
     text = f"Largest relative error on unseen rows: {worst.relative:.2f} % of the torque."
     if found.meets_criteria is None:
         return text

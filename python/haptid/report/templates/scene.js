@@ -72,12 +72,12 @@ class Scene {
   parts() {
     const { joints, cuts, handle } = this.device, links = this.device.links(), made = [];
     const origin = (link) => (link < 0 ? [0, 0, 0] : links[link].p);
-    const pins = [...cuts.flatMap((c) => [c.frame, c.twin]), ...(handle ? [handle] : [])];
+    const pins = [...cuts.flatMap((c) => [c.frame_a, c.frame_b]), ...(handle ? [handle] : [])];
     for (const [link, end] of [...joints.map((j, k) => [j.parent, links[k].p]), ...pins.map((f) => [f.link, this.device.placed(links, f).p])])
       if (Math.hypot(...add(end, origin(link), -1)) > 1e-9) made.push({ kind: "bar", link, points: [origin(link), end] });
     const size = 0.045 * (this.size ?? 0);
     joints.forEach((joint, k) => made.push({ kind: joint.slides ? "slide" : "disc", active: this.device.active.includes(k), name: joint.name, points: ring(links[k], size, joint.slides ? 4 : 24) }));
-    for (const cut of cuts) made.push({ kind: "pin", points: ring(this.device.placed(links, cut.twin), 0.7 * size, 16) });
+    for (const cut of cuts) made.push({ kind: "pin", points: ring(this.device.placed(links, cut.frame_b), 0.7 * size, 16) });
     if (handle) made.push({ kind: "handle", points: [this.device.placed(links, handle).p] });
     return made;
   }

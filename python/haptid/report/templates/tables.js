@@ -32,7 +32,7 @@ function commas(rows) {
 
 const FORMATS = {
   csv: (rows) => {
-    const keys = ["name", "value", "low", "high", "sd", "relative", "textbook_sd", "prior", "unit", "essential", "grouping"];
+    const keys = ["name", "value", "low", "high", "se", "relative", "classical_se", "prior", "unit", "essential", "grouping"];
     return commas([keys, ...rows.map((row) => keys.map((key) => row[key]))]);
   },
   json: (rows) => JSON.stringify(rows.map(({ shown: _, symbol, formula, ...rest }) => rest), null, 1) + "\n",

@@ -18,19 +18,19 @@ INSTANTS = 500
 
 
 @dataclass(frozen=True)
-class DissectionSection(Section):
+class TorqueDecompositionSection(Section):
     """Parts of the torque.
 
     Attributes:
         logs: for each log its name, which rows, the indices of its charts, and a table of shares by motor.
     """
 
-    key: ClassVar[str] = "dissection"
+    key: ClassVar[str] = "torque_decomposition"
     title: ClassVar[str] = "Torque decomposition"
     logs: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source: ReportSource) -> DissectionSection | None:
+    def of(cls, source: ReportSource) -> TorqueDecompositionSection | None:
         charts: list[Chart] = []
         logs = []
         for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
