@@ -8,6 +8,7 @@ from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.static import StaticModel, static_model
 from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.dynamics.workspace import Box, Workspace, workspace
 from haptid.end_effector.characterisation import (
@@ -94,7 +95,6 @@ from haptid.export import (
 from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
-from haptid.inference.drive_gains import DriveGains, drive_gains
 from haptid.inference.elimination import (
     BackwardElimination,
     Elimination,
@@ -103,22 +103,32 @@ from haptid.inference.elimination import (
     eliminate,
     eliminate_by_motor,
 )
-from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
+from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import (
+    DriveGains,
+    PayloadEstimate,
+    PayloadIdentification,
+    identify_payloads,
+)
+from haptid.inference.static_poses import GravityVerdict, StaticIdentification, identify_poses
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
+from haptid.motion.holds import HoldDetection, Poses, find_poses, join_poses, read_poses
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.observation.plan import Block
+from haptid.observation.static import observe_poses
 from haptid.report import HandForceData, Report, make_report, read_report, write_comparison
 from haptid.results.result import Result, result_schema
 from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
+from haptid.study.payloads import study_payloads, study_poses
 from haptid.treatment_choice.delay_estimate import Delay, find_delay
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.prediction import Prediction, predict
@@ -139,6 +149,7 @@ __all__ = [
     "UKF",
     "WLS",
     "ApparentMass",
+    "AttachedBody",
     "BackwardElimination",
     "BaseParameters",
     "Block",
@@ -184,11 +195,13 @@ __all__ = [
     "FrictionCurve",
     "GautierRatio",
     "GivenParameters",
+    "GravityVerdict",
     "HandForceData",
     "HandleForce",
     "HandleMotion",
     "Heteroscedastic",
     "HighPass",
+    "HoldDetection",
     "Huber",
     "Identification",
     "Intervals",
@@ -207,7 +220,9 @@ __all__ = [
     "Parameter",
     "Payload",
     "PayloadEstimate",
+    "PayloadIdentification",
     "PhysicallyConsistent",
+    "Poses",
     "Prediction",
     "ProcessExecutor",
     "Profile",
@@ -224,6 +239,8 @@ __all__ = [
     "Series",
     "Signal",
     "Spread",
+    "StaticIdentification",
+    "StaticModel",
     "StudentT",
     "Study",
     "Targets",
@@ -248,13 +265,11 @@ __all__ = [
     "diagnose",
     "direct",
     "drift",
-    "drive_gains",
     "eliminate",
     "eliminate_by_motor",
     "errors",
     "estimate",
     "estimate_force",
-    "estimate_payload",
     "export_c",
     "export_json",
     "export_latex",
@@ -263,12 +278,16 @@ __all__ = [
     "export_rust",
     "export_urdf",
     "find_delay",
+    "find_poses",
     "fit_load_friction",
     "friction_curve",
     "gravity_torque",
     "handle_motion",
     "identify",
+    "identify_payloads",
+    "identify_poses",
     "inverse_dynamics",
+    "join_poses",
     "link_poses",
     "log_without_payload",
     "loop_regroupings",
@@ -277,6 +296,7 @@ __all__ = [
     "observe",
     "observe_all",
     "observe_force",
+    "observe_poses",
     "open_log",
     "payload_torque",
     "possible",
@@ -286,6 +306,7 @@ __all__ = [
     "pseudo_inertia",
     "read_device",
     "read_log",
+    "read_poses",
     "read_report",
     "read_study",
     "regroupings",
@@ -293,6 +314,9 @@ __all__ = [
     "shipped_devices",
     "side_by_side",
     "stable_share",
+    "static_model",
+    "study_payloads",
+    "study_poses",
     "study_schema",
     "target_map",
     "targets",
