@@ -29,6 +29,7 @@ import long_log
 import loops
 import medical_study
 import noisy_columns
+import payloads
 import phantom_study
 import simulated_coverage
 import speed_report
@@ -46,6 +47,7 @@ STUDIES = {
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
+    "payloads": payloads.run,
     "phantom-study": phantom_study.run,
     "medical-study": medical_study.run,
     "groupings": groupings.run,

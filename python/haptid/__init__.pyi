@@ -62,7 +62,8 @@ from haptid.export import export_model
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.diagnosis import Diagnosis, diagnose
 from haptid.inference.elimination import eliminate
-from haptid.inference.payload_estimate import estimate_payload
+from haptid.inference.payloads import identify_payloads
+from haptid.inference.static_poses import identify_poses
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all
@@ -123,10 +124,11 @@ __all__ = [
     "errors",
     "estimate",
     "estimate_force",
-    "estimate_payload",
     "export_model",
     "fit_errors",
     "identify",
+    "identify_payloads",
+    "identify_poses",
     "inverse_dynamics",
     "make_report",
     "observe",

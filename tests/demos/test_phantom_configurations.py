@@ -115,8 +115,11 @@ def test_turned_over_two_targets_alone_change(results):
 
 def test_the_tool_is_found(results):
     _, found = results
-    value = dict(zip(found.tool.names, found.tool.value, strict=True))
-    interval = dict(zip(found.tool.names, found.tool.conf_int(), strict=True))
+    tool = found.tool.parameters
+    value, interval = (
+        dict(zip(tool.names, tool.values, strict=True)),
+        dict(zip(tool.names, tool.conf_int(), strict=True)),
+    )
     assert value["Ma"] == pytest.approx(found.tool_truth["Ma"], rel=0.01)
     low, high = interval["MXa"]
     assert low <= found.tool_truth["MXa"] <= high

@@ -43,3 +43,14 @@ def test_noise_in_the_columns_biases_as_recorded():
     for method, figure in zip(("IV", "DIDIM", "CLIE"), quoted.groups(), strict=True):
         assert float(figure) == pytest.approx(recorded[f"{method}: times less biased than OLS"], rel=0.06)
         assert recorded[f"{method}: times less biased than OLS"] > 3
+
+
+@pytest.mark.parametrize(("page", "prefix"), [("payload", "bench: "), ("poses", "poses: ")])
+def test_payload_tables_have_the_recorded_figures(page, prefix):
+    file = PROJECT / "benchmarks/results/payloads.json"
+    recorded = json.loads(file.read_text(encoding="utf-8"))["figures"]
+    text = (PROJECT / f"docs/{page}.md").read_text(encoding="utf-8").partition("## Measured")[2]
+    rows = dict(re.findall(r"^\| (.*?) \| ([\d.]+) \|$", text, re.MULTILINE))
+    assert {prefix + what for what in rows} == {what for what in recorded if what.startswith(prefix)}
+    for what, figure in rows.items():
+        assert float(figure) == pytest.approx(recorded[prefix + what], rel=0.01)

@@ -404,7 +404,9 @@ def option(_: Path) -> object:
 @case
 def more_joints_than_rows(_: Path) -> object:
     model = haptid.DynamicModel(haptid.read_device("arm7"))
-    return haptid.characterise(haptid.end_effector.GivenParameters(model, np.ones(len(model.base))), np.full((7, 1), 0.3)).weight
+    return haptid.characterise(
+        haptid.end_effector.GivenParameters(model, np.ones(len(model.base))), np.full((7, 1), 0.3)
+    ).weight
 
 
 @case

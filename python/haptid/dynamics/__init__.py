@@ -7,6 +7,7 @@ from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.static import StaticModel, static_model
 from haptid.dynamics.workspace import Box, Workspace, workspace
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Box",
     "DynamicModel",
     "HandleMotion",
+    "StaticModel",
     "Workspace",
     "base_parameters",
     "bias_torque",
@@ -22,5 +24,6 @@ __all__ = [
     "inverse_dynamics",
     "link_poses",
     "mass_matrix",
+    "static_model",
     "workspace",
 ]

@@ -107,12 +107,22 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
         model: the dynamic model.
         seed: of the random states; the result does not depend on it.
     """
+    return base_parameters_of(model, random_regressor(model, seed), model.device.base_tolerance)
+
+
+def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseParameters:
+    """Base parameters of some rows of a regressor.
+
+    Args:
+        model: the dynamic model.
+        W: regressor of the standard parameters, (rows, standard parameters).
+        tolerance: relative length below which a column counts as a combination of those before it.
+    """
     parameters = model.device.parameters
-    W = random_regressor(model, seed)
     lengths = np.linalg.norm(W, axis=0)
     effective = lengths > NO_EFFECT * lengths.max(initial=0.0)
     order = [k for k in preference(model) if effective[k]]
-    kept, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
+    kept, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, tolerance)
     kept = sorted(kept)  # shown in the parameters' own order
     regrouping = regroup(W, Q, kept, effective)
     names = tuple(
@@ -126,7 +136,7 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
         regrouping=regrouping,
         standard=tuple(parameters.names),
         no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
-        tolerance=model.device.base_tolerance,
+        tolerance=tolerance,
         gap=gap,
     )
 

@@ -6,7 +6,6 @@ May import estimation, validation and all before them; it reads no files and kno
 from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
-from haptid.inference.drive_gains import DriveGains, drive_gains
 from haptid.inference.elimination import (
     BackwardElimination,
     Elimination,
@@ -15,30 +14,33 @@ from haptid.inference.elimination import (
     eliminate,
     eliminate_by_motor,
 )
-from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
+from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import identify_payloads
+from haptid.inference.static_poses import GravityVerdict, StaticIdentification, identify_poses
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 
 __all__ = [
+    "AttachedBody",
     "BackwardElimination",
     "Comparison",
     "Diagnosis",
     "Drift",
-    "DriveGains",
     "Elimination",
     "Finding",
     "GautierRatio",
+    "GravityVerdict",
     "MaxRelativeStd",
-    "PayloadEstimate",
     "Series",
+    "StaticIdentification",
     "Targets",
     "Verdict",
     "compare",
     "diagnose",
     "drift",
-    "drive_gains",
     "eliminate",
     "eliminate_by_motor",
-    "estimate_payload",
+    "identify_payloads",
+    "identify_poses",
     "side_by_side",
     "target_map",
     "targets",

@@ -4,6 +4,20 @@ May use device and log.
 """
 
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
+from haptid.motion.holds import HoldDetection, Poses, find_poses, join_poses, read_poses
 from haptid.motion.treatment import Motion, Treatment, treat
 
-__all__ = ["Causal", "HighPass", "KaiserSmoother", "Motion", "Treatment", "WindowedSinc", "treat"]
+__all__ = [
+    "Causal",
+    "HighPass",
+    "HoldDetection",
+    "KaiserSmoother",
+    "Motion",
+    "Poses",
+    "Treatment",
+    "WindowedSinc",
+    "find_poses",
+    "join_poses",
+    "read_poses",
+    "treat",
+]

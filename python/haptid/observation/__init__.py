@@ -8,6 +8,7 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.observation.plan import Block
+from haptid.observation.static import observe_poses
 
 __all__ = [
     "Block",
@@ -18,6 +19,7 @@ __all__ = [
     "log_without_payload",
     "observe",
     "observe_all",
+    "observe_poses",
     "payload_torque",
     "without_payload",
 ]

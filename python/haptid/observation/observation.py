@@ -20,11 +20,14 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
-from haptid.observation.plan import Block, Plan, RFactors
+from haptid.observation.plan import LEAST_BLOCKS, Block, Plan, RFactors
 from haptid.observation.r_factor import conditions, triangle
 
 if TYPE_CHECKING:
     from haptid.observation.rows import Change
+
+# Share of the wanted length of a time block below which a shorter one is reported.
+_SHORTENED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +255,13 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
         for k in np.flatnonzero(model.device.measured)
     )
     notes = (*check_log(model.device, motion.log), *_short_segments(plan)) if motion.log else ()
+    block_s = plan.block * motion.treatment.decimation * motion.dt
+    if motion.log and block_s < _SHORTENED * motion.treatment.block_s:
+        notes = (
+            *notes,
+            f"Time blocks are {block_s:.2g} s long and not {motion.treatment.block_s:.3g} s: a log needs "
+            f"{LEAST_BLOCKS} of them at least.",
+        )
     return Observation(model, motors, plan.blocks(), (motion,), notes)
 
 

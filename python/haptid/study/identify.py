@@ -22,6 +22,7 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
+from haptid.study.schema import fault
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
@@ -106,6 +107,7 @@ def identify(
         HaptidError: any error of the steps.
     """
     progress = progress or _silent
+    _check_kind(study)
     as_filed = DynamicModel(read_device(study.device))
     logs = [_read(entry, Path(data or study.path.parent), progress) for entry in study.logs]
     progress("choosing a treatment", 0.0)
@@ -132,6 +134,25 @@ def identify(
             runs.append(Run(entry, observation, fit_errors(final, observation), unseen))
     progress("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
+
+
+def _check_kind(study: Study) -> None:
+    """Refuse a study of poses, and one with a payload whose torque cannot be subtracted."""
+    if study.poses is not None:
+        raise fault(
+            study.path,
+            "poses",
+            "its logs hold poses",
+            advice="`haptid poses` identifies gravity and friction from them.",
+        )
+    for k, entry in enumerate(study.logs):
+        if entry.body is not None and entry.payload is None:
+            raise fault(
+                study.path,
+                f"logs.{k}.payload",
+                f"mass and com of payload {entry.body.name!r} are required to subtract its torque",
+                advice="Give both, or estimate them: `haptid payload`.",
+            )
 
 
 def _silent(_what: str, _share: float) -> None:

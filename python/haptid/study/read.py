@@ -9,9 +9,11 @@ import numpy as np
 
 from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import PriorBody, tensor
-from haptid.errors import LogError, SettingError, StudyFileError
+from haptid.errors import LogError, SettingError, StudyFileError, TreatmentError
+from haptid.inference.payload_body import AttachedBody
 from haptid.log import Channels, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
+from haptid.motion.holds import HoldDetection
 from haptid.motion.treatment import Treatment
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
@@ -21,13 +23,14 @@ from haptid.study.schema import (
     ControllerTable,
     LogTable,
     PayloadTable,
+    PosesTable,
     SignalTable,
     StudyTable,
     TreatmentTable,
     ValidationTable,
     fault,
 )
-from haptid.study.study import LogEntry, Study
+from haptid.study.study import LogEntry, PoseSettings, Study
 
 
 def read_study(path: str | Path) -> Study:
@@ -39,7 +42,9 @@ def read_study(path: str | Path) -> Study:
     """
     path = Path(path)
     table = read_checked(path, StudyTable, StudyFileError, "a study")
-    logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
+    poses = _poses(path, table.poses) if table.poses else None
+    timeless = poses is not None and poses.table
+    logs = tuple(_log(path, k, log, table.channels, timeless) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.validation)
     controller = _controller(path, table.controller) if table.controller else None
     return Study(
@@ -53,7 +58,18 @@ def read_study(path: str | Path) -> Study:
         largest_error=table.criteria.relative_error_percent,
         intervals=INTERVALS[table.estimate.intervals](),
         controller=controller,
+        poses=poses,
     )
+
+
+def _poses(study: Path, table: PosesTable) -> PoseSettings:
+    still = None if table.still is None else tuple(table.still) if isinstance(table.still, list) else (table.still,)
+    if table.approach and not table.table:
+        raise fault(study, "poses.approach", "only a table has channels of approach; a log is searched for them")
+    try:
+        return PoseSettings(table.table, HoldDetection(table.hold_s, table.settle_s, still), tuple(table.approach))
+    except TreatmentError as error:
+        raise fault(study, "poses", str(error).rstrip(".")) from error
 
 
 def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
@@ -90,7 +106,7 @@ def _device(study: Path, text: str) -> str | Path:
     return study.parent / text if text.endswith(".toml") or "/" in text or "\\" in text else text
 
 
-def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -> LogEntry:
+def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, timeless: bool) -> LogEntry:
     table = log.channels or common
     time_range = (log.time_range[0], log.time_range[1]) if log.time_range else None
     if time_range and time_range[0] >= time_range[1]:
@@ -99,7 +115,9 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
     channels = None
     if table:
         where = f"logs.{index}.channels" if log.channels else "channels"
-        if (table.time is None) == (table.rate_hz is None):
+        if timeless and (table.time is not None or table.rate_hz is not None):
+            raise fault(study, where, "a table with one row a pose has neither `time` nor `rate_hz`")
+        if not timeless and (table.time is None) == (table.rate_hz is None):
             raise fault(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
         try:
             channels = Channels(
@@ -107,18 +125,30 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
                 torque=_signal(study, f"{where}.torque", table.torque),
                 time=table.time,
                 time_unit=table.time_unit,
-                rate_hz=table.rate_hz,
+                rate_hz=1.0 if timeless else table.rate_hz,
                 sampling=table.sampling,
                 stale=table.stale,
             )
         except LogError as error:
             raise fault(study, where, str(error).rstrip(".")) from error
-    return LogEntry(log.path, log.role, time_range, channels, _payload(log.payload) if log.payload else None)
+    elif timeless:
+        raise fault(study, "channels", "a table with one row a pose requires them")
+    if log.payload is None:
+        return LogEntry(log.path, log.role, time_range, channels)
+    where = f"logs.{index}.payload"
+    return LogEntry(log.path, log.role, time_range, channels, *_payload(study, where, log.path, log.payload))
 
 
-def _payload(table: PayloadTable) -> Payload:
+def _payload(study: Path, where: str, log: str, table: PayloadTable) -> tuple[Payload | None, AttachedBody]:
+    """The payload where it is known well enough to be subtracted, and what is known of it."""
     inertia = None if table.inertia is None else tensor(np.array(table.inertia))
-    return Payload(table.link, PriorBody(table.mass, np.array(table.com), inertia))
+    com = None if table.com is None else np.array(table.com)
+    try:
+        body = AttachedBody(table.name or Path(log).stem, table.link, table.mass, com, inertia)
+    except SettingError as error:
+        raise fault(study, where, str(error).rstrip(".")) from error
+    known = None if table.mass is None or com is None else Payload(table.link, PriorBody(table.mass, com, inertia))
+    return known, body
 
 
 def _signal(study: Path, where: str, table: SignalTable) -> Signal:

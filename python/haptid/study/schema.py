@@ -49,11 +49,18 @@ class ChannelsTable(_Table):
 
 
 class PayloadTable(_Table):
-    """A known payload, fixed to a link during the recording; a point mass where `inertia` is left out."""
+    """A payload, fixed to a link during the recording.
+
+    `haptid identify` subtracts its torque: mass and com must be given, and it is a point mass where `inertia` is left
+    out. `haptid payload` estimates what is left out.
+    """
 
     link: str = Field(description="name of the link's joint")
-    mass: _Positive = Field(description="kg")
-    com: list[_Finite] = Field(min_length=3, max_length=3, description="centre of mass in the file's link frame, m")
+    name: str | None = Field(None, description="of the payload; default: the log's. Logs of one payload share it")
+    mass: _Positive | None = Field(None, description="kg")
+    com: list[_Finite] | None = Field(
+        None, min_length=3, max_length=3, description="centre of mass in the file's link frame, m"
+    )
     inertia: list[_Finite] | None = Field(
         None, min_length=6, max_length=6, description="XX YY ZZ XY XZ YZ about the centre of mass, kg m^2"
     )
@@ -66,7 +73,27 @@ class LogTable(_Table):
     role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
     time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
-    payload: PayloadTable | None = Field(None, description="known payload of this recording; its torque is subtracted")
+    payload: PayloadTable | None = Field(None, description="payload of this recording")
+
+
+class PosesTable(_Table):
+    """The logs hold poses, one after the other: for `haptid poses`, and for `haptid payload` from poses."""
+
+    table: bool = Field(False, description="the logs are tables with one row a pose, without times")
+    hold_s: _Positive = Field(0.5, description="least duration of a hold, s")
+    settle_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        0.1, description="left out at both ends of a hold, s"
+    )
+    still: _Positive | list[_Positive] | None = Field(
+        None,
+        description="largest range of a position channel in a hold, rad or m; default: three of its smallest steps, or "
+        "a thousandth of its span",
+    )
+    approach: list[str] = Field(
+        [],
+        description="of a table: channels with the direction in which each coordinate moved last, 1 or -1, 0 where not "
+        "known, empty where it has not moved",
+    )
 
 
 class TreatmentTable(_Table):
@@ -215,6 +242,7 @@ class StudyTable(_Table):
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
     validation: ValidationTable | None = None
+    poses: PosesTable | None = None
     controller: ControllerTable | None = None
     estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)

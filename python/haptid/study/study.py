@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from haptid.estimation import ClusterRobust, Intervals, Method
+from haptid.inference.payload_body import AttachedBody
 from haptid.log import Channels
+from haptid.motion.holds import HoldDetection
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.schema import CrossValidation, Role
@@ -16,13 +18,32 @@ from haptid.study.schema import CrossValidation, Role
 
 @dataclass(frozen=True)
 class LogEntry:
-    """A log of a study: path, role, time range, channel mapping, known payload."""
+    """A log of a study: path, role, time range, channel mapping, payload.
+
+    `body` is the payload with what is known of it, `payload` the same where it is known well enough to be subtracted.
+    """
 
     path: str
     role: Role
     time_range: tuple[float, float] | None
     channels: Channels | None
     payload: Payload | None = None
+    body: AttachedBody | None = None
+
+
+@dataclass(frozen=True)
+class PoseSettings:
+    """How the logs of a study hold poses.
+
+    Attributes:
+        table: whether they are tables with one row a pose.
+        detection: what counts as a hold in a continuous log.
+        approach: channels of a table with the directions of approach.
+    """
+
+    table: bool
+    detection: HoldDetection
+    approach: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -39,6 +60,7 @@ class Study:
         largest_error: criterion on the relative error on unseen rows, per cent; None for none.
         intervals: how standard errors are computed.
         controller: that moved the device, None if not given.
+        poses: how the logs hold poses, None for motions.
     """
 
     name: str
@@ -51,3 +73,4 @@ class Study:
     largest_error: float | None
     intervals: Intervals = field(default_factory=ClusterRobust)
     controller: PID | None = None
+    poses: PoseSettings | None = None

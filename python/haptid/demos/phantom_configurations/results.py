@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.demos.phantom_configurations.fits import Fits, fit_all, fitted
+from haptid.demos.phantom_configurations.fits import Fits, fit_all
 from haptid.demos.phantom_configurations.hand import HandForces, hand_forces
 from haptid.demos.phantom_configurations.plan import Pair, PhantomDemo
 from haptid.demos.plan import Progress
@@ -20,7 +20,8 @@ from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.estimation import Estimate, FeasibleParameters, feasible_parameters
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
-from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
+from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import PayloadEstimate, identify_payloads
 from haptid.inference.targets import Targets, target_map
 
 # Fits whose mass matrix and bodies are evaluated.
@@ -108,9 +109,8 @@ def tool_found(demo: PhantomDemo, without: Fits, recording: BenchRecording) -> P
     model, treatment = without.model, without.proposal.treatment
     assert model.device.handle is not None
     halves = [recording.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen)]
-    fit = fitted("with the tool", model, halves)
-    link = model.device.joint_names[model.device.handle.link]
-    return estimate_payload(without["encoders"].estimate, fit.estimate, link)
+    tool = AttachedBody("tool", model.device.joint_names[model.device.handle.link])
+    return identify_payloads(model, without["encoders"].estimate.observation.motions, [(tool, halves)])["tool"]
 
 
 def tool_truth(model: DynamicModel, experiment: Path) -> dict[str, float]:

@@ -257,7 +257,8 @@ def _comparisons(found: Results) -> DocumentSection:
         names = f"{demo.mountings[pair.first]} compared with {demo.mountings[pair.second]}, encoders"
         text.append(f"{names}: {' '.join(made.sentences)}")
     cells = [["tool at the handle", "value", "95 % interval", "true"]]
-    for name, value, (low, high) in zip(found.tool.names, found.tool.value, found.tool.conf_int(), strict=True):
+    tool = found.tool.parameters
+    for name, value, (low, high) in zip(tool.names, tool.values, tool.conf_int(), strict=True):
         if name in found.tool_truth:
             cells.append([name, f"{value:.5g}", f"{low:.5g} .. {high:.5g}", f"{found.tool_truth[name]:.5g}"])
     return DocumentSection("comparisons", "Mountings compared", tuple(text), (TextTable("", cells),))

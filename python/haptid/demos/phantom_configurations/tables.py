@@ -160,7 +160,8 @@ def _parameters(found: Results) -> list[list[Any]]:
 
 def values(found: Results) -> dict[str, Any]:
     """All numbers, as JSON."""
-    tool = zip(found.tool.names, found.tool.value.tolist(), found.tool.conf_int().tolist(), strict=True)
+    added = found.tool.parameters
+    tool = zip(added.names, added.values.tolist(), added.conf_int().tolist(), strict=True)
     return {
         "mountings": {key: _mounting(found, fits) for key, fits in found.fits.items()},
         "table2": table2(found),

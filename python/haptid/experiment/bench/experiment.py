@@ -112,6 +112,9 @@ class GridTable(_Table):
     points: int = Field(3, ge=1, le=20, description="positions of each joint")
     dwell: _Positive = Field(1.0, description="duration of every pose, s")
     move: _Positive = Field(1.0, description="duration of every change of pose, s")
+    approach: EachPositive | None = Field(
+        None, description="reach every pose twice, from so far below in all joints and from so far above, rad or m"
+    )
 
 
 class _ControllerTable(_Table):

@@ -250,6 +250,8 @@ class Grid:
         centre, amplitude: rad or m.
         points: positions of each joint.
         dwell, move: duration of every pose, and of every move between poses, s.
+        approach: every pose is reached twice, from this distance below in all joints and from this distance above, so
+            that friction separates from gravity, rad or m; None reaches it once, from the pose before.
     """
 
     centre: Figures
@@ -257,6 +259,7 @@ class Grid:
     points: int = 3
     dwell: float = 1.0
     move: float = 1.0
+    approach: Figures | None = None
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
         """Deterministic; consecutive poses are neighbours on the grid."""
@@ -266,13 +269,25 @@ class Grid:
             per_coordinate("amplitude", self.amplitude, names),
         )
         steps = np.linspace(-1, 1, self.points) if self.points > 1 else np.zeros(1)
-        poses = [np.zeros(len(names)), *_snake(steps, len(names)), np.zeros(len(names))]
-        t = _times((len(poses) - 1) * (self.move + self.dwell), dt)
+        poses = [centre + amplitude * pose for pose in _snake(steps, len(names))]
+        stops = [(pose, self.dwell) for pose in poses]
+        if self.approach is not None:
+            beside = per_coordinate("approach", self.approach, names)
+            stops = [
+                stop
+                for pose in poses
+                for side in (-beside, beside)
+                for stop in ((pose + side, 0.0), (pose, self.dwell))
+            ]
+        stops = [(centre, 0.0), *stops, (centre, self.dwell)]
+        t = _times(sum(self.move + dwell for _, dwell in stops[1:]), dt)
         made = np.zeros((3, len(t), len(names)))
-        made[0] = centre + amplitude * poses[0]
-        for k, (here, there) in enumerate(pairwise(poses)):
-            s = np.array(move(t - k * (self.move + self.dwell), 1.0, self.move))
-            made += s[:, :, None] * (amplitude * (there - here))
+        made[0] = stops[0][0]
+        start = 0.0
+        for (here, _), (there, dwell) in pairwise(stops):
+            s = np.array(move(t - start, 1.0, self.move))
+            made += s[:, :, None] * (there - here)
+            start += self.move + dwell
         return made[0], made[1], made[2]
 
 

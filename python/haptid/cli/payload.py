@@ -1,0 +1,63 @@
+"""`haptid payload`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+
+HELP = """\
+Identify payloads: mass, centre of mass and inertia of bodies fixed to links; and drive gains from known masses.
+
+The STUDY has logs without payload and logs with one, which have payload = { link = "3" }. What is known of a payload is
+given there too: mass, com, inertia; the rest is estimated. Logs of one payload share its name. With --gains the motors'
+gains are taken as unknown: at least one mass must be known, and a motor that it does not load is left out. With the
+table [poses] the logs are held poses, from which mass and first moments are identifiable. Writes into OUT:
+
+  payload.json   payloads and gains with 95 % intervals, what is not determined, the nearest rigid bodies
+
+  payload.csv    the same figures as a table
+
+Exit status: 0 on success, 2 on an error; the message says what to do.
+
+Example: haptid payload tool.toml --gains --out tool
+"""
+
+
+@app.command(help=HELP)
+def payload(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    gains: Annotated[bool, typer.Option("--gains", help="estimate the drive gains from known masses")] = False,
+    shared_friction: Annotated[
+        bool, typer.Option("--shared-friction", help="friction is the same with and without payload")
+    ] = False,
+    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-payload"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print payload.json instead of tables")] = False,
+) -> None:
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.study import read_study
+    from haptid.study.payloads import study_payloads
+
+    with errors_shown():
+        check_writable(out_folder)
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
+            found = study_payloads(
+                read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress_callback(bars)
+            )
+            text = json.dumps(found.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+            (folder / "payload.json").write_text(text, encoding="utf-8")
+            with (folder / "payload.csv").open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows(found.table())
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
+        for line in (*found.summary().splitlines(), "", f"Figures in {out_folder}"):
+            out.print(line, highlight=False, soft_wrap=True)

@@ -1,0 +1,59 @@
+"""`haptid poses`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+
+HELP = """\
+Identify gravity, springs and Coulomb friction from held poses, and whether to compensate gravity.
+
+The STUDY has a table [poses]. Its logs hold one pose after the other, each reached from both sides; the holds are found
+from the stillness of the encoders. With table = true they have one row a pose instead. Parameters that the poses do not
+determine are left out. Writes into OUT:
+
+  static.json   static base parameters with 95 % intervals, and for each motor how much of its holding torque is
+                explained at poses that were not fitted
+
+  poses.csv     the poses that were found, averaged, in SI; one row each
+
+Exit status: 0 on success, 2 on an error; the message says what to do.
+
+Example: haptid poses poses.toml --out gravity
+"""
+
+
+@app.command(help=HELP)
+def poses(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-poses"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print static.json instead of tables")] = False,
+) -> None:
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.results.result import finite
+    from haptid.study import read_study
+    from haptid.study.payloads import study_poses
+
+    with errors_shown():
+        check_writable(out_folder)
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
+            found = study_poses(read_study(study), data, progress_callback(bars))
+            text = json.dumps(finite(found.to_json()), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+            (folder / "static.json").write_text(text, encoding="utf-8")
+            with (folder / "poses.csv").open("w", newline="", encoding="utf-8") as file:
+                head, rows = found.poses.table()
+                csv.writer(file).writerows([head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
+        for line in (*found.summary().splitlines(), "", f"Figures in {out_folder}"):
+            out.print(line, highlight=False, soft_wrap=True)

@@ -1,0 +1,187 @@
+"""Joint least squares of logs under several loads: base parameters, payloads and drive gains at once, on R factors.
+
+In the logs of one load the base parameters are an affine function beta = M x + m of the unknowns x: base parameters of
+the bare device (friction once per load, since load changes it), and the ten parameters of each payload. The torque of
+motor k, computed with the gain of its file, is exp(-theta_k) W (M x + m), with theta_k the logarithm of its true gain
+over the file's. Torque noise stays on the left side, so that it causes no bias; total least squares with the torque
+among the columns (Gautier and Briot 2014) weights the same errors.
+
+The unknowns need not all be determined: the solution is that of least norm in scaled unknowns, and `determined` says of
+a combination of them whether it is one that the rows determine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.errors import ConvergenceError
+from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.intervals.covariance import Spread
+from haptid.estimation.least_squares import Solution
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.r_factor import triangle
+
+# Gauss-Newton: most steps, largest step of a logarithm of gain, and largest change at convergence.
+MOST_GAIN_STEPS, LARGEST_GAIN_STEP, GAIN_CONVERGED = 60, 1.0, 1e-9
+# Passes in which the motors' weights follow their residuals; then they are held.
+WEIGHT_PASSES = 4
+# Singular values of the rows with unit columns below this share of the largest count as zero.
+RANK_TOLERANCE = 1e-9
+# Share of a combination that may lie in undetermined directions.
+UNDETERMINED_SHARE = 1e-6
+# Residuals below this share of a motor's torque are rounding.
+EXACT_SHARE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRows:
+    """Rows of the logs of one load, and its base parameters beta = M x + m.
+
+    Attributes:
+        observation: the rows.
+        M: (p, unknowns).
+        m: (p,).
+    """
+
+    observation: Observation
+    M: Array
+    m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Solution of the unknowns and of the logarithms of gain.
+
+    Attributes:
+        x: unknowns, (n,); those that are not determined are arbitrary.
+        gains: indices of the motors whose gain was estimated.
+        theta: logarithms of their gains over the file's, (gains,).
+        motors: indices of the motors whose rows were used.
+        rows: linearised at the solution, in n + gains unknowns.
+        weights: of the motors used, (motors,).
+        solution: of these rows.
+        null: unknowns' directions that the rows do not determine, orthonormal in scaled unknowns, (n + gains, null).
+        scale: length of each unknown's column, (n + gains,).
+    """
+
+    x: Array
+    gains: tuple[int, ...]
+    theta: Array
+    motors: tuple[int, ...]
+    rows: Observation
+    weights: Array
+    solution: Solution
+    null: Array
+    scale: Array
+
+    def determined(self, combinations: Array) -> np.ndarray:
+        """Whether the rows determine each combination (q, n + gains) of unknowns, (q,)."""
+        own = combinations / self.scale
+        hidden = np.linalg.norm(own @ self.null, axis=1)
+        return np.asarray(hidden <= UNDETERMINED_SHARE * np.linalg.norm(own, axis=1))
+
+    def spread(self, combinations: Array) -> Spread:
+        """Cluster-robust covariance and degrees of freedom of combinations (q, n + gains) of unknowns."""
+        return clustered(self.rows, self.weights, self.solution, combinations)
+
+    def of_gains(self) -> Array:
+        """Combinations that are the logarithms of gain, (gains, n + gains)."""
+        return np.eye(len(self.scale))[len(self.x) :]
+
+
+def joint_fit(loads: Sequence[LoadedRows], motors: Sequence[int], gains: Sequence[int]) -> JointFit:
+    """Fit all loads' rows of some motors, with the gains of some of these motors unknown.
+
+    Args:
+        loads: rows and affine map of each load; the observations are of one model.
+        motors: indices of the motors whose rows are used.
+        gains: indices of those whose gain is unknown.
+
+    Raises:
+        ConvergenceError: Gauss-Newton did not converge.
+    """
+    n = loads[0].M.shape[1]
+    theta, weights = np.zeros(len(gains)), np.ones(len(motors))
+    place = {motor: n + k for k, motor in enumerate(gains)}
+    x, moved = np.zeros(n), np.inf
+    for step in range(MOST_GAIN_STEPS):
+        # The first passes have no gains: the step of a gain is linearised about parameters, which are zero before.
+        free = place if step > 1 else {}
+        rows = [_linearised(loads, k, x, theta[place[k] - n] if k in place else 0.0, free.get(k), n) for k in motors]
+        solution, null, scale = rank_revealing(rows, weights, n + len(gains))
+        x, change = solution.beta[:n], solution.beta[n:]
+        moved = float(np.abs(change).max(initial=0.0))
+        theta = theta + change * min(1.0, LARGEST_GAIN_STEP / max(moved, 1e-300))
+        if step < WEIGHT_PASSES + bool(gains):
+            weights = np.array([_weight(motor, solution.beta) for motor in rows])
+        elif moved < GAIN_CONVERGED:
+            break
+    else:
+        raise ConvergenceError(
+            f"the drive gains still change by {moved:.2g} after {MOST_GAIN_STEPS} steps, limit {GAIN_CONVERGED:.2g}.",
+            found=moved,
+            limit=GAIN_CONVERGED,
+            advice="Record longer, with a heavier payload that loads every motor.",
+        )
+    first = loads[0].observation
+    blocks = tuple(block for load in loads for block in load.observation.blocks)
+    observation = replace(first, motors=tuple(rows), blocks=blocks, motions=(), change=None)
+    return JointFit(x, tuple(gains), theta, tuple(motors), observation, weights, solution, null, scale)
+
+
+def _weight(motor: MotorRows, unknowns: Array) -> float:
+    """One over the standard deviation of a motor's residual."""
+    return float(np.sqrt(motor.rows.sum()) / max(motor.residual(unknowns), EXACT_SHARE * motor.norm, 1e-300))
+
+
+def _linearised(loads: Sequence[LoadedRows], k: int, x: Array, theta: float, gain: int | None, n: int) -> MotorRows:
+    """Rows of motor k in the unknowns, and in the change of its logarithm of gain, which is unknown `gain`."""
+    s, parts, counts = np.exp(-theta), [], []
+    first = loads[0].observation.motors[k]
+    reached = np.zeros(n, dtype=bool)
+    for load in loads:
+        reached |= (load.M[load.observation.motors[k].columns] != 0).any(axis=0)
+    own = np.flatnonzero(reached)
+    for load in loads:
+        motor = load.observation.motors[k]
+        R, z = motor.triangles[:, :, :-1], motor.triangles[:, :, -1]
+        M, m = load.M[motor.columns], load.m[motor.columns]
+        columns = [s * R @ M[:, own]]
+        if gain is not None:
+            columns.append(-(s * R @ (M @ x + m))[:, :, None])
+        wide = np.concatenate([*columns, (z - s * R @ m)[:, :, None]], axis=2)
+        missing = max(wide.shape[2] - wide.shape[1], 0)
+        parts.append(triangle(np.pad(wide, ((0, 0), (0, missing), (0, 0)))))
+        counts.append(motor.rows)
+    indices = own if gain is None else np.append(own, gain)
+    return replace(first, columns=indices, triangles=np.concatenate(parts), rows=np.concatenate(counts))
+
+
+def rank_revealing(rows: Sequence[MotorRows], weights: Array, size: int) -> tuple[Solution, Array, Array]:
+    """Least-norm least-squares solution of motors' rows in scaled unknowns.
+
+    Returns:
+        the solution; orthonormal directions of the scaled unknowns that the rows do not determine, (size, null); the
+        length of each unknown's column, 1 for a column of zeros, (size,).
+    """
+    stack = []
+    for motor, weight in zip(rows, weights, strict=True):
+        wide = np.zeros((len(motor.whole), size + 1))
+        wide[:, np.append(motor.columns, size)] = weight * motor.whole
+        stack.append(wide)
+    both = np.concatenate(stack)
+    whole = triangle(np.pad(both, ((0, max(size + 1 - len(both), 0)), (0, 0))))
+    R, z = whole[:-1, :-1], whole[:-1, -1]
+    lengths = np.linalg.norm(R, axis=0)
+    scale = np.where(lengths > 0, lengths, 1.0)
+    u, s, vt = np.linalg.svd(R / scale)
+    kept = s > RANK_TOLERANCE * s[0]
+    root = (vt[kept].T / s[kept]) / scale[:, None]
+    along = u[:, kept].T @ z
+    rest = float(np.hypot(whole[-1, -1], np.linalg.norm(z - u[:, kept] @ along)))
+    dof = int(sum(motor.rows.sum() for motor in rows)) - int(kept.sum())
+    return Solution(root @ along, R, root, rest, dof), vt[~kept].T, scale

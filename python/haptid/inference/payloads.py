@@ -1,0 +1,639 @@
+"""Payload identification: mass, centre of mass and inertia of bodies fixed to links, and drive gains from known masses.
+
+Logs of the bare device and logs with each payload are fitted at once. A payload adds ten unknowns in the frame of its
+link; what is known of it (its mass on a scale, say) takes unknowns away. A known mass also makes the scale of torque
+identifiable, hence the gain of every motor that the mass loads (Gautier and Briot 2014, ASME Journal of Dynamic
+Systems, Measurement, and Control 136(5)); its centre of mass and inertia may be unknown and are then estimated too.
+Payloads as increments of inertial parameters: Khalil, Gautier and Lemoine (2007), IEEE ICRA; Gaz and De Luca (2017),
+IEEE/RSJ IROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device import INERTIAL
+from haptid.device.device import Joint
+from haptid.device.parameters import INERTIAL_UNITS, Symmetry, standard_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.static import StaticModel, static_model
+from haptid.errors import (
+    ConvergenceError,
+    IdentifiabilityError,
+    SettingError,
+    SharedRowsError,
+    UnknownNameError,
+    listed,
+    suggestion,
+)
+from haptid.inference.payload_body import (
+    FIGURE_UNITS,
+    FIGURES,
+    AttachedBody,
+    ConsistentPayload,
+    body_figures,
+    nearest_body,
+)
+from haptid.inference.payload_fit import JointFit, LoadedRows, joint_fit
+from haptid.motion.holds import Poses
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation, observe
+from haptid.observation.static import observe_poses
+from haptid.uncertainty.quantities import Quantities
+
+# Largest relative standard error of a gain: a motor that the payload loads less is left out.
+LARGEST_GAIN_SE = 0.2
+# Relative step of the differences by which a body's figures are differentiated.
+_STEP = 1e-6
+# Share of a gradient along undetermined directions up to which a figure counts as determined.
+_BLIND = 1e-5
+# Terms that a payload changes or wear moves: their parameters are estimated once for each load.
+VARYING = ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck", "offset", "external")
+
+Recorded = Motion | Poses
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """An identified payload.
+
+    Attributes:
+        payload: what was known.
+        parameters: the inertial parameters that the logs determine, in the frame of the link (`MX3`, `M3`).
+        body: mass, centre of mass and inertia about it, in the link frame of the device file's convention, as far as
+            they are determined; standard errors to first order.
+        left_out: sentences on what the logs do not determine.
+        consistent: the nearest rigid body; None where the logs do not determine the mass.
+    """
+
+    payload: AttachedBody
+    parameters: Quantities
+    body: Quantities
+    left_out: tuple[str, ...]
+    consistent: ConsistentPayload | None
+
+    @property
+    def name(self) -> str:
+        return self.payload.name
+
+    @property
+    def link(self) -> str:
+        return self.payload.link
+
+    def __getitem__(self, name: str) -> float:
+        """A figure of the body by name, such as "mass" or "com x"."""
+        return float(self.body.values[self.body.names.index(name)])
+
+    def summary(self) -> str:
+        """Table of the body, or of the parameters where no mass is determined; then the sentences."""
+        shown = self.body if len(self.body) else self.parameters
+        lines = [f"Payload {self.name} on link {self.link}:", shown.table()]
+        if self.consistent is not None and self.consistent.changed:
+            figures = dict(zip(FIGURES, self.consistent.body, strict=True))
+            values = ", ".join(f"{name} {figures[name]:.4g}" for name in self.body.names)
+            lines.append(
+                f"No rigid body has exactly these figures. The nearest: {values} (SI), with a residual larger by "
+                f"{self.consistent.worse:.2g} %."
+            )
+        return "\n".join([*lines, *self.left_out])
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON values."""
+        consistent = self.consistent
+        return {
+            "name": self.name,
+            "link": self.link,
+            "known": {
+                "mass": self.payload.mass,
+                "com": None if self.payload.com is None else self.payload.com.tolist(),
+                "inertia": None if self.payload.inertia is None else self.payload.inertia.tolist(),
+            },
+            "body": self.body.to_json(),
+            "parameters": self.parameters.to_json(),
+            "left_out": list(self.left_out),
+            "consistent": None
+            if consistent is None
+            else {
+                "changed": consistent.changed,
+                "residual_increase_percent": consistent.worse,
+                "body": [
+                    {"name": name, "unit": unit, "value": None if np.isnan(value) else float(value)}
+                    for name, unit, value in zip(FIGURES, FIGURE_UNITS, consistent.body, strict=True)
+                ],
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class DriveGains:
+    """True gain of motors over that of the device file.
+
+    Attributes:
+        labels: of the motors whose gain the known masses determine, (gains,).
+        quantities: their factors, with covariance and degrees of freedom.
+        left_out: sentences on the other motors.
+    """
+
+    labels: tuple[str, ...]
+    quantities: Quantities
+    left_out: tuple[str, ...]
+
+    @property
+    def values(self) -> Array:
+        """True gain over the file's, (gains,)."""
+        return self.quantities.values
+
+    @property
+    def se(self) -> Array:
+        """Standard errors, (gains,)."""
+        return self.quantities.se
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom, (gains,)."""
+        return self.quantities.dof
+
+    def conf_int(self, level: float = 0.95) -> Array:
+        """Confidence intervals, (gains, 2)."""
+        return self.quantities.conf_int(level)
+
+    def summary(self) -> str:
+        """A line for each motor."""
+        lines = [
+            f"{label}: {value:.4f} of the file's gain, 95 % interval {low:.4f} .. {high:.4f}"
+            for label, value, (low, high) in zip(self.labels, self.values, self.conf_int(), strict=True)
+        ]
+        return "\n".join([*lines, *self.left_out])
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadIdentification:
+    """Payloads, and drive gains where asked for, from logs of the bare device and logs with payloads.
+
+    Attributes:
+        model: the dynamic model.
+        payloads: one for each, in the order given.
+        gains: None where the file's were taken as right.
+        base: base parameters of the bare device, as far as the logs determine them, at the gains found; friction is
+            that of the bare logs.
+        residual: root mean square residual of each motor used, at its file's gain, by label, N m or N.
+        notes: sentences for the user.
+    """
+
+    model: DynamicModel
+    payloads: tuple[PayloadEstimate, ...]
+    gains: DriveGains | None
+    base: Quantities
+    residual: Mapping[str, float]
+    notes: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> PayloadEstimate:
+        for payload in self.payloads:
+            if payload.name == name:
+                return payload
+        names = [payload.name for payload in self.payloads]
+        raise UnknownNameError(
+            f"no payload {name!r}; there are {', '.join(names)}.",
+            where="payload",
+            found=name,
+            limit=tuple(names),
+            advice=suggestion(name, names),
+        )
+
+    def summary(self) -> str:
+        """All payloads, gains and notes as text."""
+        parts = [payload.summary() for payload in self.payloads]
+        if self.gains is not None:
+            parts.append("Drive gains:\n" + self.gains.summary())
+        return "\n\n".join(parts + (["\n".join(self.notes)] if self.notes else []))
+
+    def table(self) -> list[list[str | float]]:
+        """Rows of a table: payload or motor, figure, unit, value, standard error, 95 % interval; a header first."""
+        made: list[list[str | float]] = [["of", "name", "unit", "value", "se", "low95", "high95"]]
+        groups = [(one.name, one.body) for one in self.payloads] + [(one.name, one.parameters) for one in self.payloads]
+        groups += [] if self.gains is None else [("gain", self.gains.quantities)]
+        for of, q in groups:
+            numbers = zip(q.names, q.units, q.values, q.se, q.conf_int(), strict=True)
+            made += [[of, name, unit, float(x), float(se), *map(float, ends)] for name, unit, x, se, ends in numbers]
+        return made
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON values."""
+        gains = self.gains
+        return {
+            "device": self.model.device.name,
+            "payloads": [payload.to_json() for payload in self.payloads],
+            "gains": None
+            if gains is None
+            else {"motors": gains.quantities.to_json(), "left_out": list(gains.left_out)},
+            "base_parameters": self.base.to_json(),
+            "residual_rms": dict(self.residual),
+            "notes": list(self.notes),
+        }
+
+
+def identify_payloads(
+    model: DynamicModel,
+    bare: Recorded | Sequence[Recorded],
+    loaded: Sequence[tuple[AttachedBody, Recorded | Sequence[Recorded]]],
+    *,
+    gains: bool = False,
+    shared_friction: bool = False,
+) -> PayloadIdentification:
+    """Identify payloads from recordings without and with them; on request the drive gains too.
+
+    All rows are fitted at once, each motor's weighted by its residual; intervals are cluster-robust over the time
+    blocks, or poses, of all recordings, so that they have the uncertainty of the bare device's parameters and of each
+    loaded recording. From poses only mass and first moments are identifiable.
+
+    Args:
+        model: the dynamic model; load-dependent friction at its constants.
+        bare: motions or poses of the bare device.
+        loaded: payloads, and their motions or poses.
+        gains: whether the drive gains are unknown. The mass of a payload must then be known. Motors whose gain the
+            known masses do not determine are left out, rows and all.
+        shared_friction: whether friction is the same with and without payload; otherwise it is estimated once for each
+            load.
+
+    Raises:
+        SettingError: no recording without payload or none with one, names of payloads recur, gains without a known
+            mass, or motions together with poses.
+        UnknownNameError: there is no such link.
+        SharedRowsError: a recording is given twice.
+        IdentifiabilityError: gains are unknown, and the payloads determine none.
+        ConvergenceError: the search for gains did not converge.
+    """
+    bare_data, load_data = _many(bare), [(body, _many(data)) for body, data in loaded]
+    bodies = [body for body, _ in load_data]
+    _check(model, bare_data, load_data, gains)
+    static = any(isinstance(one, Poses) for one in bare_data)
+    own = static_model(model) if static else model
+    wide = payload_model(model, sorted({body.link for body in bodies}, key=model.device.joint_names.index))
+    wide = static_model(wide) if static else wide
+    to_wide = _embedding(own, wide)
+    observations = [_observed(wide, data) for data in (bare_data, *(data for _, data in load_data))]
+    _check_shared(observations)
+    layout = _Layout.of(own, wide, to_wide, bodies, shared_friction)
+    rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(observations)]
+    fit, left_out = _fitted(rows, observations[0], gains)
+    found = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
+    labels = [observations[0].motors[k].label for k in fit.motors]
+    size = [motor.rows.sum() for motor in fit.rows.motors]
+    unknowns = np.append(fit.x, np.zeros(len(fit.gains)))
+    rms = [m.residual(unknowns) / np.sqrt(max(n, 1)) for m, n in zip(fit.rows.motors, size, strict=True)]
+    return PayloadIdentification(
+        model=model,
+        payloads=tuple(found),
+        gains=_gains(fit, observations[0], left_out) if gains else None,
+        base=_base(own, fit, layout),
+        residual={label: float(value) for label, value in zip(labels, rms, strict=True)},
+        notes=() if wide is own or not _removed(model, bodies) else (_removed(model, bodies),),
+    )
+
+
+def _many(data: Recorded | Sequence[Recorded]) -> tuple[Recorded, ...]:
+    return (data,) if isinstance(data, Motion | Poses) else tuple(data)
+
+
+def _check(
+    model: DynamicModel,
+    bare: Sequence[Recorded],
+    loaded: Sequence[tuple[AttachedBody, Sequence[Recorded]]],
+    gains: bool,
+) -> None:
+    """Raise SettingError or UnknownNameError for what cannot be a payload identification."""
+    if not bare or not loaded or not all(data for _, data in loaded):
+        raise SettingError(
+            "payloads are identified from at least one recording without payload and one with each.",
+            where="loaded" if bare else "bare",
+            advice="Record the same motion with and without.",
+        )
+    names = [body.name for body, _ in loaded]
+    for body, _ in loaded:
+        if body.link not in model.device.joint_names:
+            raise UnknownNameError(
+                f"payload {body.name}: the device has no link {body.link!r}.",
+                where="link",
+                found=body.link,
+                limit=tuple(model.device.joint_names),
+                advice=suggestion(body.link, model.device.joint_names),
+            )
+        if names.count(body.name) > 1:
+            raise SettingError(f"two payloads have the name {body.name!r}.", where=body.name, advice="Rename one.")
+    kinds = {isinstance(one, Poses) for data in (bare, *(data for _, data in loaded)) for one in data}
+    if len(kinds) > 1:
+        raise SettingError(
+            "motions and poses are mixed: the base parameters of poses are not those of motions.",
+            where="loaded",
+            advice="Identify from the motions, or from the poses.",
+        )
+    if gains and not any(body.mass is not None for body, _ in loaded):
+        raise SettingError(
+            "drive gains are unknown, and so is the mass of every payload: torque and mass scale together.",
+            where="gains",
+            advice="Weigh a payload and give its mass.",
+        )
+
+
+def _observed(model: DynamicModel, data: Sequence[Recorded]) -> Observation:
+    motions = [one for one in data if isinstance(one, Motion)]
+    if motions:
+        return observe(model, *motions)
+    assert isinstance(model, StaticModel)
+    return reduce(add, [observe_poses(model, one) for one in data if isinstance(one, Poses)])
+
+
+def _check_shared(observations: Sequence[Observation]) -> None:
+    for k, one in enumerate(observations):
+        for other in observations[:k]:
+            block = one.shares_rows_with(other)
+            if block is not None:
+                raise SharedRowsError(
+                    f"{block.start:.3f} to {block.stop:.3f} s of log {block.log[:12]} are given for two loads.",
+                    where=block.log,
+                    found=(block.start, block.stop),
+                    advice="Give each recording once.",
+                )
+
+
+def payload_model(model: DynamicModel, links: Sequence[str]) -> DynamicModel:
+    """The model in which some links have all ten inertial parameters, whatever symmetries their bare bodies have."""
+    device, parameters = model.device, model.device.parameters
+    wanted = {kind + link for link in links for kind in INERTIAL}
+    if all(name in parameters.index and parameters.members[parameters.index[name]] == (name,) for name in wanted):
+        return model
+    symmetries = [
+        Symmetry(
+            rule.reason,
+            tuple(name for name in rule.zero if name not in wanted),
+            tuple(g for group in rule.equal if len(g := tuple(n for n in group if n not in wanted)) > 1),
+        )
+        for rule in device.symmetry
+    ]
+    massive = [joint.body or joint.name in links for joint in device.joints]
+    free = standard_parameters(device.joint_names, massive, device.terms, symmetries)
+    joints = tuple(replace(joint, body=body) for joint, body in zip(device.joints, massive, strict=True))
+    wider = replace(device, joints=joints, parameters=free, targets=())
+    return DynamicModel(wider, model.terms)
+
+
+def _removed(model: DynamicModel, bodies: Sequence[AttachedBody]) -> str:
+    """A note on the parameters that the device file removes from a link, and a payload has all the same."""
+    index = model.device.parameters.index
+    lost = [
+        kind + link for link in dict.fromkeys(b.link for b in bodies) for kind in INERTIAL if kind + link not in index
+    ]
+    return (
+        f"The device file has {listed(lost)} zero for the bare link; for the payload they were estimated."
+        if lost
+        else ""
+    )
+
+
+def _embedding(own: DynamicModel, wide: DynamicModel) -> Array:
+    """Base parameters of the wider model from those of the device's own, (wide p, p)."""
+    if wide is own:
+        return np.eye(len(own.base))
+    narrow, free = own.device.parameters, wide.device.parameters
+    E = np.zeros((len(free), len(narrow)))
+    for k, members in enumerate(narrow.members):
+        for name in members:
+            E[free.index[name], k] = 1.0
+    return np.asarray(wide.base.regrouping @ E[:, list(own.base.independent_columns)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Where the unknowns are: parameters of the bodies; of friction, once or for each load; of each payload.
+
+    Attributes:
+        embedding: base parameters of the payload model from those of the device, (wide p, p).
+        varying: which of these vary with the load, (p,), bool.
+        loads: number of loads, the bare device counted.
+        shared: whether friction is the same for all.
+        offsets, bases: of each payload, its effect on the base parameters as offset + basis u.
+        maps: the ten parameters of each as offset + basis u.
+    """
+
+    embedding: Array
+    varying: np.ndarray
+    shared: bool
+    offsets: tuple[Array, ...]
+    bases: tuple[Array, ...]
+    maps: tuple[tuple[Array, Array], ...]
+
+    @staticmethod
+    def of(
+        own: DynamicModel, wide: DynamicModel, embedding: Array, bodies: Sequence[AttachedBody], shared: bool
+    ) -> _Layout:
+        varying = np.array([_varies(own, k) for k in own.base.independent_columns])
+        offsets, bases, maps = [], [], []
+        for body in bodies:
+            joint = wide.device.joints[wide.device.joint_names.index(body.link)]
+            index = [wide.device.parameters.index[kind + body.link] for kind in INERTIAL]
+            effect = wide.base.regrouping[:, index]
+            offset, basis = body.unknowns(joint)
+            offsets.append(effect @ offset)
+            bases.append(effect @ basis)
+            maps.append((offset, basis))
+        return _Layout(embedding, varying, shared, tuple(offsets), tuple(bases), tuple(maps))
+
+    @property
+    def _friction(self) -> int:
+        return int(self.varying.sum())
+
+    @property
+    def _start(self) -> int:
+        """Index of the first payload's first unknown."""
+        copies = 0 if self.shared else len(self.bases)
+        return len(self.varying) + copies * self._friction
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self._start + sum(int(basis.shape[1]) for basis in self.bases)
+
+    def columns(self, payload: int) -> tuple[np.ndarray, Array, Array]:
+        """Indices of a payload's unknowns, and offset and basis of its ten parameters."""
+        before = self._start + sum(basis.shape[1] for basis in self.bases[:payload])
+        return np.arange(before, before + self.bases[payload].shape[1]), *self.maps[payload]
+
+    def affine(self, load: int) -> tuple[Array, Array]:
+        """M and m of a load; 0 is the bare device."""
+        M, m = np.zeros((len(self.embedding), self.size)), np.zeros(len(self.embedding))
+        p = len(self.varying)
+        M[:, :p] = self.embedding
+        if load and not self.shared and self._friction:
+            begin = p + (load - 1) * self._friction
+            M[:, begin : begin + self._friction] = M[:, :p][:, self.varying]
+            M[:, :p][:, self.varying] = 0.0
+        if load:
+            M[:, self.columns(load - 1)[0]] += self.bases[load - 1]
+            m = self.offsets[load - 1]
+        return M, m
+
+
+def _varies(model: DynamicModel, column: int) -> bool:
+    """Whether a standard parameter is one of friction or offset."""
+    raw = int(np.argmax(model.device.parameters.S[:, column])) - 10 * len(model.device.joints)
+    return raw >= 0 and model.terms[raw].kind in VARYING
+
+
+def _fitted(rows: Sequence[LoadedRows], like: Observation, gains: bool) -> tuple[JointFit, tuple[str, ...]]:
+    """The fit, and sentences on motors left out because their gain is not determined."""
+    motors = [k for k in range(len(like.motors)) if all(load.observation.motors[k].rows.sum() for load in rows)]
+    without = [like.motors[k].label for k in range(len(like.motors)) if k not in motors]
+    said = [f"{label} is left out: a recording has no rows of it." for label in without]
+    if not gains:
+        return joint_fit(rows, motors, ()), tuple(said)
+    # A motor whose gain is free and undetermined says nothing of the others' scale, so its rows are left out too.
+    while motors:
+        # The null space is that of a step from the file's gains; standard errors are those of the converged fit.
+        try:
+            fit = joint_fit(rows, motors, motors)
+        except ConvergenceError:  # a gain that nothing holds drifts away
+            fit = None
+        if fit is not None:
+            se = np.sqrt(np.maximum(np.diag(fit.spread(fit.of_gains()).covariance), 0.0))
+            se[~fit.determined(fit.of_gains())] = np.inf
+            if se.max() <= LARGEST_GAIN_SE:
+                return fit, tuple(said)
+            worst = int(np.argmax(se))
+            size = "" if np.isinf(se[worst]) else f" (standard error {100 * se[worst]:.0f} %)"
+        else:
+            worst, size = _least_loaded(rows, motors), ""
+        label = like.motors[motors.pop(worst)].label
+        said.append(f"{label} is left out: the known masses do not determine its gain{size}; they load it too little.")
+    raise IdentifiabilityError(
+        "the known masses determine the gain of no motor.",
+        found=0,
+        limit=1,
+        advice="Use a heavier payload, farther out, in poses where it loads the motors; or record longer.",
+    )
+
+
+def _least_loaded(rows: Sequence[LoadedRows], motors: Sequence[int]) -> int:
+    """Position in `motors` of the one whose torque the known part of the payloads changes least."""
+    shares = []
+    for k in motors:
+        known = whole = 0.0
+        for load in rows:
+            motor = load.observation.motors[k]
+            known += float(np.linalg.norm(motor.whole[:, :-1] @ load.m[motor.columns]) ** 2)
+            whole += motor.norm**2
+        shares.append(known / whole)
+    return int(np.argmin(shares))
+
+
+def _gains(fit: JointFit, like: Observation, left_out: tuple[str, ...]) -> DriveGains:
+    labels = tuple(like.motors[k].label for k in fit.gains)
+    made, factor = fit.spread(fit.of_gains()), np.exp(fit.theta)
+    covariance = made.covariance * np.outer(factor, factor)
+    quantities = Quantities(labels, ("1",) * len(labels), factor, covariance, made.dof, tuple(made.alone.tolist()))
+    return DriveGains(labels, quantities, left_out)
+
+
+def _padded(rows: Array, fit: JointFit, columns: np.ndarray) -> Array:
+    """Combinations of a payload's unknowns as combinations of all, (q, unknowns + gains)."""
+    made = np.zeros((len(rows), len(fit.scale)))
+    made[:, columns] = rows
+    return made
+
+
+def _base(own: DynamicModel, fit: JointFit, layout: _Layout) -> Quantities:
+    """Base parameters of the bare device that the rows determine."""
+    p = len(layout.varying)
+    rows = np.eye(len(fit.scale))[:p]
+    known = np.flatnonzero(fit.determined(rows))
+    spread = fit.spread(rows[known])
+    return Quantities(
+        tuple(own.base.names[k] for k in known),
+        tuple(own.base.units[k] for k in known),
+        fit.x[known],
+        spread.covariance,
+        spread.dof,
+        tuple(spread.alone.tolist()),
+    )
+
+
+def _payload(
+    model: DynamicModel, body: AttachedBody, fit: JointFit, place: tuple[np.ndarray, Array, Array], static: bool
+) -> PayloadEstimate:
+    """What the fit says of one payload."""
+    columns, offset, basis = place
+    joint = model.device.joints[model.device.joint_names.index(body.link)]
+    phi = offset + basis @ fit.x[columns]
+    moving = basis.any(axis=1) if basis.size else np.zeros(10, dtype=bool)
+    ways = _padded(basis, fit, columns)
+    known = fit.determined(ways) | ~moving
+    shown = np.flatnonzero(known & moving)
+    spread = fit.spread(ways[shown])
+    parameters = Quantities(
+        tuple(INERTIAL[k] + body.link for k in shown),
+        tuple(INERTIAL_UNITS[k] for k in shown),
+        phi[shown],
+        spread.covariance,
+        spread.dof,
+        tuple(spread.alone.tolist()),
+    )
+    figures, told = _figures(body, joint, phi, basis, fit, columns, bool(known[9]))
+    consistent = nearest_body(joint, phi, offset, basis, fit, columns, told) if known[9] else None
+    return PayloadEstimate(body, parameters, figures, _left_out(body, known, told, static), consistent)
+
+
+def _figures(
+    body: AttachedBody,
+    joint: Joint,
+    phi: Array,
+    basis: Array,
+    fit: JointFit,
+    columns: np.ndarray,
+    mass_known: bool,
+) -> tuple[Quantities, np.ndarray]:
+    """The figures that are determined and were not given, and which are determined, (10,), bool."""
+    nothing = Quantities((), (), np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+    if not mass_known or phi[9] == 0:
+        return nothing, np.zeros(10, dtype=bool)
+    size = np.array([max(abs(phi[:6]).max(), 1e-6)] * 6 + [max(abs(phi[6:9]).max(), 1e-6)] * 3 + [abs(phi[9])])
+    step = _STEP * size
+    gradient = np.column_stack(
+        [
+            (body_figures(joint, phi + step * unit) - body_figures(joint, phi - step * unit)) / (2 * step @ unit)
+            for unit in np.eye(10)
+        ]
+    )
+    ways = _padded(gradient @ basis, fit, columns)
+    own = ways / fit.scale
+    # Measured against the size of the parameters: differences leave rounding in the gradient.
+    hidden = np.linalg.norm(own @ fit.null, axis=1)
+    whole = np.linalg.norm(np.abs(gradient) @ np.abs(basis) / fit.scale[columns], axis=1) if basis.size else 0.0
+    told = np.asarray(hidden <= _BLIND * np.maximum(whole, 1e-300))
+    given = np.zeros(10, dtype=bool)
+    given[0], given[1:4], given[4:] = body.mass is not None, body.com is not None, body.inertia is not None
+    shown = np.flatnonzero(told & ~given)
+    spread, values = fit.spread(ways[shown]), body_figures(joint, phi)[shown]
+    names, units = tuple(FIGURES[k] for k in shown), tuple(FIGURE_UNITS[k] for k in shown)
+    made = Quantities(names, units, values, spread.covariance, spread.dof, tuple(spread.alone.tolist()))
+    return made, told
+
+
+def _left_out(body: AttachedBody, known: np.ndarray, told: np.ndarray, static: bool) -> tuple[str, ...]:
+    """Sentences on what the rows do not determine."""
+    lost = [INERTIAL[k] + body.link for k in np.flatnonzero(~known)]
+    if not lost:
+        return ()
+    inertia = not known[:6].any()
+    if static and inertia:
+        rest = [name for name in lost if name[: len(name) - len(body.link)] in ("MX", "MY", "MZ", "M")]
+        more = f", nor {listed(rest)}" if rest else ""
+        return (f"Poses do not determine the inertia of {body.name}{more}: record motions for it.",)
+    figures = [FIGURES[k] for k in np.flatnonzero(~told)]
+    shown = f", hence not {listed(figures)}" if figures else ""
+    return (f"These recordings do not determine {listed(lost)} of {body.name}{shown}.",)

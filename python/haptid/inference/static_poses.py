@@ -1,0 +1,281 @@
+"""Identification from held poses: gravity, springs, offsets and Coulomb friction, and whether to compensate gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.static import COULOMB, StaticModel, static_model
+from haptid.errors import EstimationError, NoRowsError, listed
+from haptid.estimation import WLS, Estimate, estimate
+from haptid.estimation.method import Method
+from haptid.motion.holds import Poses
+from haptid.observation.observation import Observation
+from haptid.observation.static import observe_poses
+from haptid.uncertainty.quantities import aligned
+
+# Most folds of the cross-validation; configurations are dealt to them in turn.
+MOST_FOLDS = 10
+# Significance level at which compensation is proven to take torque off.
+COMPENSATION_SIGNIFICANCE = 0.05
+
+
+@dataclass(frozen=True)
+class GravityVerdict:
+    """Whether a motor's gravity is worth compensating, by poses that the fit has not seen.
+
+    Attributes:
+        label, unit: of the motor.
+        verdict: "worth it"; "not needed" where friction alone holds the arm at every pose; "unproven" where the
+            predicted torque takes nothing off significantly, or no pose could be held out.
+        holding: root mean square torque that holds the configurations, friction averaged out, N m or N.
+        left: the same with the predicted gravity, springs and offset taken off, at configurations not fitted.
+        explained: 1 - left^2 / holding^2, per cent.
+        friction: root mean square Coulomb friction, N m or N.
+        configurations: that were predicted without having been fitted.
+        p: one-sided p-value of the hypothesis that nothing is taken off.
+    """
+
+    label: str
+    unit: str
+    verdict: Literal["worth it", "not needed", "unproven"]
+    holding: float
+    left: float
+    explained: float
+    friction: float
+    configurations: int
+    p: float
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        figures = (
+            f"{self.label}: {self.explained:.0f} % of the holding torque ({self.holding:.3g} {self.unit} RMS) is "
+            f"explained at {self.configurations} configurations not fitted; {self.left:.2g} {self.unit} is left, "
+            f"friction is {self.friction:.2g} {self.unit}."
+        )
+        match self.verdict:
+            case "worth it":
+                return f"{figures} Gravity compensation is worth it."
+            case "not needed":
+                return f"{figures} Gravity compensation is not needed: friction holds every pose."
+        if not self.configurations:
+            return f"{self.label}: no configuration could be held out. Record more poses."
+        return f"{figures} Gravity compensation is unproven (p = {self.p:.2g}): record more poses, with larger moves."
+
+
+@dataclass(frozen=True, eq=False)
+class StaticIdentification:
+    """A device identified from held poses.
+
+    Attributes:
+        poses: that were used.
+        estimate: static base parameters; intervals are clustered by configuration.
+        left_out: sentences on what the poses do not determine.
+        verdicts: one for each motor.
+    """
+
+    poses: Poses
+    estimate: Estimate
+    left_out: tuple[str, ...]
+    verdicts: tuple[GravityVerdict, ...]
+
+    @property
+    def model(self) -> StaticModel:
+        """The static model, with the base parameters that the poses determine."""
+        assert isinstance(self.estimate.model, StaticModel)
+        return self.estimate.model
+
+    def holding_torque(self, qa: ArrayLike) -> Array:
+        """Torque of gravity, springs and offsets, (coordinates, poses), N m or N.
+
+        Args:
+            qa: positions of the active joints, (active, poses), rad or m.
+        """
+        c = self.model.device.row_map @ np.asarray(qa, dtype=float)
+        return self.model.torque(self.estimate.beta, np.ascontiguousarray(c))
+
+    def summary(self) -> str:
+        """Table of parameters, verdicts and notes."""
+        base = self.estimate.base
+        groups = [[name, text] for name, text in zip(base.names, base.groupings, strict=True) if name != text]
+        parts = [self.estimate.quantities.table()]
+        if groups:
+            parts.append("\n".join(f"{name} = {text}" for name, text in groups))
+        parts.append("\n".join([v.sentence for v in self.verdicts]))
+        parts.append("\n".join([*self.left_out, *self.estimate.notes, *self.noise_notes()]))
+        return "\n\n".join(part for part in parts if part)
+
+    def noise_notes(self) -> Iterator[str]:
+        """Noise of the means within holds compared with the residual between poses, one sentence for each motor."""
+        model, beta = self.model, self.estimate.beta
+        rest = self.poses.tau - model.torque(beta, self.poses.c.T, self.poses.approach.T).T
+        used = model.used_rows(self.poses.approach.T).T
+        for row in np.flatnonzero(model.device.measured).tolist():
+            se = self.poses.se[used[:, row], row]
+            if se.size and np.isfinite(se).any():
+                within, between = (
+                    float(np.sqrt(np.nanmean(se**2))),
+                    float(np.sqrt(np.mean(rest[used[:, row], row] ** 2))),
+                )
+                unit = model.device.torque_units[row]
+                yield (
+                    f"{model.device.row_labels[row]}: {within:.2g} {unit} is the noise of a pose's mean, "
+                    f"{between:.2g} {unit} the residual between poses."
+                )
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON values."""
+        base = self.estimate.base
+        return {
+            "device": self.model.device.name,
+            "poses": len(self.poses),
+            "configurations": self.poses.configurations,
+            "parameters": [
+                one | {"grouping": text}
+                for one, text in zip(self.estimate.quantities.to_json(), base.groupings, strict=True)
+            ],
+            "status": self.estimate.status,
+            "left_out": list(self.left_out),
+            "gravity": [
+                {
+                    "motor": v.label,
+                    "unit": v.unit,
+                    "verdict": v.verdict,
+                    "holding_rms": v.holding,
+                    "left_rms": v.left,
+                    "explained_percent": v.explained,
+                    "friction_rms": v.friction,
+                    "configurations": v.configurations,
+                    "p": v.p,
+                }
+                for v in self.verdicts
+            ],
+            "notes": [*self.estimate.notes, *self.noise_notes()],
+        }
+
+    def gravity_table(self) -> str:
+        """The verdicts as a text table."""
+        rows = [["", "holding", "left", "explained", "friction", "unit", "verdict"]]
+        rows += [
+            [
+                v.label,
+                f"{v.holding:.3g}",
+                f"{v.left:.2g}",
+                f"{v.explained:.0f} %",
+                f"{v.friction:.2g}",
+                v.unit,
+                v.verdict,
+            ]
+            for v in self.verdicts
+        ]
+        return "\n".join(aligned(rows))
+
+
+def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = None) -> StaticIdentification:
+    """Identify gravity, springs, offsets and Coulomb friction from held poses.
+
+    The base parameters are those of the static regressor at these poses; what they do not determine is left out.
+
+    Args:
+        model: the dynamic model.
+        poses: by `find_poses` or `read_poses`.
+        method: of estimation, one that works on R factors; `WLS()` where None.
+
+    Raises:
+        NoRowsError: no joint moved between poses, or fewer rows than parameters.
+        LogMismatchError: the channels do not fit the device.
+    """
+    whole = static_model(model)
+    told = whole.told_by(poses.c.T, poses.approach.T)
+    if not len(told.base):
+        raise NoRowsError("no joint moved between the poses, so no torque is used.", found=0, limit=1)
+    observation = observe_poses(told, poses)
+    observation = replace(observation, motors=tuple(motor for motor in observation.motors if motor.rows.sum()))
+    made = estimate(observation, method or WLS())
+    return StaticIdentification(
+        poses, made, _static_left_out(model, whole, told), tuple(_verdicts(poses, observation, made, method or WLS()))
+    )
+
+
+def _static_left_out(model: DynamicModel, whole: StaticModel, told: StaticModel) -> tuple[str, ...]:
+    """Sentences on what poses, and these poses, do not determine."""
+    said = []
+    moving = [name for name in whole.base.no_effect if name not in model.base.no_effect]
+    if moving:
+        said.append(
+            f"{len(moving)} parameters have no effect on the torque of a held pose, inertia and viscous friction among "
+            f"them: record motion for {listed(moving)}."
+        )
+    lost = [
+        whole.device.parameters.names[k]
+        for k in whole.base.independent_columns
+        if k not in told.base.independent_columns
+    ]
+    if lost:
+        dry = {term.name for term in whole.terms if term.kind in COULOMB} & set(lost)
+        advice = "reach each pose from both sides" if dry else "add poses that move other joints, and move them further"
+        said.append(f"These poses do not determine {listed(lost)} separately: {advice}.")
+    return tuple(said)
+
+
+def _verdicts(poses: Poses, observation: Observation, made: Estimate, method: Method) -> Iterator[GravityVerdict]:
+    """The gravity verdict of each motor, by cross-validation over configurations."""
+    model = observation.model
+    assert isinstance(model, StaticModel)
+    used, count = model.used_rows(poses.approach.T).T, poses.configurations
+    predicted = np.full(poses.tau.shape, np.nan)
+    fold_of = np.arange(count) % min(count, MOST_FOLDS)
+    for fold in range(int(fold_of.max()) + 1):
+        unseen = np.isin(poses.configuration, np.flatnonzero(fold_of == fold))
+        try:
+            beta = estimate(observation.pick(np.flatnonzero(fold_of != fold)), method).beta
+        except EstimationError:  # the other poses do not determine the parameters: nothing is predicted
+            continue
+        predicted[unseen] = model.torque(beta, poses.c[unseen].T).T
+    smooth = model.torque(made.beta, poses.c.T).T
+    friction = model.torque(made.beta, poses.c.T, poses.approach.T).T - smooth
+    for row in np.flatnonzero(model.device.measured).tolist():
+        own = used[:, row]
+        held, missing = [], []
+        for k in range(count):
+            here = np.flatnonzero(own & (poses.configuration == k) & np.isfinite(predicted[:, row]))
+            if here.size:
+                # Sides are averaged with equal weight; a configuration with one side has its friction taken off.
+                sides = poses.approach[here, row]
+                both = {1.0, -1.0} <= set(sides.tolist())
+                tau = poses.tau[here, row] - (0.0 if both else friction[here, row])
+                groups = (
+                    [sides == side for side in np.unique(np.nan_to_num(sides))] if both else [np.ones(len(here), bool)]
+                )
+                held.append(np.mean([tau[group].mean() for group in groups]))
+                missing.append(held[-1] - np.mean([predicted[here, row][group].mean() for group in groups]))
+        yield _verdict(model, row, np.array(held), np.array(missing), friction[own, row], smooth[own, row])
+
+
+def _verdict(
+    model: StaticModel, row: int, held: Array, missing: Array, friction: Array, smooth: Array
+) -> GravityVerdict:
+    """From the holding torque and the unseen error of each configuration."""
+    dry = float(np.sqrt(np.mean(friction**2))) if friction.size else 0.0
+    holding, left = (float(np.sqrt(np.mean(x**2))) if x.size else float("nan") for x in (held, missing))
+    explained = 100 * (1 - (left / holding) ** 2) if held.size and holding > 0 else float("nan")
+    p = 1.0
+    if held.size > 1:
+        gain = held**2 - missing**2
+        spread = float(gain.std(ddof=1) / np.sqrt(gain.size))
+        p = float(stats.t.sf(gain.mean() / spread, gain.size - 1)) if spread > 0 else float(gain.mean() <= 0)
+    verdict: Literal["worth it", "not needed", "unproven"] = "unproven"
+    if p < COMPENSATION_SIGNIFICANCE:
+        verdict = "worth it"
+    if smooth.size and np.abs(smooth).max() < dry:
+        verdict = "not needed"
+    label, unit = model.device.row_labels[row], model.device.torque_units[row]
+    return GravityVerdict(label, unit, verdict, holding, left, explained, dry, int(held.size), p)

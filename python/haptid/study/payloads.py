@@ -1,0 +1,153 @@
+"""A study's payloads and drive gains, and its held poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation import WLS, ClusterRobust
+from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
+from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import PayloadIdentification, Recorded, identify_payloads
+from haptid.inference.static_poses import StaticIdentification, identify_poses
+from haptid.log import read_log
+from haptid.motion.holds import Poses, find_poses, join_poses, read_poses
+from haptid.motion.treatment import treat
+from haptid.study.schema import fault
+from haptid.study.study import LogEntry, Study
+from haptid.treatment_choice.propose import propose
+
+_Progress = Callable[[str, float], None]
+
+
+def study_payloads(
+    study: Study,
+    data: str | Path | None = None,
+    *,
+    gains: bool = False,
+    shared_friction: bool = False,
+    progress: _Progress | None = None,
+) -> PayloadIdentification:
+    """Identify the payloads of a study's logs, and on request the drive gains.
+
+    Logs with the role "identify" are used; those without `payload` are of the bare device, and the treatment is
+    proposed from them.
+
+    Args:
+        study: of motions, or of poses.
+        data: where relative log paths start; the study's own folder where None.
+        gains, shared_friction: as for `haptid.identify_payloads`.
+        progress: called with the name of a step and the share of it done.
+
+    Raises:
+        StudyFileError: there is no log without payload, or none with one; two logs of a payload differ.
+        HaptidError: any error of the steps.
+    """
+    tell = progress or (lambda _what, _share: None)
+    entries = [entry for entry in study.logs if entry.role == "identify"]
+    bodies = _bodies(study, entries)
+    model, recorded = _recorded(study, entries, data, tell)
+    tell("identifying payloads", 0.0)
+    bare = [one for one, entry in zip(recorded, entries, strict=True) if entry.body is None]
+    loaded = [
+        (body, [one for one, entry in zip(recorded, entries, strict=True) if entry.body and entry.body.name == name])
+        for name, body in bodies.items()
+    ]
+    found = identify_payloads(model, bare, loaded, gains=gains, shared_friction=shared_friction)
+    tell("identifying payloads", 1.0)
+    return found
+
+
+def _bodies(study: Study, entries: Sequence[LogEntry]) -> dict[str, AttachedBody]:
+    """The payloads by name, in the order of the logs."""
+    bodies: dict[str, AttachedBody] = {}
+    for k, entry in enumerate(entries):
+        if entry.body is None:
+            continue
+        first = bodies.setdefault(entry.body.name, entry.body)
+        if not _agree(first, entry.body):
+            what = f"payload {first.name!r} is another one than in an earlier log"
+            raise fault(study.path, f"logs.{k}.payload", what, advice="Give it the same values, or another name.")
+    if not bodies or all(entry.body for entry in entries):
+        what = "no log has a payload" if not bodies else "every log has a payload"
+        advice = "Payloads are identified from logs with and without: give the former `payload = { link = ... }`."
+        raise fault(study.path, "logs", what, advice=advice)
+    return bodies
+
+
+def _agree(one: AttachedBody, other: AttachedBody) -> bool:
+    same = (one.link, one.mass) == (other.link, other.mass)
+    pairs = ((one.com, other.com), (one.inertia, other.inertia))
+    return same and all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in pairs)
+
+
+def _recorded(
+    study: Study, entries: Sequence[LogEntry], data: str | Path | None, tell: _Progress
+) -> tuple[DynamicModel, list[Recorded]]:
+    """The model at its nonlinear constants, and poses or treated motions of the entries."""
+    model = DynamicModel(read_device(study.device))
+    if study.poses is not None:
+        return model, [_poses_of(study, model, entry, data, tell) for entry in entries]
+    folder = Path(data or study.path.parent)
+    logs = []
+    for entry in entries:
+        tell(f"reading {Path(entry.path).name}", 0.0)
+        logs.append(read_log(folder / entry.path, entry.channels, time_range=entry.time_range))
+        tell(f"reading {Path(entry.path).name}", 1.0)
+    tell("choosing a treatment", 0.0)
+    bare = [log for log, entry in zip(logs, entries, strict=True) if entry.body is None]
+    treatment = propose(model, *bare, **study.treatment).treatment
+    tell("choosing a treatment", 1.0)
+    motions = [treat(log, treatment) for log in logs]
+    without = [motion for motion, entry in zip(motions, entries, strict=True) if entry.body is None]
+    model, _ = fit_nonlinear_constants(model, without, WLS(), ClusterRobust(), tell)
+    return model, list(motions)
+
+
+def _poses_of(study: Study, model: DynamicModel, entry: LogEntry, data: str | Path | None, tell: _Progress) -> Poses:
+    """The poses of a log, or of a table."""
+    assert study.poses is not None
+    path = Path(data or study.path.parent) / entry.path
+    tell(f"reading {path.name}", 0.0)
+    if study.poses.table:
+        assert entry.channels is not None  # the reader of studies has seen to it
+        found = read_poses(path, model.device, entry.channels, study.poses.approach)
+    else:
+        log = read_log(path, entry.channels, time_range=entry.time_range)
+        found = find_poses(model.device, log, study.poses.detection)
+    tell(f"reading {path.name}", 1.0)
+    return found
+
+
+def study_poses(
+    study: Study, data: str | Path | None = None, progress: _Progress | None = None
+) -> StaticIdentification:
+    """Identify gravity, springs and friction from the held poses of a study's logs.
+
+    Logs with the role "identify" and without payload are used, with the study's method where it works on R factors.
+
+    Args:
+        study: with a table `[poses]`.
+        data: where relative log paths start; the study's own folder where None.
+        progress: called with the name of a step and the share of it done.
+
+    Raises:
+        StudyFileError: the study has no `[poses]`, or no log without payload.
+        HaptidError: any error of the steps.
+    """
+    tell = progress or (lambda _what, _share: None)
+    if study.poses is None:
+        advice = "Add the table [poses]; it may be empty. `haptid schema study` prints its keys."
+        raise fault(study.path, "poses", "missing: its logs are motions", advice=advice)
+    entries = [entry for entry in study.logs if entry.role == "identify" and entry.body is None]
+    if not entries:
+        raise fault(study.path, "logs", "every log has a payload", advice="`haptid payload` identifies payloads.")
+    model, poses = _recorded(study, entries, data, tell)
+    tell("identifying gravity", 0.0)
+    found = identify_poses(model, join_poses(*(one for one in poses if isinstance(one, Poses))))
+    tell("identifying gravity", 1.0)
+    return found
