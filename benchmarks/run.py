@@ -35,6 +35,7 @@ import start_up
 import virtual_bench
 import yardstick
 from haptid import _core
+from zoo import study as zoo_study
 
 HERE = Path(__file__).parent
 STUDIES = {
@@ -61,6 +62,7 @@ STUDIES = {
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
     "yardstick": yardstick.run,
+    "zoo": zoo_study.run,
 }
 
 
