@@ -36,6 +36,7 @@ import speed_report
 import start_up
 import virtual_bench
 from haptid import _core
+from zoo import study as zoo_study
 
 HERE = Path(__file__).parent
 STUDIES = {
@@ -63,6 +64,7 @@ STUDIES = {
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
     "estimator-benchmark": estimator_benchmark.run,
+    "zoo": zoo_study.run,
 }
 
 

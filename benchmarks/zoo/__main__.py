@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--diagnose", action="store_true", help="ask for the report's verdict too: minutes")
     parser.add_argument("--worst", type=int, default=10, help="how many of the worst cases are printed")
     parser.add_argument("--list", action="store_true", help="print the cases only")
-    parser.add_argument("--out", type=Path, default=RESULTS / "zoo-cases.json", help="where scores are stored")
+    parser.add_argument("--out", type=Path, help="where scores are stored; whole draws go to the results unasked")
     given = parser.parse_args()
     seed = final_seed() if given.final else given.seed
     cases = chosen(draw(given.cases, seed), given.only)
@@ -46,7 +46,11 @@ def main() -> None:
         former = aggregate(known, [kept[str(case)] for case in known])
     print(table(figures, former))
     print(worst(rows, given.worst))
-    keep(given.out, {"cases": given.cases, "seed": seed, "only": given.only}, rows, figures)
+    out = given.out
+    if out is None and given.only is None and given.cases == CASES and (given.final or seed == SEED):
+        out = RESULTS / ("zoo-final.json" if given.final else "zoo-cases.json")
+    if out is not None:
+        keep(out, {"cases": given.cases, "seed": seed, "only": given.only}, rows, figures)
 
 
 if __name__ == "__main__":
