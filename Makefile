@@ -14,7 +14,7 @@ demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
 
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(VENV)/.test
 	cargo fmt --all --check

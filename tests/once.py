@@ -1,4 +1,4 @@
-"""What several tests need is made once in a test run, by the first worker that asks, and kept on disk for the others."""
+"""What several tests need is made once in a test run, by the first worker that asks, and kept for the others."""
 
 from __future__ import annotations
 

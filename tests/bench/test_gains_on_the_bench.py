@@ -33,7 +33,8 @@ def wrong(tmp_path_factory):
 def observed(arm, model, seed, payload=None):
     """Rows of `device` from a log of `arm` under its controller, through encoders."""
     encoders = bench.Encoders((4000.0,), CASE.gear)
-    setup = bench.Setup(arm, truth_of(CASE), bench.Controller(CASE.kp, CASE.kd), encoders=encoders, payload=payload)
+    controller, physics = bench.Controller(CASE.kp, CASE.kd), bench.Physics(5e-4)
+    setup = bench.Setup(arm, truth_of(CASE), controller, encoders=encoders, payload=payload, physics=physics)
     kind = bench.Multisine(SECONDS, CASE.centre, CASE.amplitude, speed=CASE.speed)
     trajectory = bench.plan(kind, arm, setup.dt, np.random.default_rng(seed))
     made, inner = bench.simulate(setup, trajectory, np.random.default_rng(seed)), slice(ENDS, -ENDS)

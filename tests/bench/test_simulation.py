@@ -50,7 +50,7 @@ def test_motor_torques_are_those_of_the_model_at_the_exact_states(name):
 
 def test_exact_states_give_the_parameters_back():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    off = exact_identification(model, phantom(20.0, model))
+    off = exact_identification(model, phantom(20.0, model, step=5e-4))
     assert off["torque"] < 0.01
     assert off["parameters"] < 0.05
     assert off["Coulomb"] < 0.01

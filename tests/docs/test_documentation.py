@@ -42,6 +42,8 @@ STATUS = re.compile(r"\s*# exit status (\d)$")
 # What the shell does with a command.
 SHELL = re.compile(r"[|&;<>$*`]")
 SHARED = "../shared/data"
+# After which a command that hangs is given up, s.
+PATIENCE = 900
 # What is smaller is rounding, and another one on another processor.
 ROUNDING = 1e-12
 # Of each recording: the parameters that the README quotes, with their form, and the form of its errors.
@@ -212,7 +214,7 @@ def run_make(target: str) -> str:
 
 
 def run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False, timeout=60)
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False, timeout=PATIENCE)
 
 
 def run_python(block: Block, names: dict[str, Any]) -> str:

@@ -76,8 +76,14 @@ def test_promised_deviations_come_true(found):
     assert list(found.predicted) == list(PHANTOM.base.names)
 
 
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
-@pytest.mark.parametrize("criterion", [ScaledCondition(), RawCondition(), Information(), LargestDeviation()])
+@pytest.mark.parametrize(
+    ("family", "criterion"),
+    [
+        *((FAMILIES[0], criterion) for criterion in (ScaledCondition(), RawCondition(), Information())),
+        (FAMILIES[1], LargestDeviation()),
+    ],
+    ids=lambda either: type(either).__name__,
+)
 def test_search_improves_and_the_bench_accepts_what_it_finds(family, criterion):
     wanted = replace(WITHIN, torque=(0.5,), couplings=(Coupling((0.0, 1.0, -1.0), -0.7, 0.7),))
     made = design(PHANTOM, family, wanted, criterion=criterion, beta=BETA, search=SHORT)

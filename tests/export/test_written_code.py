@@ -17,7 +17,8 @@ from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
 SPEED = 0.01
-STATES = 100_000
+# Of states at random: a wrong branch or sign shows in any of them; what is rare are poses close to singular ones.
+STATES = 2000
 DEVICES = (
     "phantom_premium_15",
     "phantom_premium_15_general",
@@ -58,8 +59,9 @@ def seven(tmp_path_factory):
     return haptid.DynamicModel(haptid.read_device(path))
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize(
+    ("name", "precision"), [*((name, "double") for name in DEVICES), (DEVICES[0], "single"), (DEVICES[2], "single")]
+)
 def test_functions_are_the_python_models(tmp_path, name, precision):
     model, beta, _ = written(tmp_path, name, precision)
     library = Library.built(tmp_path, code_of(model, SPEED), precision)
@@ -76,7 +78,7 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
             assert relative(got[output], wanted) < TOLERANCE[precision], (function.name, output)
 
 
-@pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "puma560", "arm7", "kuka_kr300"])
+@pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "puma560", "kuka_kr300"])
 def test_solutions_solve(tmp_path, name):
     """Accelerations give the torque back; mobility and force are those of a solver that pivots."""
     model, beta, _ = written(tmp_path, name)
@@ -125,8 +127,7 @@ def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     np.testing.assert_allclose(tau, wanted, rtol=1e-12)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", ["phantom_premium_15", "kuka_kr300"])
+@pytest.mark.parametrize(("name", "precision"), [("phantom_premium_15", "single"), ("puma560", "double")])
 def test_selftest_and_example_without_a_warning_or_undefined_behaviour(tmp_path, name, precision):
     written(tmp_path, name, precision)
     watched = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 import warnings
 from collections.abc import Iterator
@@ -11,12 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
 from haptid._internal.workers import DaskExecutor
+from haptid.cli import app
 from haptid.observation.batch import observe_all
 from motions import motion, truth
+from small_study import write_study
+from work_to_share import killed_once
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
@@ -33,17 +35,8 @@ def address() -> Iterator[str]:
             yield cluster.scheduler_address
 
 
-def killed_once(item: tuple[str, int]) -> int:
-    """The worker that first has item 2 is killed in the middle of it."""
-    mark = Path(item[0])
-    if item[1] == 2 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return item[1]
-
-
 def test_a_killed_worker_costs_only_its_tasks(address: str, tmp_path: Path) -> None:
-    items = [(str(tmp_path / "killed"), k) for k in range(6)]
+    items = [(tmp_path, k) for k in range(6)]
     assert dict(DaskExecutor(address).map(killed_once, items)) == {k: k for k in range(6)}
     assert (tmp_path / "killed").exists()
 
@@ -55,6 +48,15 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
     (there,) = observe_all(model, [made], DaskExecutor(address))
     for a, b in zip(haptid.observe(model, made).motors, there.motors, strict=True):
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+
+
+def test_the_command_shares_a_study(address: str, tmp_path: Path) -> None:
+    study = write_study(tmp_path)
+    done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out"), "--scheduler", address])
+    assert done.exit_code in (0, 1), done.output  # 1: a criterion is not met
+    alone = haptid.identify(haptid.read_study(study)).estimate
+    shared = haptid.Result.load(tmp_path / "out")
+    np.testing.assert_allclose(shared.unconstrained.beta, alone.beta, rtol=0, atol=1e-9 * np.abs(alone.beta).max())
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

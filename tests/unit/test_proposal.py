@@ -39,7 +39,7 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.sampled_from([0.5, 1.0, 2.0, 3.0]), st.integers(0, 9))
 def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
     made = recorded(phantom, stretch=stretch, seed=seed, seconds=20.0 * stretch)
@@ -50,7 +50,7 @@ def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
     assert treatment.decimation == pytest.approx(100 / treatment.parallel_cutoff_hz, abs=1)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.floats(-0.9, 12.0), st.integers(0, 9))
 def test_the_delay_is_found(phantom, late, seed):
     made = recorded(phantom, late=late, seed=seed, noise=0.01)
