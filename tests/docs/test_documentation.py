@@ -264,20 +264,6 @@ def quoted_figures(example: str, result: dict[str, Any]) -> None:
     assert not set(figures) - set(table), f"README.md does not have these figures of {example}"
 
 
-def test_table_of_the_bench_has_the_recorded_figures() -> None:
-    recorded = json.loads((PROJECT / "benchmarks/results/bench-identification.json").read_text(encoding="utf-8"))
-    model, shown = "", {}
-    for line in (PROJECT / "docs/bench.md").read_text(encoding="utf-8").splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if cells[1:2] and cells[1] in ("exact states", "differentiated", "encoders"):
-            model = cells[0] or model
-            for what, figure in zip(("torque", "parameters", "Coulomb", "viscous"), cells[2:], strict=True):
-                shown[f"{model}, {cells[1]}: {what}, %"] = figure
-    assert set(shown) == set(recorded["figures"])
-    for what, figure in recorded["figures"].items():
-        assert float(shown[what]) == pytest.approx(figure, rel=0.06 if figure > 1e-3 else 0.5), what
-
-
 # --- device and study files -------------------------------------------------------------------------------------
 
 
