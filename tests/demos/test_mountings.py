@@ -71,9 +71,9 @@ def results(tmp_path_factory):
 
 
 def coarse(take):
-    text = take.experiment.read_text(encoding="utf-8")
-    assert "seconds = 40.0" in text or "seconds = 16.0" in text  # the hand's own motion stays as it is
-    take.experiment.write_text(text.replace("seconds = 40.0", "seconds = 21.5"), encoding="utf-8")
+    text = take.experiment.read_text(encoding="utf-8").replace("seconds = 40.0", "seconds = 21.5")
+    assert "seconds = 21.5" in text or "seconds = 16.0" in text  # the hand's own motion stays as it is
+    take.experiment.write_text(text, encoding="utf-8")
     return Take(take.device, take.experiment, take.out, take.exact, take.seed, STEP)
 
 

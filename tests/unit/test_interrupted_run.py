@@ -24,7 +24,10 @@ from haptid.study.identify import identify
 from small_study import DEVICE, STUDY, columns
 
 psutil = pytest.importorskip("psutil")
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals, no SIGKILL")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals, no SIGKILL"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning"),
+]
 # The command line with many small parts, so that there is a middle to hit; it says how many it made itself.
 PROGRAM = """
 import signal

@@ -97,10 +97,10 @@ def test_a_sweep_of_the_bench(crews: tuple[Executor, ...], tmp_path: Path) -> No
 
     (tmp_path / "short.toml").write_text(EXPERIMENT)
     tables = []
-    for crew in (SerialExecutor(), *crews):
+    for crew in (SerialExecutor(), crews[1]):  # processes make the logs of `haptid bench --count`
         folder = tmp_path / type(crew).__name__
         folder.mkdir()
         jobs = repeated(Job("phantom_premium_15", tmp_path / "short.toml", folder / "log.parquet", seed=3), 2)
         tables.append([parquet.read_table(path) for path in make_logs(jobs, crew)])
-    assert tables[0] == tables[1] == tables[2]
+    assert tables[0] == tables[1]
     assert not tables[0][0].equals(tables[0][1])
