@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 MARK = re.compile(r"<!-- (?P<title>[^\n]*) -->\n\n(?P<old>.*?)(?=\n\n|\n*\Z)", re.DOTALL)
 OF_A_DEMO = re.compile(r"(?P<record>\S+-demo): (?P<section>[\w-]+), (?P<part>text|table (?P<number>\d+))")
-NUMBER = re.compile(r"(-?[\d.]+(e[-+]\d+)?)?|-?[\d.]+ .*|\([\d.]+.*")
+NUMBER = re.compile(r"(-?[\d.]+(e[-+]\d+)?)?( .*\d.*)?")
 WIDTH = 120
 Figures = dict[str, float]
 
@@ -171,7 +171,9 @@ def sentences(paragraphs: list[str]) -> str:
 
 def _bullets(paragraphs: list[str]) -> Iterator[str]:
     for paragraph in paragraphs:
-        yield textwrap.fill(f"- {paragraph}", WIDTH, subsequent_indent="  ", break_long_words=False)
+        yield textwrap.fill(
+            f"- {paragraph}", WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
 
 
 # By their titles: the study and what is made of its figures.
