@@ -130,7 +130,7 @@ def recordings_kept(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytes
     monkeypatch.setattr(bench, "perform", kept)
 
 
-@pytest.mark.usefixtures("recordings_kept")
+@pytest.mark.usefixtures("recordings_kept", "small_pictures")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_page_runs_from_top_to_bottom(page: Path, folder: Path) -> None:
     names: dict[str, Any] = {}
@@ -147,7 +147,7 @@ def test_page_runs_from_top_to_bottom(page: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [b for b in every("bash") if SHARED in b.values[0].text])
-@pytest.mark.usefixtures("shared_data")
+@pytest.mark.usefixtures("shared_data", "small_pictures")
 def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block: Block, folder: Path) -> None:
     run_commands(block)
     for line in block.text.splitlines():
@@ -208,9 +208,11 @@ def run_make(target: str) -> str:
     assert re.search(rf"^{target}:", (PROJECT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE), target
     if target != "demo":
         return ""
-    done = run([sys.executable, "examples/demo.py", "--out", "demo"])
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("haptid.experiment.bench.run.ProcessExecutor", haptid.SerialExecutor)  # to find what is kept
+        status, printed = run_script("examples/demo.py", "--out", "demo")
+    assert status == 0, printed
+    return printed
 
 
 def run(command: list[str]) -> subprocess.CompletedProcess[str]:
