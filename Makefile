@@ -8,13 +8,23 @@ RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.l
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check bench docs wheel clean
+.PHONY: demo test test-fast check bench docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
 
+# Tests go to whichever worker is free, so that no long file holds the others up.
+TESTED := $(BIN)/python -m pytest -n auto --dist worksteal
+
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(TESTED)
+
+# The most telling ones: laws, published results, recordings, errors, recovery of known parameters, what is read.
+FAST := identity golden real errors recovery/test_known_parameters.py recovery/test_held_estimates.py unit/test_core_*.py \
+	unit/test_device_*.py unit/test_log_*.py
+
+test-fast: $(VENV)/.test
+	$(TESTED) $(wildcard $(FAST:%=tests/%))
 
 check: $(VENV)/.test
 	cargo fmt --all --check

@@ -29,6 +29,7 @@ from true_parameters import true_parameters
 SEEDS, UNSEEN, SECONDS = (1, 2, 3, 4, 5), 99, 40.0
 # Samples at either end that are left out: the smooth start and stop.
 ENDS = 1000
+PHYSICS = bench.Physics()
 # A joint slower than this may stick, rad/s: its dry friction is then anything up to the Coulomb one.
 STICKS = 0.02
 CARRIES = 0.02
@@ -145,11 +146,14 @@ def truth_of(case: Case) -> np.ndarray:
     return chi
 
 
-def record(case: Case, seed: int, counts: int | None, seconds: float = SECONDS) -> bench.Recording:
+def record(
+    case: Case, seed: int, counts: int | None, seconds: float = SECONDS, physics: bench.Physics = PHYSICS
+) -> bench.Recording:
     """A multisine of the device under control; positions are exact where there are no counts."""
     model = device_of(case)
     encoders = bench.Encoders((float(counts),), case.gear) if counts else bench.Encoders()
-    setup = bench.Setup(model, truth_of(case), bench.Controller(case.kp, case.kd), encoders=encoders)
+    controller = bench.Controller(case.kp, case.kd)
+    setup = bench.Setup(model, truth_of(case), controller, encoders=encoders, physics=physics)
     kind = bench.Multisine(seconds, case.centre, case.amplitude, speed=case.speed)
     trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(seed))
     return bench.simulate(setup, trajectory, np.random.default_rng(1000 + seed))
@@ -204,11 +208,13 @@ def identify(case: Case, log: haptid.Log) -> haptid.Estimate:
     return haptid.estimate(haptid.observe(model, haptid.treat(log, treatment)), haptid.WLS())
 
 
-def study(name: str, seed: int, seconds: float = SECONDS) -> dict[str, dict[str, float]]:
+def study(
+    name: str, seed: int, seconds: float = SECONDS, physics: bench.Physics = PHYSICS
+) -> dict[str, dict[str, float]]:
     """Errors of one device and motion, by sort of data."""
     case = CASES[name]
-    unseen = record(case, UNSEEN, None, 0.4 * seconds)
-    exact, read = record(case, seed, None, seconds), record(case, seed, 4000, seconds)
+    unseen = record(case, UNSEEN, None, 0.4 * seconds, physics)
+    exact, read = (record(case, seed, counts, seconds, physics) for counts in (None, 4000))
     states = haptid.estimate(haptid.observe(device_of(case), exact_motion(case, exact)), haptid.WLS())
     return {
         "exact states": errors(case, states, unseen),

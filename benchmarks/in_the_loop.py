@@ -10,7 +10,7 @@ import tempfile
 
 import numpy as np
 
-from bench_identification import CASES, Case, device_of, identify, log_of, record, truth_of
+from bench_identification import CASES, PHYSICS, Case, device_of, identify, log_of, record, truth_of
 from haptid.experiment import bench
 from haptid.export import CCode, export_c
 
@@ -23,26 +23,30 @@ PLACES = ((0.0, 0.0, 0.0), (0.3, 0.5, 0.6))
 DEVICES = ("PHANToM, one parallelogram", "CEA branch, single and double parallelogram")
 
 
-def setup_of(case: Case) -> bench.Setup:
+def setup_of(case: Case, physics: bench.Physics = PHYSICS) -> bench.Setup:
     """The device with its encoders, on the bench."""
     encoders = bench.Encoders((float(COUNTS),), case.gear)
-    return bench.Setup(device_of(case), truth_of(case), bench.Controller(case.kp, case.kd), encoders=encoders)
+    controller = bench.Controller(case.kp, case.kd)
+    return bench.Setup(device_of(case), truth_of(case), controller, encoders=encoders, physics=physics)
 
 
-def code_of(case: Case, seconds: float = SECONDS) -> bench.Compiled:
+def code_of(case: Case, seconds: float = SECONDS, physics: bench.Physics = PHYSICS) -> bench.Compiled:
     """C of the model that a log of the bench gives."""
-    estimate = identify(case, log_of(case, record(case, 1, COUNTS, seconds)))
+    estimate = identify(case, log_of(case, record(case, 1, COUNTS, seconds, physics)))
     with tempfile.TemporaryDirectory() as folder:
         export_c(estimate, folder, CCode("model", reversal_speed=SPEED))
         return bench.Compiled.of(folder)
 
 
 def rehearsed(
-    name: str, seconds: float = SECONDS, places: tuple[tuple[float, ...], ...] = PLACES
+    name: str,
+    seconds: float = SECONDS,
+    places: tuple[tuple[float, ...], ...] = PLACES,
+    physics: bench.Physics = PHYSICS,
 ) -> bench.InTheLoopResult:
     """Everything that is measured of one device."""
     case = CASES[name]
-    setup, code = setup_of(case), code_of(case, seconds)
+    setup, code = setup_of(case, physics), code_of(case, seconds, physics)
     kind = bench.Multisine(TRACKED, case.centre, case.amplitude, speed=case.speed)
     trajectory = bench.plan(kind, setup.model, setup.dt, np.random.default_rng(7))
     poses = [np.array(case.centre) + np.array(place) * case.amplitude for place in places]

@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-PAGE = ROOT / "docs" / "speed.md"
 STUDIES = frozenset({"kernel", "dynamics", "file-to-result", "start-up"})
 ALL = ("Pinocchio C++", "Pinocchio Python", "CasADi C", "iDynTree", "MuJoCo", "figaroh")
 # Targets of the ratio of a peer's time to that of haptid.
@@ -141,15 +140,3 @@ PARTS = {
     "Memory and error": ("file-to-result", memory),
     "Start-up": ("start-up", start_up),
 }
-
-
-def filled(page: str, records: Records) -> str:
-    """The page with every part below the mark of its title, in place of the paragraph that was there."""
-    for title, part in parts(records).items():
-        found = re.compile(rf"(<!-- {re.escape(title)} -->\n\n).*?(?=\n\n|\n*\Z)", re.DOTALL)
-        page = found.sub(lambda match, part=part: match[1] + part, page)
-    return page
-
-
-if __name__ == "__main__":
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), recorded()), encoding="utf-8")

@@ -49,12 +49,12 @@ def free_motion(name: str, seconds: float) -> tuple[float, float]:
     return gap, drift / kinetic
 
 
-def phantom(seconds: float, model: haptid.Device) -> bench.Recording:
+def phantom(seconds: float, model: haptid.Device, step: float = 1e-4) -> bench.Recording:
     """A multisine of the PHANToM."""
     kind = bench.Multisine(seconds, (0.0, 0.2, 0.3), (0.6, 0.35, 0.4), speed=(2.4,))
     controller = bench.Controller((40.0, 35.0, 14.0), (0.5, 0.4, 0.16))
     trajectory = bench.plan(kind, model, 1e-3, np.random.default_rng(1))
-    setup = bench.Setup(model, true_parameters(model), controller)
+    setup = bench.Setup(model, true_parameters(model), controller, physics=bench.Physics(step))
     return bench.simulate(setup, trajectory, np.random.default_rng(2))
 
 

@@ -14,6 +14,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from haptid.experiment import bench
+
 HERE = Path(__file__).parent
 
 
@@ -26,8 +28,14 @@ def main() -> int:
     console = Console()
     console.print("[bold]1[/] haptid bench phantom_premium_15 examples/phantom/experiment.toml, twice", highlight=False)
     logs.mkdir(parents=True, exist_ok=True)
-    if not record(logs, {"sweep": 1, "check": 2}):
-        return 2
+    experiment = HERE / "phantom" / "experiment.toml"
+    seeds = {"sweep": 1, "check": 2}
+    bench.make_logs(
+        [
+            bench.Job("phantom_premium_15", experiment, logs / f"{name}.parquet", truth=True, seed=seed)
+            for name, seed in seeds.items()
+        ]
+    )
     console.print("[bold]2[/] haptid identify examples/phantom/bench-study.toml", highlight=False)
     study = str(HERE / "phantom" / "bench-study.toml")
     command = [sys.executable, "-m", "haptid", "identify", study, "--data", str(logs), "--out", str(out)]
@@ -37,18 +45,6 @@ def main() -> int:
         console.print(against_truth(json.loads((logs / "sweep.truth.json").read_text())["base"], out / "result.json"))
         console.print(f"Pictures: {', '.join(str(p) for p in sorted(out.glob('*.png')))}", highlight=False)
     return status
-
-
-def record(logs: Path, seeds: dict[str, int]) -> bool:
-    """Make a log for each name, all at the same time; whether all went well."""
-    experiment = str(HERE / "phantom" / "experiment.toml")
-    command = [sys.executable, "-m", "haptid", "bench", "phantom_premium_15", experiment, "--truth", "--quiet"]
-    running = [
-        subprocess.Popen([*command, "--seed", str(seed), "--out", str(logs / f"{name}.parquet")])
-        for name, seed in seeds.items()
-    ]
-    statuses = [process.wait() for process in running]
-    return not any(statuses)
 
 
 def against_truth(truth: dict[str, float], result: Path) -> Table:

@@ -5,6 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes is no claim: other processes decide on it.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -16,3 +21,13 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"measured data sets are not here: no folder {folder}")
     return folder
+
+
+@pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of few points and pixels, for tests of commands that draw them beside what is tested."""
+    from matplotlib.figure import Figure
+
+    plain = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
+    monkeypatch.setattr("haptid.report.plots.PIXELS", 100)

@@ -1,4 +1,4 @@
-"""Results that several tests share are made once in a test run, by the first worker, and kept on disk for others."""
+"""What several tests need is made once in a test run, by the first worker that asks, and kept for the others."""
 
 from __future__ import annotations
 

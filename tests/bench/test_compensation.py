@@ -18,6 +18,8 @@ from true_parameters import true_parameters
 pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
 SHAKEN_HZ, SECONDS, DT = 4.0, 1.0, 1e-3
 POSES = ((0.0, 0.2, 0.3), (0.1, 0.7, 0.9), (-0.2, -0.3, 0.0))
+# Two steps of the simulator in a control period.
+PHYSICS = bench.Physics(5e-4)
 OFF = bench.Controller((0.0,), (0.0,), tracking_limit=1.0)
 
 
@@ -36,7 +38,7 @@ def shake(model, chi, pose, law, direction, newtons=0.05):
     """Force of the hand, acceleration and velocity of the handle along a direction, (samples, 3), from 0.5 s on."""
     # A cosine: the handle goes to and fro about where it is.
     push = bench.Push(tuple(newtons * direction), SHAKEN_HZ, start=-0.25 / SHAKEN_HZ)
-    setup = bench.Setup(model, chi, OFF, hand=(push,), law=law)
+    setup = bench.Setup(model, chi, OFF, hand=(push,), law=law, physics=PHYSICS)
     found = bench.simulate(setup, rest(pose), np.random.default_rng(0))
     qa, qda, qdda = (x[500:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
     J = handle_motion(model, qa).jacobian[:, :3]
@@ -151,7 +153,7 @@ def ends(held, law):
     for k, kind in enumerate(held.device.parameters.kinds):
         if kind[0] == "K":
             chi[k] = STIFFNESS
-    setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=law)
+    setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=law, physics=PHYSICS)
     found = bench.simulate(setup, rest((0.0, 0.0, 0.0), 2.0), np.random.default_rng(0))
     away = np.abs(found.q - found.q[0]).max(axis=1)
     return away[:500].max(), away[-500:].max()

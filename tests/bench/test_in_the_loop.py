@@ -19,8 +19,8 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no 
 
 @pytest.fixture(scope="module")
 def rehearsal():
-    """Of a PHANToM, at one pose, from a log of 12 s."""
-    return rehearsed(DEVICES[0], seconds=12.0, places=((0.3, 0.5, 0.6),))
+    """Of a PHANToM, at one pose, from a log of 12 s; the simulator steps twice in a control period."""
+    return rehearsed(DEVICES[0], seconds=12.0, places=((0.3, 0.5, 0.6),), physics=bench.Physics(5e-4))
 
 
 def test_gravity_compensation_leaves_little_of_the_weight(rehearsal):

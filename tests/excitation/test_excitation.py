@@ -26,6 +26,7 @@ from haptid.experiment.excitation import (
     write_experiment,
 )
 from motions import truth
+from sampling import of_deviation
 from true_parameters import true_parameters
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "phantom" / "experiment.toml"
@@ -72,12 +73,18 @@ def test_promised_deviations_come_true(found):
     W = explicit(made).reshape(-1, len(BETA))
     inverse, rng = np.linalg.pinv(W), np.random.default_rng(0)
     scatter = (inverse @ (0.002 * rng.standard_normal((len(W), 400)))).std(axis=1)
-    np.testing.assert_allclose(100 * scatter / np.abs(BETA), found.after.relative_se, rtol=0.15)
+    np.testing.assert_allclose(100 * scatter / np.abs(BETA), found.after.relative_se, rtol=of_deviation(400))
     assert list(found.predicted) == list(PHANTOM.base.names)
 
 
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
-@pytest.mark.parametrize("criterion", [ScaledCondition(), RawCondition(), Information(), LargestDeviation()])
+@pytest.mark.parametrize(
+    ("family", "criterion"),
+    [
+        *((FAMILIES[0], criterion) for criterion in (ScaledCondition(), RawCondition(), Information())),
+        (FAMILIES[1], LargestDeviation()),
+    ],
+    ids=lambda either: type(either).__name__,
+)
 def test_search_improves_and_the_bench_accepts_what_it_finds(family, criterion):
     wanted = replace(WITHIN, torque=(0.5,), couplings=(Coupling((0.0, 1.0, -1.0), -0.7, 0.7),))
     made = design_excitation(PHANTOM, family, wanted, criterion=criterion, beta=BETA, search=SHORT)

@@ -21,7 +21,7 @@ from random_devices import as_device, parameters
 ROUNDING = 1e-10
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(mechanisms(most=4))
 def test_every_function_is_the_python_models(mechanism):
     model = as_device(mechanism)
@@ -40,7 +40,7 @@ def test_every_function_is_the_python_models(mechanism):
             assert relative(made.T, wanted) < tolerance, (function.name, name)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(mechanisms(most=4))
 def test_momentum_explains_the_torque(mechanism):
     """A law: p is M qd and the rest is what remains of C qd + g, by differences of p along a motion."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import haptid
 from bench_identification import CASES, device_of, log_of, record
 from haptid.estimation.feasibility.conic_program import ENOUGH
+from haptid.experiment import bench
 from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
 from haptid.export.formats.bodies import INSIDE, departure, standard_parameters_of
@@ -210,7 +211,7 @@ def simulated_torque(built, model, plan):
 def test_mujoco_predicts_the_unseen_log_as_the_model_does(tmp_path, name):
     case = CASES[name]
     model = device_of(case)
-    made = [(seed, record(case, seed, 4000, seconds)) for seed, seconds in ((1, 12.0), (2, 6.0))]
+    made = [(seed, record(case, seed, 4000, seconds, bench.Physics(5e-4))) for seed, seconds in ((1, 12.0), (2, 6.0))]
     logs = [replace(log_of(case, recording), sha256=str(seed)) for seed, recording in made]
     treatment = haptid.propose(model, logs[0]).treatment
     fit, unseen = (haptid.treat(log, treatment) for log in logs)

@@ -2,6 +2,8 @@
 
 import ctypes
 import subprocess
+import tempfile
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
 SPEED = 0.01
-STATES = 100_000
+# Of states at random: a wrong branch or sign shows in any of them; what is rare are poses close to singular ones.
+STATES = 2000
 DEVICES = (
     "phantom_premium_15",
     "phantom_premium_15_general",
@@ -35,15 +38,30 @@ TOLERANCE = {"double": 1e-12, "single": 1e-5}
 ANGLES, OFFSETS = (0, -1, 1, 1, -1, -1, 1), (0.34, 0, 0.4, 0, 0.4, 0, 0)
 
 
-def other_model(name):
+@cache
+def modelled(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     return model, model.base.of(true_parameters(model))
 
 
+@cache
+def code_for(name):
+    return code_of(modelled(name)[0], SPEED)
+
+
+@cache
+def files_of(name, precision):
+    """Content of every file, by its path."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = export_c(modelled(name), folder, CCode(NAME, precision, SPEED))
+        return {file: (made.folder / file).read_bytes() for file in made.files}
+
+
 def written(folder, name, precision="double"):
-    model, beta = other_model(name)
-    made = export_c((model, beta), folder, CCode(NAME, precision, SPEED))
-    return model, beta, made
+    for file, content in files_of(name, precision).items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_bytes(content)
+    return modelled(name)
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +76,12 @@ def seven(tmp_path_factory):
     return haptid.DynamicModel(haptid.read_device(path))
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize(
+    ("name", "precision"), [*((name, "double") for name in DEVICES), (DEVICES[0], "single"), (DEVICES[2], "single")]
+)
 def test_functions_are_the_python_models(tmp_path, name, precision):
-    model, beta, _ = written(tmp_path, name, precision)
-    library = Library.built(tmp_path, code_of(model, SPEED), precision)
+    model, beta = written(tmp_path, name, precision)
+    library = Library.built(tmp_path, code_for(name), precision)
     rounded = library.real
     reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
@@ -76,11 +95,11 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
             assert relative(got[output], wanted) < TOLERANCE[precision], (function.name, output)
 
 
-@pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "puma560", "arm7", "kuka_kr300"])
+@pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "puma560", "kuka_kr300"])
 def test_solutions_solve(tmp_path, name):
     """Accelerations give the torque back; mobility and force are those of a solver that pivots."""
-    model, beta, _ = written(tmp_path, name)
-    library = Library.built(tmp_path, code_of(model, SPEED), "double")
+    model, beta = written(tmp_path, name)
+    library = Library.built(tmp_path, code_for(name), "double")
     reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
     reference = reference.at(np.flatnonzero(reference.sound("forward_dynamics")))
     assert reference.q.shape[1] > 0.9 * STATES
@@ -99,8 +118,8 @@ def test_solutions_solve(tmp_path, name):
 
 def test_singular_poses_give_zeros(tmp_path):
     """An arm stretched out: no force is told, none is made up, and the caller is told."""
-    model, _, _ = written(tmp_path, "phantom_premium_15")
-    library = Library.built(tmp_path, code_of(model, SPEED), "double")
+    written(tmp_path, "phantom_premium_15")
+    library = Library.built(tmp_path, code_for("phantom_premium_15"), "double")
     q = np.array([[0.3], [0.4], [0.4 + np.pi / 2]])
     made = library("handle_force", {"q": q, "tau": np.ones((3, 1))})["force"]
     np.testing.assert_array_equal(made, 0.0)
@@ -108,8 +127,8 @@ def test_singular_poses_give_zeros(tmp_path):
 
 def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     """Along a direction u of any length, u'u / (u' A u); infinite where A lets nothing move."""
-    model, beta, _ = written(tmp_path, "phantom_premium_15")
-    library = Library.built(tmp_path, code_of(model, SPEED), "double")
+    model, beta = written(tmp_path, "phantom_premium_15")
+    library = Library.built(tmp_path, code_for("phantom_premium_15"), "double")
     felt = library.handle.dev_apparent_mass
     felt.restype = ctypes.c_double
     reference = ReferenceValues.at_random(model, beta, SPEED, 20)
@@ -125,8 +144,7 @@ def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     np.testing.assert_allclose(tau, wanted, rtol=1e-12)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", ["phantom_premium_15", "kuka_kr300"])
+@pytest.mark.parametrize(("name", "precision"), [("phantom_premium_15", "single"), ("puma560", "double")])
 def test_selftest_and_example_without_a_warning_or_undefined_behaviour(tmp_path, name, precision):
     written(tmp_path, name, precision)
     watched = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -199,7 +217,7 @@ int main(void)
 
 def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     """A constant torque of the hand: seen in full, by the code as by Python."""
-    model, beta, _ = written(tmp_path, "phantom_premium_15")
+    model, beta = written(tmp_path, "phantom_premium_15")
     n, dt, gain, cutoff = 3, 1e-3, 60.0, 80.0
     (tmp_path / "driver.c").write_text(DRIVER.format(n=n, dt=dt, gain=gain, cutoff=cutoff))
     run([compiler("gcc"), "-std=c99", f"{NAME}.c", "driver.c", "-lm", "-o", "driver"], tmp_path)
@@ -237,8 +255,7 @@ MASS = {"puma560": 250, "rx90": 210, "seven": 270}
 
 @pytest.mark.parametrize("name", INVERSE)
 def test_inverse_dynamics_stays_cheap(name, seven, record_property):
-    model = seven if name == "seven" else haptid.DynamicModel(haptid.read_device(name))
-    found = code_of(model, SPEED).operations["inverse_dynamics"]
+    found = (code_of(seven, SPEED) if name == "seven" else code_for(name)).operations["inverse_dynamics"]
     record_property("operations", str(found))
     most, angles = INVERSE[name]
     assert found.arithmetic <= most
@@ -257,11 +274,11 @@ def test_inverse_dynamics_of_an_arm_with_spherical_wrist_stays_cheap():
 
 @pytest.mark.parametrize("name", MASS)
 def test_mass_matrix_stays_cheap(name, seven):
-    model = seven if name == "seven" else haptid.DynamicModel(haptid.read_device(name))
-    assert code_of(model, SPEED).operations["mass_matrix"].arithmetic <= MASS[name]
+    code = code_of(seven, SPEED) if name == "seven" else code_for(name)
+    assert code.operations["mass_matrix"].arithmetic <= MASS[name]
 
 
 def test_the_same_model_gives_the_same_files(tmp_path):
-    made = [written(tmp_path / folder, "emps")[2] for folder in ("one", "two")]
+    made = [export_c(modelled("emps"), tmp_path / folder, CCode(NAME)) for folder in ("one", "two")]
     for file in made[0].files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()

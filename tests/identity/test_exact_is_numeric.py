@@ -21,7 +21,7 @@ def drawn(folder: Path, text: str) -> haptid.Device:
     return haptid.DynamicModel(haptid.read_device(path))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_both_methods_find_the_same(tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int) -> None:
     model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints))

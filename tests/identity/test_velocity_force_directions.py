@@ -1,4 +1,4 @@
-"""The largest neglected force over directions, against thousands of directions."""
+"""The largest neglected force over directions, against hundreds of directions."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,9 @@ from mechanisms import draw
 from random_devices import as_device, parameters
 from true_parameters import true_parameters
 
-MANY, CLOSE = 3000, 1e-3
+# Neighbours among so many are 0.15 rad apart: the best of them is within 0.3 % of the largest force, and a search that
+# ended at another local maximum would be seen.
+MANY, CLOSE = 300, 1e-3
 
 
 def largest(found, speed):
@@ -35,11 +37,11 @@ CENTRES = {"phantom_premium_15": (0.0, 0.3, 0.1), "cea_medical_branch": (0.0, -0
 
 @pytest.mark.parametrize("name", CENTRES)
 @pytest.mark.parametrize("speed", [0.25, 1.0, 3.0])
-def test_no_direction_of_thousands_has_more(name, speed):
-    qa = np.array(CENTRES[name])[:, None] + np.random.default_rng(0).uniform(-0.5, 0.5, (3, 60))
+def test_no_direction_of_hundreds_has_more(name, speed):
+    qa = np.array(CENTRES[name])[:, None] + np.random.default_rng(0).uniform(-0.5, 0.5, (3, 30))
     found = characterise(shipped(name), qa, worst_condition=20.0)
     usable = found.handle.usable
-    assert usable.sum() > 20
+    assert usable.sum() > 10
     best = found.neglected_force(speed).values
     assert (best[usable] >= (1 - CLOSE) * largest(found, speed)[usable]).all()
     assert np.isnan(best[~usable]).all()

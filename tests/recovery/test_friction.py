@@ -135,7 +135,7 @@ def test_bench_sweep_gives_the_true_friction():
         chi[DEVICE.device.parameters.index[name]] = value
     controller = bench.Controller((40.0, 35.0, 14.0), (0.5, 0.4, 0.16))
     encoders = bench.Encoders((4000.0,), (13.3, 11.2, 11.2))
-    setup = bench.Setup(DEVICE, chi, controller, encoders=encoders)
+    setup = bench.Setup(DEVICE, chi, controller, encoders=encoders, physics=bench.Physics(5e-4))
     sweep = bench.Sweep((0.0, 0.2, 0.3), (0.3, 0.25, 0.25), (0.3, 0.7, 1.5), ramp=0.2)
     made = bench.simulate(
         setup, bench.plan(sweep, DEVICE, setup.dt, np.random.default_rng(0)), np.random.default_rng(1)

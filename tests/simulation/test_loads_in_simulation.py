@@ -108,7 +108,7 @@ def test_it_falls_as_a_solver_finds(model):
     np.testing.assert_allclose(steps.course(motion).c, wanted[:2], atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", [estimation.IV, estimation.DIDIM, estimation.CLOE])
+@pytest.mark.parametrize("kind", [estimation.IV, estimation.CLOE])
 def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     model = made(tmp_path, "")
     beta, dt = truth(model), 4e-3

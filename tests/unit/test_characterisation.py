@@ -33,12 +33,13 @@ POSES = np.array([[0.0, 0.3, -0.2], [0.2, 0.5, 0.1], [0.3, 0.1, 0.4]])
 
 @pytest.fixture(scope="module")
 def doubtful(phantom):
-    """Parameters with a covariance, and draws of it."""
+    """Parameters with a covariance, and what draws of it are at the handle."""
     beta = phantom.base.of(true_parameters(phantom))
     rng = np.random.default_rng(0)
     L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
-    drawn = beta + rng.normal(size=(3000, len(beta))) @ L.T
-    return GivenParameters(phantom, beta, L @ L.T), [GivenParameters(phantom, b) for b in drawn]
+    drawn = beta + rng.normal(size=(400, len(beta))) @ L.T
+    draws = [characterise(GivenParameters(phantom, b), POSES) for b in drawn]
+    return GivenParameters(phantom, beta, L @ L.T), draws
 
 
 FIGURES = {
@@ -58,8 +59,8 @@ FIGURES = {
 @pytest.mark.parametrize("name", FIGURES)
 def test_deviations_are_those_of_drawn_parameters(name, doubtful):
     identified, draws = doubtful
-    figure, count = FIGURES[name](characterise(identified, POSES)), 60 if name == "neglected" else 1200
-    values = np.array([FIGURES[name](characterise(m, POSES)).values for m in draws[:count]])
+    figure, count = FIGURES[name](characterise(identified, POSES)), 60 if name == "neglected" else len(draws)
+    values = np.array([FIGURES[name](drawn).values for drawn in draws[:count]])
     spread = values.std(axis=0)
     # A deviation of so many draws is itself known to 1 / sqrt(2 count).
     close = 4.5 / np.sqrt(2 * count) + 0.03

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import signal
+import json
 import sys
 import warnings
 from collections.abc import Iterator
@@ -11,12 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
+from haptid.cli import app
 from haptid.executors import DaskExecutor
 from haptid.observation.batch import observe_all
 from motions import motion, truth
+from small_study import write_study
+from work_to_share import killed_once
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
@@ -33,17 +36,8 @@ def address() -> Iterator[str]:
             yield cluster.scheduler_address
 
 
-def killed_once(item: tuple[str, int]) -> int:
-    """The worker that first has item 2 is killed in the middle of it."""
-    mark = Path(item[0])
-    if item[1] == 2 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return item[1]
-
-
 def test_a_killed_worker_costs_only_its_tasks(address: str, tmp_path: Path) -> None:
-    items = [(str(tmp_path / "killed"), k) for k in range(6)]
+    items = [(tmp_path, k) for k in range(6)]
     assert dict(DaskExecutor(address).map(killed_once, items)) == {k: k for k in range(6)}
     assert (tmp_path / "killed").exists()
 
@@ -57,7 +51,16 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
 
 
-def test_a_scheduler_that_does_not_respond_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_shares_a_study(address: str, tmp_path: Path) -> None:
+    study = write_study(tmp_path)
+    done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out"), "--scheduler", address])
+    assert done.exit_code in (0, 1), done.output  # 1: a criterion is not met
+    alone = haptid.identify(haptid.read_study(study)).estimate
+    shared = [p["value"] for p in json.loads((tmp_path / "out/result.json").read_text())["estimate"]["parameters"]]
+    np.testing.assert_allclose(shared, alone.beta, rtol=0, atol=1e-12 * np.abs(alone.beta).max())
+
+
+def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptid.executors.PATIENCE", 1.0)
     with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

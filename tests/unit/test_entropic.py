@@ -110,7 +110,7 @@ def test_poor_logs_gain_most(model):
     """Unseen torque of a short noisy log: the pull towards bodies 10 % off beats the free fit."""
     unseen = observed(model, noise=0.0, seed=99)
     gains = []
-    for seed in range(6):
+    for seed in range(4):
         poor = observed(model, noise=1.0, seed=seed, seconds=1.5)
         free = haptid.validate(haptid.estimate(poor, haptid.WLS()), unseen).relative
         pulled = haptid.validate(haptid.estimate(poor, Entropic()), unseen).relative
@@ -120,7 +120,7 @@ def test_poor_logs_gain_most(model):
 
 def test_truth_is_inside_its_intervals(model):
     beta, inside = true_beta(model), []
-    for seed in range(8):
+    for seed in range(5):
         low, high = haptid.estimate(observed(model, seed=seed), Entropic()).conf_int().T
         inside += ((low <= beta) & (beta <= high)).tolist()
     assert np.mean(inside) >= 0.9

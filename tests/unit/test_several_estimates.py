@@ -17,6 +17,7 @@ from haptid.inference.drift import drift
 from haptid.inference.targets import targets
 from haptid.uncertainty.multiple_testing import misfit
 from motions import motion
+from sampling import of_share
 from small_study import write_study
 
 DEVICE = """
@@ -123,12 +124,14 @@ def test_slopes_have_their_interval_as_often_as_stated():
     noise = true[:, None] * rng.standard_normal((n, runs))
     made = drift(series(0.3 * t[:, None] + noise, se, dof), t)
     inside = (made.conf_int()[:, 0] < 0.3) & (made.conf_int()[:, 1] > 0.3)
-    assert inside.mean() == pytest.approx(0.95, abs=0.02)
+    # Student's t at Satterthwaite's degrees of freedom is itself within half a point of the level.
+    close = of_share(0.05, runs) + 0.005
+    assert inside.mean() == pytest.approx(0.95, abs=close)
     level = np.mean(series(noise, se, dof).p < 0.05)
-    assert level == pytest.approx(0.05, abs=0.02)
+    assert level == pytest.approx(0.05, abs=close)
     ones = np.column_stack([np.ones(n), t])
     bent = np.mean([misfit(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(runs)])
-    assert bent == pytest.approx(0.05, abs=0.02)
+    assert bent == pytest.approx(0.05, abs=close)
 
 
 def test_a_drift_of_one_parameter_is_found_and_no_other(model):
