@@ -82,7 +82,7 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     if made.zero:
         return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
     if made.constrained_fit or len(made.beta) > MOST_SEARCHED:
-        return None, "Essential parameters were not computed; use `haptid.essential`."
+        return None, "Essential parameters were not computed; use `haptid.eliminate`."
     try:
         found = search(made)
     except HaptidError as error:
