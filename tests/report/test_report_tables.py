@@ -91,7 +91,7 @@ def test_a_comparison_opens_with_its_verdict(tab, folder):
     tab.open(folder / "comparison.html", LAPTOP)
     assert tab.troubles == []
     first = tab.ask("document.querySelector('#comparison h2').nextElementSibling.textContent")
-    assert first == section.said[0]
+    assert first == section.sentences[0]
     assert first.startswith("tuesday compared with monday: 0 of 14 parameters differ (95 % joint confidence")
     assert tab.ask("document.querySelector('#changes svg *') !== null")
     tab.picture(folder / "comparison.png", "body")

@@ -102,7 +102,7 @@ def test_frames_of_bodies_do_not_matter(model, tmp_path):
 
 def test_it_is_inside_and_stationary(model):
     pulled = haptid.estimate(observed(model, noise=0.5, seconds=3.0), Entropic(10.0))
-    assert haptid.estimation.feasible(model, pulled.beta).ok
+    assert haptid.estimation.feasible_parameters(model, pulled.beta).ok
     assert all(np.linalg.eigvalsh(P)[0] > 0 for P in pulled.feasible.pseudo_inertias)
 
 

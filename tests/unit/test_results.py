@@ -57,7 +57,7 @@ def test_logs_treatment_and_verdict_come_back(made):
     assert [(log.path, log.role) for log in read.logs] == [("sweep.parquet", "identify"), ("check.parquet", "validate")]
     assert [log.sha256 for log in read.logs] == [run.motion.log.sha256 for run in found.runs]
     assert read.unseen == found.unseen
-    assert read.fit_errors == (found.runs[0].direct,)
+    assert read.fit_errors == (found.runs[0].fit_errors,)
     assert (read.criteria.relative_error_percent, read.criteria.met) == (5.0, True)
 
 

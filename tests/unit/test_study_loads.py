@@ -61,9 +61,9 @@ def test_a_log_with_a_known_load_determines_the_device_without(study):
     low, high = made.estimate.conf_int().T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     assert made.estimate.se.mean() < alone.estimate.se.mean()
-    assert made.runs[2].direct.relative < 1.3 * made.runs[0].direct.relative
+    assert made.runs[2].fit_errors.relative < 1.3 * made.runs[0].fit_errors.relative
     ignored = haptid.identify(study(""))
-    assert ignored.runs[2].direct.relative > 3 * made.runs[2].direct.relative
+    assert ignored.runs[2].fit_errors.relative > 3 * made.runs[2].fit_errors.relative
 
 
 def test_the_result_says_what_was_taken_off(study, tmp_path):

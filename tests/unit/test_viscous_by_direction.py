@@ -148,4 +148,4 @@ def test_it_is_viscous_friction_and_never_negative(tmp_path):
     assert "viscous" in haptid.end_effector.decompose_torque(found, made).parts
     assert "own columns" not in haptid.end_effector.decompose_torque(found, made).parts
     beta[model.base.names.index("FVN1")] = -0.2
-    assert not haptid.estimation.feasible(model, beta).ok
+    assert not haptid.estimation.feasible_parameters(model, beta).ok

@@ -103,7 +103,7 @@ def _through_observer(
     known = np.nan_to_num(force.force)
     modelled = observer.smooth(0.5 * (known + previous(known)).T, dt).T
     return {
-        "true_late": observer.smooth(previous(recording.hand).T, dt).T[recording.index(t)],
-        "modelled_late": modelled[np.rint((t - force.t[0]) / dt).astype(int)],
+        "true_delayed": observer.smooth(previous(recording.hand).T, dt).T[recording.index(t)],
+        "modelled_delayed": modelled[np.rint((t - force.t[0]) / dt).astype(int)],
         "observed": seen.force[np.rint((t - seen.t[0]) / dt).astype(int)],
     }
