@@ -94,7 +94,7 @@ class HandForceData:
         name: of the log.
         t: evenly spaced, (rows,), s.
         force: estimated, (rows, 3), N; NaN where it is unknown.
-        interval95: of it, (rows, 3, 2), N; None where it was not computed.
+        conf_int: of it, (rows, 3, 2), N; None where it was not computed.
         measured: at the same times, (rows, 3), N; None where there was no sensor.
         notes: sentences for the user.
     """
@@ -102,12 +102,12 @@ class HandForceData:
     name: str
     t: Array
     force: Array
-    interval95: Array | None = None
+    conf_int: Array | None = None
     measured: Array | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        shapes = {"force": (3,), "interval95": (3, 2), "measured": (3,)}
+        shapes = {"force": (3,), "conf_int": (3, 2), "measured": (3,)}
         object.__setattr__(self, "t", read_only(self.t))
         for name, shape in shapes.items():
             if getattr(self, name) is not None:

@@ -46,9 +46,9 @@ def _chart(hand: HandForceData, k: int, component: int) -> Chart:
     step = float(np.median(np.diff(t)))
     curves = [envelope("estimated", PREDICTED, float(t[0]), step, y, _BINS)]
     caption = f"Estimated: RMS {figure(_rms(y))} N."
-    if hand.interval95 is not None:
+    if hand.conf_int is not None:
         each = -(-len(t) // BAND)
-        low, high = (hand.interval95[::each, component, end] for end in (0, 1))
+        low, high = (hand.conf_int[::each, component, end] for end in (0, 1))
         times = even(float(t[0]), each * step, len(low))
         curves.insert(0, chart_series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
         caption += f" Half-width of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
