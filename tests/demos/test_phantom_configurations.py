@@ -69,7 +69,7 @@ def test_with_encoders_the_truth_comes_back(results):
 def test_held_models_are_possible_and_cost_nothing(results):
     _, found = results
     held, free = found.fits[KEY]["held"], found.fits[KEY]["encoders"]
-    assert haptid.possible(found.model, held.estimate.beta).ok
+    assert haptid.estimation.feasible_parameters(found.model, held.estimate.beta).ok
     assert definiteness(held.estimate, workspace(found.model)).smallest > 0
     assert held.validation.relative - free.validation.relative <= 0.2
 
