@@ -210,9 +210,7 @@ def run_make(target: str) -> str:
     if target != "demo":
         return ""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "haptid.experiment.bench.run.ProcessExecutor", haptid.executors.SerialExecutor
-        )  # to find what is kept
+        patch.setattr("haptid.experiment.bench.run.ProcessExecutor", haptid.executors.SerialExecutor)
         status, printed = run_script("examples/demo.py", "--out", "demo")
     assert status == 0, printed
     return printed

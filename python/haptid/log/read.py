@@ -22,7 +22,7 @@ from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, 
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
-from haptid.log.time_base import Recorded, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
+from haptid.log.time_base import RawSignals, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
 
 ChannelKind = Literal["position", "torque"]
 # A file of more bytes is opened rather than read.
@@ -248,7 +248,7 @@ class Times:
             raw: gives the inspected channels of a signal, each (rows,).
             channels: of the file.
         """
-        recorded = Recorded(
+        recorded = RawSignals(
             inspection.same["position"],
             inspection.same["torque"],
             lambda: raw(channels.position),

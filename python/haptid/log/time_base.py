@@ -110,7 +110,7 @@ class TimeBase:
 
 
 @dataclass(frozen=True, eq=False)
-class _Recorded:
+class RawSignals:
     """The rows of a file as they were recorded.
 
     Attributes:
@@ -127,11 +127,11 @@ class _Recorded:
         """Stale rows, by `find_stale`."""
         return find_stale(self.same_position, self.same_torque, self.positions, self.torques)
 
-    def without(self, rows: NDArray[np.intp]) -> _Recorded:
+    def without(self, rows: NDArray[np.intp]) -> RawSignals:
         """Without some rows."""
         if not rows.size:
             return self
-        return _Recorded(
+        return RawSignals(
             np.delete(self.same_position, rows),
             np.delete(self.same_torque, rows),
             lambda: (np.delete(channel, rows) for channel in self.positions()),
@@ -165,7 +165,7 @@ class _Times:
     sentences: tuple[str, ...] = ()
 
 
-def time_base(path: Path, stamps: Stamps, recorded: _Recorded, sampling: Sampling, keep_stale: bool) -> TimeBase:
+def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampling, keep_stale: bool) -> TimeBase:
     """The time base of a log with stamps.
 
     Args:
@@ -198,7 +198,7 @@ def time_base(path: Path, stamps: Stamps, recorded: _Recorded, sampling: Samplin
     return _assembled(found, spans, gaps, stale, rows, seconds.size, sentences)
 
 
-def at_rate(start: int, stop: int, rate_hz: float, recorded: _Recorded, keep_stale: bool) -> TimeBase:
+def at_rate(start: int, stop: int, rate_hz: float, recorded: RawSignals, keep_stale: bool) -> TimeBase:
     """The time base of rows start..stop at a given rate."""
     t = np.arange(start, stop) / rate_hz
     stale = None if keep_stale else recorded.stale()
@@ -291,7 +291,7 @@ def _median(steps: Array) -> float:
 
 
 def _segments(
-    path: Path, seconds: Array, recorded: _Recorded
+    path: Path, seconds: Array, recorded: RawSignals
 ) -> tuple[Spans, tuple[tuple[float, float], ...], list[str]]:
     """Rows of each segment without a gap longer than the motion can bridge, the gaps, and a sentence."""
     steps = np.diff(seconds)
@@ -431,7 +431,7 @@ def _coarse(seconds: Array, fineness: float) -> tuple[float, float]:
     return (step, far / step) if far <= 0.55 * fineness else (0.0, 0.0)
 
 
-def _irregular(seconds: Array, spans: Spans, recorded: _Recorded, stale: Stale | None, sampling: Sampling) -> _Times:
+def _irregular(seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale | None, sampling: Sampling) -> _Times:
     """Times of rows whose stamps are not regular."""
     slots, offset, step = _line(seconds, spans)
     follow = np.zeros(seconds.size)
