@@ -13,8 +13,8 @@ from mechanisms import draw
 from random_devices import as_device, parameters
 from true_parameters import true_parameters
 
-# Neighbours among so many are 0.15 rad apart: the best of them is within 0.3 % of the largest force, and a search that
-# ended at another local maximum would be seen.
+# Signs do not matter, so that these cover half a sphere. Fewer directions make the comparison weaker, never wrong: the
+# largest of them is below the largest of all.
 MANY, CLOSE = 300, 1e-3
 
 
