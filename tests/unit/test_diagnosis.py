@@ -11,7 +11,7 @@ from diagnosed import estimated, log, phantom
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.added_variable import CandidateColumns, augment
-from haptid.inference.diagnosis.delay_test import torque_rates
+from haptid.observation.augmented import torque_rates
 from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.exogeneity import narrowly_filtered
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
