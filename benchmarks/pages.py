@@ -25,7 +25,7 @@ NUMBER = re.compile(r"(-?[\d.]+(e[-+]\d+)?)?( .*\d.*)?")
 WIDTH = 120
 Figures = dict[str, float]
 
-# What the yardstick's record calls a method, by its name on the page, and the counterpart of BIRDy.
+# What the record of the estimator benchmark calls a method, by its name on the page, and the counterpart of BIRDy.
 METHODS = {
     "OLS": ("OLS", "IDIM-OLS"),
     "WLS": ("WLS", "IDIM-WLS"),
@@ -88,7 +88,7 @@ def recorded(study: str) -> dict[str, Any]:
     return made
 
 
-def yardstick(figures: Figures) -> str:
+def estimators(figures: Figures) -> str:
     """Every method, with its counterpart."""
     columns = ("parameters, median, %", "unseen torque, %", "intervals that hold the truth, %")
     lines = []
@@ -178,7 +178,7 @@ def _bullets(paragraphs: list[str]) -> Iterator[str]:
 
 # By their titles: the study and what is made of its figures.
 PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
-    "Every estimator on one arm": ("yardstick", yardstick),
+    "Every estimator on one arm": ("estimator-benchmark", estimators),
     "Bias where the columns are noisy": ("noisy-columns", less_biased),
     "Identification from the bench": ("bench-identification", bench_identification),
     "Twenty seeds of each mounting": ("phantom-study", mountings),

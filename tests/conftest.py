@@ -30,4 +30,4 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
     plain = Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
-    monkeypatch.setattr("haptid.report.plots.PIXELS", 100)
+    monkeypatch.setattr("haptid.report.plots._PIXELS", 100)

@@ -66,7 +66,7 @@ def device_text(case: Case) -> str:
         if "[[motors]]" not in text:
             text += "".join(f'\n[[motors]]\nname = "{k}"\ndrives = {{ {k} = 1 }}\n' for k in range(1, joints + 1))
         for k in range(1, joints + 1):
-            text = text.replace(f"drives = {{ {k} = 1 }}", f"drives = {{ {k} = 1 }}\ngear = {case.gear:g}")
+            text = text.replace(f"drives = {{ {k} = 1 }}", f"drives = {{ {k} = 1 }}\ngear_ratio = {case.gear:g}")
     return text
 
 
@@ -186,7 +186,7 @@ class Plant:
     @cached_property
     def scales(self) -> Array:
         """Torque of a row over its motor's command, (rows,)."""
-        return np.array([motor.gear * motor.gain for motor in self.model.device.motors])
+        return np.array([motor.gear_ratio * motor.torque_constant for motor in self.model.device.motors])
 
     def act(self, motion: Fourier, t: Array) -> tuple[tuple[Array, Array, Array], Array]:
         """States that the encoders see at times t, (joints, samples), and the torque that acts, (rows, samples)."""

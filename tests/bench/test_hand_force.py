@@ -69,8 +69,7 @@ def estimate(bench_run):
 @pytest.fixture(scope="module")
 def validation(log, estimate):
     """On the stretch before the hand pushes."""
-    kept = slice(0, round((PUSHES_FROM - 0.2) * log.rate_hz))
-    alone = replace(log, t=log.t[kept], position=log.position[kept], torque=log.torque[kept])
+    alone = log.between(0, round((PUSHES_FROM - 0.2) * log.rate_hz))
     return haptid.validate(estimate, haptid.treat(alone, TREATMENT))
 
 

@@ -46,11 +46,3 @@ def test_ratios_are_compared_with_their_targets():
 
 def test_peers_without_a_figure_are_named():
     assert "Left out\n\nPinocchio Python, iDynTree, MuJoCo" in speed_report.table(MADE_UP)
-
-
-def test_filling_in_leaves_the_rest_as_it_is():
-    page = "Before.\n\n<!-- Start-up -->\n\n(not measured)\n\n## After\n\n<!-- Left out -->\n\nnobody\n"
-    text = speed_report.filled(page, MADE_UP)
-    assert text.startswith("Before.\n\n<!-- Start-up -->\n\n| what | seconds | target |\n")
-    assert text.endswith("## After\n\n<!-- Left out -->\n\nPinocchio Python, iDynTree, MuJoCo\n")
-    assert speed_report.filled(text, MADE_UP) == text

@@ -11,7 +11,6 @@ from diagnosed import estimated, log, phantom
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.added_variable import CandidateColumns, augment
-from haptid.observation.augmented import torque_rates
 from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.exogeneity import narrowly_filtered
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
@@ -19,6 +18,7 @@ from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordina
 from haptid.inference.diagnosis.plausibility import unit_error
 from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.elimination import not_identifiable
+from haptid.observation.augmented import torque_rates
 from motions import motion, truth
 
 LOOKS = {

@@ -49,17 +49,18 @@ def test_channels_of_a_parquet_file_stay_where_they_were_unpacked(tmp_path: Path
 @given(st.integers(1, 8), st.sampled_from([0.02, 0.1, 0.5, 0.9]), st.integers(1, 60), st.integers(0, 9))
 def test_pieces_are_filtered_as_the_whole(order: int, cutoff: float, more: int, seed: int) -> None:
     """Also where the last piece is shorter than what a filter is started with."""
-    sections = np.asarray(signal.butter(order, cutoff, output="sos"))
+    sections = np.asarray(signal.butter(order, cutoff, output="sos"))[None]
     samples = np.random.default_rng(seed).normal(size=(CHUNK + more, 2)).cumsum(axis=0)
-    whole = signal.sosfiltfilt(sections, samples - samples[0], axis=0) + samples[0]
-    assert memory(sections) >= 3 * (2 * len(sections) + 1)
+    whole = signal.sosfiltfilt(sections[0], samples - samples[0], axis=0) + samples[0]
+    assert memory(sections) >= 3 * (2 * sections.shape[1] + 1)
     for channels in (samples, as_array(Constrained(samples))):
-        made = np.asarray(filtered(channels, sections))
+        made = np.asarray(filtered(channels, sections, ((0, len(samples)),)))
         assert_allclose(made, whole, atol=1e-12 * np.abs(whole).max())
 
 
 def test_what_stands_still_is_exactly_still_across_pieces() -> None:
-    made = filtered(np.full((2 * SAMPLES_FILTERED, 1), 0.3), np.asarray(signal.butter(4, 0.08, output="sos")))
+    n = 2 * SAMPLES_FILTERED
+    made = filtered(np.full((n, 1), 0.3), np.asarray(signal.butter(4, 0.08, output="sos"))[None], ((0, n),))
     assert np.ptp(made) == 0
 
 

@@ -24,7 +24,7 @@ def gain(filtered, t, frequency):
 @given(st.floats(0.004, 0.4), st.integers(1, 8), st.floats(50.0, 5000.0))
 def test_position_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(share, order, rate):
     cutoff = share * rate / 2
-    sections = haptid.Treatment(cutoff_hz=cutoff, order=order).position_filter(1 / rate)
+    sections = haptid.Treatment(cutoff_hz=cutoff, order=order).position_filter(1 / rate)[0]
     t = np.arange(0, 60 / cutoff, 1 / rate)
     size, phase = gain(signal.sosfiltfilt(sections, np.sin(2 * np.pi * cutoff * t)), t, cutoff)
     assert size == pytest.approx(np.sqrt(0.5), rel=1e-6)

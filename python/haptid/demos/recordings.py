@@ -132,7 +132,9 @@ class BenchRecording:
         edge = motion.treatment.lost_to_delay(motion.dt)
         inner = slice(edge, len(at) - edge)
         q, qd, qdd = (x[:, at[inner]].T for x in (self.q, self.qd, self.qdd))
-        return replace(motion, q=q, tau=motion.tau[inner], t0=float(motion.t[edge]), rates=(qd, qdd))
+        assert motion.log is not None
+        log = motion.log.between(inner.start, inner.stop)
+        return replace(motion, q=q, tau=motion.tau[inner], log=log, t0=float(motion.t[edge]), rates=(qd, qdd))
 
     def index(self, t: Array) -> np.ndarray:
         """Index of the samples at these times, (times,)."""

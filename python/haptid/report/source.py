@@ -141,7 +141,7 @@ class ReportSource:
     @cached_property
     def validation(self) -> Validation | None:
         """The worst validation on unseen rows; None without any."""
-        return max(self.identification.unseen, key=lambda found: found.relative, default=None)
+        return max(self.identification.unseen, key=lambda found: found.comparable.relative, default=None)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -117,15 +117,17 @@ def error_table(runs: tuple[Run, ...], row: str) -> Table:
     motors = [m.name for m in runs[0].observation.motors]
     each = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
     validations = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
-    rows = [([path, *error_cells(validation, len(motors))], False) for path, validation in validations]
+    rows = [([path, *cells], False) for path, v in validations for cells in error_lines(v, len(motors))]
     return table("\nRelative error of the torque, %", ("log", "rows", "all", *each), rows, left=("rows",))
 
 
-def error_cells(validation: Validation, motors: int) -> list[str | Text]:
-    """Kind of the rows, error of all motors and of each."""
-    kind = Text("of the fit") if validation.seen else Text("unseen", style="bold")
-    each = [f"{m.relative:.2f}" for m in validation.motors] if motors > 1 else []
-    return [kind, f"{validation.relative:.2f}", *each]
+def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text]]:
+    """Kind of the rows, error of all motors and of each; then the same on all rows behind the reference filter."""
+    own = "of the fit" if validation.seen else "unseen"
+    for kind, found in ((Text(own), validation), (Text("unseen, all rows", style="bold"), validation.reference)):
+        if found is not None:
+            each = [f"{m.relative:.2f}" for m in found.motors] if motors > 1 else []
+            yield [kind, f"{found.relative:.2f}", *each]
 
 
 def _verdict(found: Identification) -> str:
@@ -134,8 +136,11 @@ def _verdict(found: Identification) -> str:
         return (
             "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [validation]."
         )
-    worst = max(v.relative for v in found.unseen)
-    text = f"Largest relative error on unseen rows: {worst:.2f} % of the torque."
+    worst = max(found.unseen, key=lambda v: v.comparable.relative)
+    text = f"Largest relative error on unseen motion: {worst.comparable.relative:.2f} % of the torque"
+    if worst.reference is not None:
+        text += f", all rows, behind the reference filter; {worst.relative:.2f} % on the rows of the treatment"
+    text += "."
     if found.meets_criteria is None:
         return text
     limit = found.study.largest_error

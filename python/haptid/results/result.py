@@ -240,12 +240,15 @@ class Result(ResultTable):
     @property
     def fit_errors(self) -> tuple[Validation, ...]:
         """Errors on the rows of the fit, log by log."""
-        return tuple(_validations(self.validation, self.model, seen=True))
+        return tuple(_validations(self.validation, self.model, "fit"))
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
-        """Errors on held-out rows, log by log."""
-        return tuple(_validations(self.validation, self.model, seen=False))
+        """Errors on held-out rows, log by log, with those on all rows behind the reference filter."""
+        unseen, whole = (list(_validations(self.validation, self.model, rows)) for rows in ("unseen", "reference"))
+        if len(whole) != len(unseen):
+            return tuple(unseen)
+        return tuple(dataclasses.replace(v, reference=w) for v, w in zip(unseen, whole, strict=True))
 
     @property
     def identified(self) -> GivenParameters:
@@ -359,10 +362,10 @@ def _uses(verdict: Verdict | None) -> Iterator[ResultUse]:
 
 def _errors(run: Run) -> Iterator[ErrorTable]:
     """Errors by motor, then of all motors (whose RMSE and norms would mix units, and are null)."""
-    for validation in (run.fit_errors, *run.unseen):
-        if validation is None:
-            continue
-        common: dict[str, Any] = {"log": run.entry.path, "rows": "fit" if validation.seen else "unseen"}
+    every = [(v, "fit" if v.seen else "unseen") for v in (run.fit_errors, *run.unseen) if v is not None]
+    every += [(v.reference, "reference") for v in run.unseen if v.reference is not None]
+    for validation, rows in every:
+        common: dict[str, Any] = {"log": run.entry.path, "rows": rows}
         for m in validation.motors:
             yield ErrorTable(
                 motor=m.motor,
@@ -378,15 +381,15 @@ def _errors(run: Run) -> Iterator[ErrorTable]:
         yield ErrorTable(motor="all", relative_error_percent=validation.relative, **mixed, **common)
 
 
-def _validations(errors: Iterable[ErrorTable], model: DynamicModel, *, seen: bool) -> Iterator[Validation]:
+def _validations(errors: Iterable[ErrorTable], model: DynamicModel, rows: str) -> Iterator[Validation]:
     """Errors motor by motor are one validation; each ends with the entry of all motors."""
     labels = dict(zip(model.device.row_names, model.device.row_labels, strict=True))
     motors: list[MotorError] = []
     for e in errors:
-        if (e.rows == "fit") is not seen:
+        if e.rows != rows:
             continue
         if e.residual is None or e.measured is None or e.count is None or e.unit is None:
-            yield Validation(tuple(motors), seen)
+            yield Validation(tuple(motors), rows == "fit")
             motors = []
         else:
             motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))

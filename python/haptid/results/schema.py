@@ -209,7 +209,9 @@ class ErrorTable(ResultTable):
     """Prediction error of one motor on one log, or of all its motors together."""
 
     log: str
-    rows: Literal["fit", "unseen"] = Field(description="in the sample of the fit, or held out")
+    rows: Literal["fit", "unseen", "reference"] = Field(
+        description="in the sample of the fit, held out, or held out with all rows behind the reference filter"
+    )
     motor: str = Field(description="name of the motor, or all")
     relative_error_percent: Number
     rmse: Number

@@ -21,6 +21,8 @@ _PARTS = 17
 _BLOCKS = 4
 # Standard deviations of the difference of losses by which another filter must be better than the usual one.
 _SURELY = 1.0
+# Share of the loss that a gain must be: noise of the judged rows is in every loss, and may favour one side.
+_WORTH = 0.02
 # Better on fewer parts than this share is chance.
 _MOSTLY = 0.5
 
@@ -52,6 +54,7 @@ def better_cutoff(
         return usual
     gain = before - after
     sure = gain.sum() > _SURELY * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
+    sure = sure and gain.sum() > _WORTH * before.sum()
     return best if sure else usual
 
 

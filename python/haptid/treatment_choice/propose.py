@@ -39,11 +39,15 @@ ROWS_IN_PERIOD = 8
 # Highest cut-offs of the position filter and of the parallel filter, as shares of the sampling rate; the lowest of the
 # position filter over the bandwidth; the lowest of the parallel filter as a number of periods in the log.
 _HIGHEST, _HIGHEST_PARALLEL, _LOWEST, _SHORTEST = 0.35, 0.15, 1.2, 10.0
+# Highest cut-off of the position filter over that of the parallel filter: it passes that filter's band unchanged.
+_WIDEST = 3.0
 # Rows for each parameter, at least: a longer parallel filter leaves fewer.
 _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
+# Least share of a motor's rows whose filter window is clear of reversals; with fewer, rows near to them count too.
+CLEAR = 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
 # Bandwidths so far apart are two choices.
@@ -167,6 +171,7 @@ class _Filters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
+        near: whether rows near reversals are kept, because too few lie further away than the filter reaches.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
     """
 
@@ -179,6 +184,7 @@ class _Filters:
     top: float
     lowest: float
     reversal_speed: tuple[float, ...]
+    near: bool = False
     above: float = 0.0
 
     @staticmethod
@@ -202,7 +208,11 @@ class _Filters:
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
-        return replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+        made = replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+        if any(made.reversal_speed):
+            kept = made._shares(made.at(USUAL, given), np.array(made.reversal_speed))[list(model.device.measured)]
+            made = replace(made, near=bool(min(kept) < CLEAR))
+        return made
 
     def known_to_the_torque(self, given: _Given) -> _Filters:
         """Filters for the bulk of the motion alone, where that predicts the torque of unseen parts better.
@@ -234,7 +244,7 @@ class _Filters:
             follows["cutoff_hz"] = self._position_cutoffs(parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
-        if "reversal_guard_s" not in given and not all_rows:
+        if "reversal_guard_s" not in given and not all_rows and self.near:
             follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
 
@@ -242,7 +252,7 @@ class _Filters:
     def _position_cutoffs(self, parallel: float) -> tuple[float, ...]:
         """Cut-off of each position channel's filter, Hz, to the digits that matter."""
         low = _LOWEST * self.bandwidth
-        high = max(_HIGHEST * 2 * self.top, 1.1 * low)
+        high = max(min(_HIGHEST * 2 * self.top, _WIDEST * parallel), 1.1 * low)
         ceiling = 0.95 * 0.5 / self.dt
         found = (min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels)
         return tuple(float(f"{cutoff:.3g}") for cutoff in found)
@@ -264,7 +274,8 @@ class _Filters:
                     power[row, k] = power.get((row, k), 0.0) + own
         for (row, _), total in power.items():
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
-        speeds = np.where(self._shares(treatment, speeds) < KEPT, 0.0, speeds)
+        near = replace(self, near=True).at(USUAL, {})
+        speeds = np.where(self._shares(near, speeds) < KEPT, 0.0, speeds)
         return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
@@ -338,10 +349,12 @@ class _Filters:
             return ()
         shares = self._shares(treatment, np.array(self.reversal_speed))[list(self.model.device.measured)]
         speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
+        guard = treatment.reversal_guard_s
+        where = "Rows whose filter window contains" if guard is None else f"Rows within {guard:.2g} s of"
+        left = ", ".join(f"{100 * share:.0f}" for share in shares)
         return (
-            f"Rows within {treatment.reversal_guard_s:.2g} s of motion slower than {speeds} (of each motor, SI) are "
-            f"dropped, because the sign of dry friction is uncertain at reversals. "
-            f"{', '.join(f'{100 * share:.0f}' for share in shares)} % of the motors' rows are kept.",
+            f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because the sign of dry friction is "
+            f"uncertain at reversals. {left} % of the motors' rows are kept.",
         )
 
 

@@ -28,6 +28,8 @@ _BANDS, _STEEPEST = 6, 3.0
 _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 # Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
 _SHARE, _END = 0.98, 0.999
+# Share of the filtered acceleration's power that may be noise before the filter is narrowed.
+_TOLERATED = 0.003
 # Share of the position's power that is its bulk.
 _BULK = 0.998
 # Order of one pass of the position filter that cut-offs are chosen for.
@@ -100,19 +102,28 @@ class Spectrum:
 
         The motion's acceleration that the filter H removes balances the noise that it passes, behind the parallel
         filter B: sum f^4 B^2 M H (1 - H) = sum f^4 B^2 N H^2. The regression of torque on the filtered acceleration has
-        slope one then to first order; a Wiener filter has it at every frequency (errors of Berkson's kind).
+        slope one then to first order; a Wiener filter has it at every frequency (errors of Berkson's kind). Where the
+        noise left is a share _TOLERATED of the motion at most, so is its effect on inertia, and the cut-off is as high
+        as that allows: what a filter removes is not evenly spread in time.
         """
         tried = np.geomspace(lowest, max(highest, lowest), _TRIED)
         weight = self.f**4 * smoothed(self.f, parallel_hz) ** 2
         motion, noise = weight * self.motion, weight * self.noise
 
-        def passes_more(cutoff: float) -> bool:
+        def removes_less(cutoff: float) -> bool:
             H = passed(self.f, cutoff)
             return bool((H * H) @ noise >= (H * (1 - H)) @ motion)
 
+        def is_noisy(cutoff: float) -> bool:
+            H2 = passed(self.f, cutoff) ** 2
+            return bool(H2 @ noise > _TOLERATED * (H2 @ motion))
+
         # What is removed falls with the cut-off, what is left rises.
-        at = bisect.bisect_left(range(_TRIED), True, key=lambda k: passes_more(float(tried[k])))
-        return float(tried[min(at, _TRIED - 1)])
+        balanced, clean = (
+            bisect.bisect_left(range(_TRIED), True, key=lambda k: test(float(tried[k])))
+            for test in (removes_less, is_noisy)
+        )
+        return float(tried[min(max(balanced, clean - 1), _TRIED - 1)])
 
     def noise_share(self, cutoff: float, parallel_hz: float) -> float:
         """RMS of the noise in the treated acceleration over the RMS of that acceleration, 0 to 1."""

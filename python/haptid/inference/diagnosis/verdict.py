@@ -140,7 +140,7 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 
 def _size(errors: Validation) -> Reason:
     """The largest relative torque error."""
-    largest = max(errors.motors, key=lambda motor: motor.relative)
+    largest = max(errors.comparable.motors, key=lambda motor: motor.relative)
     size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
     limits = f"limits {_CLOSE:g} and {ROUGH:g} %"

@@ -98,8 +98,8 @@ def _result(name: str, found: Result) -> dict[str, Any]:
         "status": found.estimate.status,
         "met": found.criteria.met,
         "unseen": bool(found.unseen),
-        "relative": max((v.relative for v in validations), default=float("nan")),
-        "each": [max(v.motors[k].relative for v in validations) for k in range(len(validations[0].motors))],
+        "relative": max((v.comparable.relative for v in validations), default=float("nan")),
+        "each": [max(v.comparable.motors[k].relative for v in validations) for k in range(len(validations[0].motors))],
         "logs": [{"path": log.path, "role": log.role, "sha256": log.sha256} for log in found.logs],
     }
 

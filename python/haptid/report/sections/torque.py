@@ -117,13 +117,16 @@ class ErrorsSection(Section):
         runs = source.identification.runs
         pairs = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
         labels = [motor.label for motor in runs[0].observation.motors]
-        return cls(charts=(), motors=labels, rows=[_errors(path, validation) for path, validation in pairs])
+        rows = [_errors(path, v) for path, v in pairs]
+        rows += [_errors(path, v.reference, whole=True) for path, v in pairs if v.reference is not None]
+        return cls(charts=(), motors=labels, rows=rows)
 
 
-def _errors(path: str, validation: Validation) -> dict[str, Any]:
+def _errors(path: str, validation: Validation, whole: bool = False) -> dict[str, Any]:
     return {
         "log": path,
         "seen": validation.seen,
+        "all_rows": whole,
         "relative": validation.relative,
         "each": [_error(motor) for motor in validation.motors],
     }
