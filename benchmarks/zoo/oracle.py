@@ -85,7 +85,7 @@ def _treatments(plant: Plant, log: haptid.Log, delay: float) -> list[tuple[hapti
             parallel_cutoff_hz=shared,
             decimation=decimation,
             reversal_speed=tuple(float(slow * v) for v in plant.speed),
-            guard=GUARD * 0.4 / shared,
+            reversal_guard_s=GUARD * 0.4 / shared,
             torque_delay_s=delay,
         )
         made[treatment] = f"parallel {parallel:g}, position {position:g}, reversals {slow:g}"

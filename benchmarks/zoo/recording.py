@@ -214,8 +214,8 @@ position = {{ channels = [{q}], unit = "rad", side = "{side}" }}
 torque = {{ channels = [{u}], unit = "N m", side = "motor" }}
 [[logs]]
 path = "log.csv"
-[holdout]
-pattern = "alternate"
+[validation]
+cross_validation = "blocks"
 """
     (folder / "study.toml").write_text(study, encoding="utf-8")
     return folder / "study.toml"

@@ -18,6 +18,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
+import haptid
 from haptid.observation.cache import LEAST_KEPT
 from haptid.study import read_study
 from haptid.study.identify import identify
@@ -145,7 +146,9 @@ def segments(study: Path) -> Iterator[tuple[int, int]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "SEGMENT", 4096)
         made = identify(read_study(study))
-        yield from planning.Plan.of(made.model, made.runs[0].motion).segments()
+        log = made.runs[0].motion.log
+        for treatment in (made.proposal.treatment, made.proposal.reference):
+            yield from planning.Plan.of(made.model, haptid.treat(log, treatment)).segments()
 
 
 def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:

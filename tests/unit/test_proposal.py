@@ -81,7 +81,7 @@ def test_the_balanced_cutoff_leaves_the_regression_on_the_acceleration_with_slop
     rng, rate, f = np.random.default_rng(0), 1000.0, 4.0
     t = np.arange(60_000) / rate
     exact = np.sin(2 * np.pi * f * t) + 0.5 * np.sin(2 * np.pi * 1.3 * t)
-    measured = exact + 3e-3 * rng.normal(size=len(t))
+    measured = exact + 3e-2 * rng.normal(size=len(t))
     spectrum = Spectrum.of(measured, 1 / rate)
     cutoff = spectrum.balanced_cutoff(3 * f, 1.2 * f, 300.0)
     H, B = (gain(np.fft.rfftfreq(len(t), 1 / rate), c) for gain, c in ((passed, cutoff), (smoothed, 3 * f)))

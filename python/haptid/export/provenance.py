@@ -108,17 +108,18 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
             )
         asked = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
         return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{asked}"
-    worst = max(validations, key=lambda found: found.relative)
+    worst = max(validations, key=lambda found: found.comparable.relative)
+    size = worst.comparable.relative
     rows = "rows of its own fit" if worst.seen else "unseen motion"
-    error = f"{worst.relative:.2f} % of the torque on {rows}"
+    error = f"{size:.2f} % of the torque on {rows}"
     if limit is None:
         return f"Error {error}; no criterion was set."
-    if worst.relative <= limit:
+    if size <= limit:
         return f"Error {error}; criterion {limit:.2f} %: met."
     if not anyway:
         raise UnvalidatedModelError(
-            f"the prediction error is {worst.relative:.2f} % of the unseen torque; the criterion is {limit:.2f} %.",
-            found=worst.relative,
+            f"the prediction error is {size:.2f} % of the unseen torque; the criterion is {limit:.2f} %.",
+            found=size,
             limit=limit,
             advice="Identify it again, or export it anyway (noted in the files).",
         )

@@ -22,13 +22,18 @@ _BLOCKS = 4
 # Standard deviations of the difference of losses by which another filter must be better than the usual one.
 _SURELY = 1.0
 # Share of the loss that a gain must be: noise of the judged rows is in every loss, and may favour one side.
-_WORTH = 0.02
+WORTH = 0.02
 # Better on fewer parts than this share is chance.
 _MOSTLY = 0.5
 
 
 def better_cutoff(
-    model: DynamicModel, logs: Sequence[Log], tried: Sequence[Treatment], usual: int, reference: Treatment
+    model: DynamicModel,
+    logs: Sequence[Log],
+    tried: Sequence[Treatment],
+    usual: int,
+    reference: Treatment,
+    worth: float = WORTH,
 ) -> int:
     """Index of the treatment that predicts unseen parts best; the usual one where no other is better beyond chance.
 
@@ -38,6 +43,7 @@ def better_cutoff(
         tried: the treatments.
         usual: index of the one that stands in doubt.
         reference: the treatment of the rows that are predicted.
+        worth: share of the loss that a gain must be.
     """
     block = min(len(log.t) * float(log.dt) for log in logs) / _PARTS / _BLOCKS
     try:
@@ -54,7 +60,8 @@ def better_cutoff(
         return usual
     gain = before - after
     sure = gain.sum() > _SURELY * np.sqrt(len(gain)) * gain.std(ddof=1) and np.mean(gain > 0) > _MOSTLY
-    sure = sure and gain.sum() > _WORTH * before.sum()
+    # In a log that moves one joint after another, parts without its motion dominate the sum and say nothing.
+    sure = sure and np.median(gain[before > 0] / before[before > 0]) > worth
     return best if sure else usual
 
 

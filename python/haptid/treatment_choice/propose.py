@@ -50,8 +50,8 @@ SLOW, _NEAR = 0.03, 0.3
 CLEAR = 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
-# Bandwidths so far apart are two choices.
-_APART = 1.6
+# Bandwidths so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
+_APART, _RIPPLE = 1.6, 0.5
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
@@ -217,16 +217,19 @@ class _Filters:
     def known_to_the_torque(self, given: _Given) -> _Filters:
         """Filters for the bulk of the motion alone, where that predicts the torque of unseen parts better.
 
-        Both are judged behind a filter that passes the bulk: there a model that took ripple for motion fails, and one
-        that left true motion out is no worse.
+        Both are judged on positions with all that moves, behind a parallel filter that passes the bulk alone: there a
+        model that took ripple for motion fails, and so does one that left true motion out.
         """
         found = tuple(tuple(spectrum.narrowed() for spectrum in own) for own in self.spectra)
         if max(s.bandwidth for s in widest(found)) > self.bandwidth / _APART:
             return self
         narrow = _Filters.of(self.model, self.logs, given, found)
         guess = {"torque_delay_s": HOLD * self.dt, **given}
-        tried, judged = [self.at(USUAL, guess), narrow.at(USUAL, guess)], narrow.at(REFERENCE, guess, all_rows=True)
-        return replace(narrow, above=self.bandwidth) if better_cutoff(self.model, self.logs, tried, 0, judged) else self
+        tried = [self.at(USUAL, guess), narrow.at(USUAL, guess)]
+        bulk = {**guess, "cutoff_hz": tried[0].cutoff_hz, "parallel_cutoff_hz": narrow.parallel(TRIED[0])}
+        judged = self.at(USUAL, bulk, all_rows=True)
+        chosen = better_cutoff(self.model, self.logs, tried, 0, judged, _RIPPLE)
+        return replace(narrow, above=self.bandwidth) if chosen else self
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""

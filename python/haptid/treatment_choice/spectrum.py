@@ -30,8 +30,9 @@ _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 _SHARE, _END = 0.98, 0.999
 # Share of the filtered acceleration's power that may be noise before the filter is narrowed.
 _TOLERATED = 0.003
-# Share of the position's power that is its bulk.
-_BULK = 0.998
+# Share of the position's power that is its bulk; RMS of what ripple may be, in steps of the encoder, and as a share of
+# the motion where there are none.
+_BULK, _STEPS, _SMALL = 0.998, 6.0, 1e-3
 # Order of one pass of the position filter that cut-offs are chosen for.
 _ORDER = 4
 # Cut-offs tried between the lowest and the highest.
@@ -49,12 +50,14 @@ class Spectrum:
     Attributes:
         f: frequencies, (bins,), Hz.
         motion, noise: power densities, (bins,), rad^2/Hz or m^2/Hz.
+        step: resolution of the encoder, rad or m; 0 where the values lie on no lattice.
         bandwidth: below it lies a share _SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
     """
 
     f: Array
     motion: Array
     noise: Array
+    step: float
     bandwidth: float
 
     @staticmethod
@@ -81,21 +84,27 @@ class Spectrum:
         return float(np.sqrt(np.sum(self.noise) * (self.f[1] - self.f[0])))
 
     def narrowed(self) -> Spectrum:
-        """The same with only the bulk of the position's power as motion, and all above as noise; itself without motion.
+        """The same with only the bulk of the position's power as motion, and all above as noise.
 
-        Ripple of an encoder and vibration move with the motion, and no spectrum of positions alone tells them from it;
-        but they are small.
+        Ripple of an encoder moves with the motion, and no spectrum of positions alone tells them apart; but it is a few
+        steps of the encoder only. Itself where more than that would be left out, and without motion.
         """
         if not self.bandwidth:
             return self
         total = np.cumsum(self.motion)
         end = float(self.f[np.searchsorted(total, _BULK * total[-1])])
+        df, all_of_it = self.f[1] - self.f[0], np.sqrt(total[-1] * (self.f[1] - self.f[0]))
+        left_out = np.sqrt(self.motion[self.f > end].sum() * df)
+        if left_out > (_STEPS * self.step if self.step else _SMALL * all_of_it):
+            return self
         motion, power = np.where(self.f <= end, self.motion, 0.0), self.motion + self.noise
         above = (self.f > end) & (self.f <= 2 * end)
         flat = float(np.median(power[above])) if above.any() else float(power[-1])
         noise = np.where(self.f > end, power, np.maximum(self.noise, flat))
         velocity = np.cumsum(motion * self.f**2)
-        return Spectrum(self.f, motion, noise, float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])]))
+        return Spectrum(
+            self.f, motion, noise, self.step, float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])])
+        )
 
     def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
         """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
@@ -195,14 +204,14 @@ def _apart(f: Array, power: Array, step: float) -> Spectrum:
         # A nearly pure tone: the error of the encoder is in lines, and so much power on top is no motion.
         motion[np.cumsum(motion[::-1])[::-1] * df < step**2 / 6] = 0.0
     if not motion.any():
-        return Spectrum(f, motion, noise, 0.0)
+        return Spectrum(f, motion, noise, step, 0.0)
     velocity, acceleration = np.cumsum(motion * f**2), np.cumsum(motion * f**4)
     edge = float(f[np.searchsorted(velocity, _SHARE * velocity[-1])])
     end = float(f[np.searchsorted(acceleration, _END * acceleration[-1])])
     # Below the end of the motion the noise is hidden: it is taken to go on as it is just above.
     above = (f >= end) & (f <= 1.5 * end)
     flat = float(np.median(noise[above])) if above.any() else float(noise[-1])
-    return Spectrum(f, motion, np.where(f < end, np.minimum(noise, flat), noise), edge)
+    return Spectrum(f, motion, np.where(f < end, np.minimum(noise, flat), noise), step, edge)
 
 
 def _noise(f: Array, power: Array) -> Array:
