@@ -46,7 +46,7 @@ _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
-# Least share of a motor's rows whose filter window is clear of reversals; with fewer, rows near to them count too.
+# Least share of a motor's rows whose filter window is clear of reversals; with fewer, others are not dropped.
 CLEAR = 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
@@ -110,22 +110,22 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     filters = _Filters.of(model, logs, given)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         filters = filters.known_to_the_torque(given)
-    reference = filters.at(REFERENCE, {"torque_delay_s": given.get("torque_delay_s", 0.0)}, all_rows=True)
-    times, delays = USUAL, None
-    treatment = filters.at(USUAL, given)
-    if "torque_delay_s" not in given:
-        delays = _delays(model, logs, treatment)
+    times = USUAL
+    treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)
+    if filters.may_clear and "reversal_guard_s" not in given:
+        clear = replace(filters, near=False)
+        settings = {**given, "torque_delay_s": treatment.torque_delay_s}
+        tried = [filters.at(USUAL, settings), clear.at(USUAL, settings)]
+        if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings)):
+            filters = clear
+            treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
-        timed = {**given, "torque_delay_s": given.get("torque_delay_s", delays.setting if delays else 0.0)}
-        reference = replace(reference, torque_delay_s=timed["torque_delay_s"])
-        tried = [filters.at(k, timed) for k in TRIED]
-        times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), reference)]
+        settings = {**given, "torque_delay_s": treatment.torque_delay_s}
+        tried, judged = [filters.at(k, settings) for k in TRIED], filters.at(REFERENCE, settings, all_rows=True)
+        times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), judged)]
         if times != USUAL:
-            treatment = filters.at(times, given)
-            delays = None if delays is None else _delays(model, logs, treatment, delays)
-    if delays is not None:
-        treatment = replace(treatment, torque_delay_s=delays.setting)
-    reference = replace(reference, torque_delay_s=treatment.torque_delay_s)
+            treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
+    reference = filters.at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
     reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
@@ -139,6 +139,16 @@ def _no_delay(logs: Sequence[Log]) -> str:
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     why = f", which have {' and '.join(rates)} Hz" if len(rates) > 1 else ""
     return f"The torque delay could not be estimated from the logs{why}; none is compensated. Give `torque_delay_s`."
+
+
+def _with_delays(
+    model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: _Given, start: Delays | None = None
+) -> tuple[Treatment, Delays | None]:
+    """The treatment with the delays of the torque channels, and these; as it is where they were given."""
+    if "torque_delay_s" in given:
+        return treatment, None
+    delays = _delays(model, logs, treatment, start)
+    return treatment if delays is None else replace(treatment, torque_delay_s=delays.setting), delays
 
 
 def _delays(
@@ -171,7 +181,8 @@ class _Filters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
-        near: whether rows near reversals are kept, because too few lie further away than the filter reaches.
+        near: whether rows count whose filter window contains a reversal, if not near its middle.
+        may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
     """
 
@@ -184,7 +195,8 @@ class _Filters:
     top: float
     lowest: float
     reversal_speed: tuple[float, ...]
-    near: bool = False
+    near: bool = True
+    may_clear: bool = False
     above: float = 0.0
 
     @staticmethod
@@ -210,8 +222,9 @@ class _Filters:
         made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
         made = replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
         if any(made.reversal_speed):
-            kept = made._shares(made.at(USUAL, given), np.array(made.reversal_speed))[list(model.device.measured)]
-            made = replace(made, near=bool(min(kept) < CLEAR))
+            clear = replace(made, near=False).at(USUAL, given)
+            kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
+            made = replace(made, may_clear=bool(min(kept) >= CLEAR))
         return made
 
     def known_to_the_torque(self, given: _Given) -> _Filters:
@@ -277,8 +290,7 @@ class _Filters:
                     power[row, k] = power.get((row, k), 0.0) + own
         for (row, _), total in power.items():
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
-        near = replace(self, near=True).at(USUAL, {})
-        speeds = np.where(self._shares(near, speeds) < KEPT, 0.0, speeds)
+        speeds = np.where(self._shares(self.at(USUAL, {}), speeds) < KEPT, 0.0, speeds)
         return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
