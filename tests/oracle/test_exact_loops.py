@@ -190,7 +190,7 @@ def test_motors_say_which_torques_are_known(tmp_path: Path) -> None:
     ("change", "found"),
     [
         (('passive = ["2", "4"]', 'passive = ["2"]'), "1 passive joints and a turning cut"),
-        (("cut = { on", 'cut = { type = "prismatic", on'), "2 passive joints and a sliding cut"),
+        (("cut = { body_a", 'cut = { type = "prismatic", body_a'), "2 passive joints and a sliding cut"),
         (('passive = ["2", "4"]', 'passive = ["2", "4", "1"]'), "3 passive joints"),
         (("cut = {", 'relations = ["q4 = q1"]\ncut = {'), "a loop has relations"),
     ],
