@@ -84,7 +84,7 @@ def _words(term: TermColumn) -> str:
         return f"column {term.shape.text}"
     settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(term.kind, "width {}")
     shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
-    return f"{term.kind}{shown}"
+    return f"{'rotor-inertia' if term.kind == 'rotor' else term.kind}{shown}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
