@@ -233,13 +233,14 @@ class _Problem:
         # One delay of the bodies for all channels; what is added for all torque is each channel's own.
         p, n = len(self.beta), 1 + max(channel for channel, _ in everything)
         columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
-        motors = _reduced(self.model, [with_delay(m, HOLD * dt) for m in self.motions], self.beta, columns)
+        motions = [with_delay(m, HOLD * dt) for m in self.motions]
+        motors, seen = _reduced(self.model, motions, self.beta, columns), observe(self.model, *motions)
         solution = solve_excited(motors, self.weights, np.zeros((0, p + n + 2)))
-        spread = clustered(replace(self.observation, motors=motors), self.weights, solution, np.eye(p + n + 1)[[p]])
+        spread = clustered(replace(seen, motors=motors), self.weights, solution, np.eye(p + n + 1)[[p]])
         # The second column holds all torque, the first the bodies' once more: equal delays leave the first at zero.
         own, total = float(solution.beta[p]), float(np.median(solution.beta[p + 1 :]))
-        se, seen = float(np.sqrt(spread.covariance[0, 0])), own + total + HOLD * dt
-        return se < abs(seen - HOLD * dt) / _SEEN and abs(seen - delay) < 2 * se + 0.5 * dt
+        se, late = float(np.sqrt(spread.covariance[0, 0])), own + total + HOLD * dt
+        return se < abs(late - HOLD * dt) / _SEEN and abs(late - delay) < 2 * se + 0.5 * dt
 
 
 def _setting(d: Array) -> tuple[float, ...]:
