@@ -106,7 +106,7 @@ def test_result_file_keeps_its_contract(phantom):
         assert p["se"] > 0
     for v in found["validation"]:
         assert set(v) >= {"log", "motor", "relative_error_percent", "rmse", "unit"}
-    assert {v["rows"] for v in found["validation"]} == {"fit", "unseen"}
+    assert {v["rows"] for v in found["validation"]} == {"fit", "unseen", "reference"}
     assert all(isinstance(note, str) for note in found["notes"])
 
 

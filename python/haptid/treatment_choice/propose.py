@@ -116,7 +116,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         clear = replace(filters, near=False)
         settings = {**given, "torque_delay_s": treatment.torque_delay_s}
         tried = [filters.at(USUAL, settings), clear.at(USUAL, settings)]
-        if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings)):
+        if better_cutoff(model, logs, tried, 0, clear.at(REFERENCE, settings), worth=0.0):
             filters = clear
             treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
