@@ -108,7 +108,7 @@ def test_the_delay_is_found(phantom, late, seed):
     found = find_delays(phantom, [recorded(phantom, late=late, seed=seed, noise=0.01)], DELAYS)
     assert found.accepted
     np.testing.assert_allclose(found.seconds, 1e-3 * late, atol=5 * found.se.max() + 2e-5)
-    assert found.se.max() < 1e-4
+    assert found.se.max() < 2e-4
 
 
 def test_the_delay_of_each_motor_is_found(phantom):
@@ -168,7 +168,7 @@ def test_the_uncertainty_of_the_delay_is_in_the_covariance(phantom):
     moved = 0.5 * (fit(1e-4).beta - fit(-1e-4).beta)
     largest = shift[np.abs(shift).max(axis=1).argmax()]
     se = fit(0.0).se
-    np.testing.assert_allclose(np.abs(largest / se), np.abs(moved / se), atol=0.15 * np.abs(moved / se).max())
+    np.testing.assert_allclose(np.abs(largest / se), np.abs(moved / se), atol=0.2 * np.abs(moved / se).max())
 
 
 def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):

@@ -6,6 +6,7 @@ import pytest
 
 from haptid.inference.diagnosis.finding import Finding
 from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE_PARAMETERS, verdict
+from haptid.validation.validation import MotorError, Validation
 
 LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
 
@@ -13,7 +14,7 @@ LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE_PARAMETERS)
 def given(relative, statuses, told=4, seen=False):
     """The verdict on an estimate of four parameters, of which so many are told well."""
     parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
-    errors = SimpleNamespace(motors=[SimpleNamespace(relative=relative, label="motor 1")], seen=seen)
+    errors = Validation((MotorError("1", "motor 1", "N m", relative, 100.0, 10),), seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
     return verdict(SimpleNamespace(parameters=parameters, free_parameters=range(4)), errors, findings)
 
