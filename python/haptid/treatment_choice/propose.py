@@ -46,9 +46,9 @@ _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
-# Shares of a motor's rows whose filter window is clear of reversals: with half of them the others are dropped, which
+# Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
 # costs little; with fewer than the second, they are not; between, unseen rows decide.
-_HALF, CLEAR = 0.5, 0.3
+_CLEARLY, CLEAR = 0.6, 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
 # Bandwidths so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
@@ -225,7 +225,7 @@ class _Filters:
         if any(made.reversal_speed):
             clear = replace(made, near=False).at(USUAL, given)
             kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
-            made = replace(made, near=bool(min(kept) < _HALF), may_clear=bool(CLEAR <= min(kept) < _HALF))
+            made = replace(made, near=bool(min(kept) < _CLEARLY), may_clear=bool(CLEAR <= min(kept) < _CLEARLY))
         return made
 
     def known_to_the_torque(self, given: _Given) -> _Filters:

@@ -30,9 +30,8 @@ _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 _SHARE, _END = 0.98, 0.999
 # Share of the filtered acceleration's power that may be noise before the filter is narrowed.
 _TOLERATED = 0.003
-# Share of the position's power that is its bulk; RMS of what ripple may be, in steps of the encoder, and as a share of
-# the motion where there are none.
-_BULK, _STEPS, _SMALL = 0.998, 6.0, 1e-3
+# RMS of what ripple may be, in steps of the encoder, and as a share of the motion where there are none.
+_STEPS, _SMALL = 4.0, 1e-3
 # Order of one pass of the position filter that cut-offs are chosen for.
 _ORDER = 4
 # Cut-offs tried between the lowest and the highest.
@@ -87,16 +86,13 @@ class Spectrum:
         """The same with only the bulk of the position's power as motion, and all above as noise.
 
         Ripple of an encoder moves with the motion, and no spectrum of positions alone tells them apart; but it is a few
-        steps of the encoder only. Itself where more than that would be left out, and without motion.
+        steps of the encoder only. Itself without motion.
         """
         if not self.bandwidth:
             return self
-        total = np.cumsum(self.motion)
-        end = float(self.f[np.searchsorted(total, _BULK * total[-1])])
-        df, all_of_it = self.f[1] - self.f[0], np.sqrt(total[-1] * (self.f[1] - self.f[0]))
-        left_out = np.sqrt(self.motion[self.f > end].sum() * df)
-        if left_out > (_STEPS * self.step if self.step else _SMALL * all_of_it):
-            return self
+        df, total = self.f[1] - self.f[0], np.cumsum(self.motion)
+        least = (_STEPS * self.step) ** 2 / df if self.step else _SMALL**2 * total[-1]
+        end = float(self.f[np.searchsorted(total, total[-1] - min(least, total[-1]))])
         motion, power = np.where(self.f <= end, self.motion, 0.0), self.motion + self.noise
         above = (self.f > end) & (self.f <= 2 * end)
         flat = float(np.median(power[above])) if above.any() else float(power[-1])
