@@ -24,7 +24,7 @@ def header(folder, name="two_links"):
 def test_header_says_what_the_model_is_and_how_it_was_validated(tmp_path, identification):
     made = export_c(identification, tmp_path / "out", largest_error=50.0)
     text = header(made.folder)
-    error = identification.unseen[0].relative
+    error = identification.unseen[0].comparable.relative
     assert f"Error {error:.2f} % of the torque on unseen motion; criterion 50.00 %: met." in text
     assert made.verdict in text
     assert identification.runs[0].motion.log.sha256 in text
@@ -124,8 +124,10 @@ def test_every_format_says_how_the_model_was_validated(tmp_path, identification,
     read = haptid.Result.load(tmp_path / "result")
     for source in (identification, read):
         made = export_model(source, tmp_path / "out", [name])[name]
-        assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (
-            "no criterion was set."
+        assert (
+            made.verdict
+            == f"Error {identification.unseen[0].comparable.relative:.2f} % of the torque on unseen motion; "
+            + ("no criterion was set.")
         )
         said = "".join((made.folder / file).read_text() for file in made.files).replace("\\%", "%")
         assert made.verdict in said

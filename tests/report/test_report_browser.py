@@ -84,7 +84,7 @@ def test_tables_are_downloaded(report):
     csv, listed, tex = sorted(
         report.ask("window.saved"), key=lambda text: "[{\\".index(text[0]) if text[0] in "[{\\" else -1
     )
-    assert csv.splitlines()[0].startswith("name,value,low,high,sd")
+    assert csv.splitlines()[0].startswith("name,value,low,high,se")
     assert len(csv.splitlines()) == 1 + len(found().estimate.parameters)
     value = next(line for line in csv.splitlines() if line.startswith("FC1,")).split(",")[1]
     assert float(value) == pytest.approx(found().estimate["FC1"].value)

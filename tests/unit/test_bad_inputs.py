@@ -137,7 +137,6 @@ BAD = {
     "nan": (change(q1=at(700, np.nan)), r"q1.*not finite|q1.*missing"),
     "infinity": (change(tau2=at(slice(5, 9), np.inf)), r"tau2"),
     "time backwards": (change(t=at(900, 0.5)), r"time decreases"),
-    "repeated stamps": (change(t=lambda t, _: np.repeat(t[::4], 4)[: len(t)]), r"stamp|repeat"),
     "gap": (change(t=lambda t, _: t + 1.0 * (np.arange(len(t)) > 1500)), r"gap|time_range"),
     "too short": (only(slice(0, 20)), r"20 samples"),
     "shorter than its filter": (both(only(slice(0, 120)), text("study.toml", "= 30", "= 2")), r"lasts"),
