@@ -48,7 +48,7 @@ def test_the_closed_loop_gives_the_truth_back(name, kind):
     low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
     assert (np.abs(found.beta - beta) <= 6 * found.se).all()
-    assert haptid.fit_errors(found).relative < 1.0
+    assert haptid.fit_errors(found).relative < 1.2
     assert found.method.name == kind.__name__
 
 
@@ -59,7 +59,7 @@ def test_the_open_loop_and_the_filter_come_near(method):
     found = haptid.estimate(observed(ARM, 30, 10), method)
     low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.6
-    assert haptid.fit_errors(found).relative < 1.0
+    assert haptid.fit_errors(found).relative < 1.2
     assert np.median(np.abs(found.beta / beta - 1)) < 0.03
 
 
@@ -114,7 +114,7 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
         estimation.PhysicallyConsistent(estimation.DIDIM(law)),
     ):
         found = haptid.estimate(observation, method)
-        assert haptid.fit_errors(found).relative < 1.0
+        assert haptid.fit_errors(found).relative < 1.2
         assert np.median(np.abs(found.beta / beta - 1)) < 0.02
     assert found.feasible.ok
 
