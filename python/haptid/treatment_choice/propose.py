@@ -48,7 +48,7 @@ _ROWS_PER_PARAMETER = 4.0
 SLOW, _NEAR = 0.03, 0.3
 # Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
 # costs little; with fewer than the second, they are not; between, unseen rows decide.
-_CLEARLY, CLEAR = 0.6, 0.3
+_CLEARLY, _CLEAR = 0.6, 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
 # Bandwidths so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
@@ -225,7 +225,7 @@ class _Filters:
         if any(made.reversal_speed):
             clear = replace(made, near=False).at(USUAL, given)
             kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
-            made = replace(made, near=bool(min(kept) < _CLEARLY), may_clear=bool(CLEAR <= min(kept) < _CLEARLY))
+            made = replace(made, near=bool(min(kept) < _CLEARLY), may_clear=bool(_CLEAR <= min(kept) < _CLEARLY))
         return made
 
     def known_to_the_torque(self, given: _Given) -> _Filters:
