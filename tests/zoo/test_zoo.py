@@ -16,8 +16,9 @@ from zoo.plant import Plant
 from zoo.recording import record, undisturbed
 from zoo.score import LEAST, score
 
-# Error over the oracle's: of logs whose model fits, and of any log whose result claims to be in order.
-FAIR, WORST = 1.3, 3.0
+# Error over the oracle's, of logs whose model fits, and of any log whose result claims to be in order. Single logs
+# scatter: the benchmark judges a class by its median and its 90 % point, which is 1.3.
+FAIR, WORST = 2.0, 3.0
 CASES = {
     "clean": Case(1, "arm2", 500, 12, 2.0, 3, bits=16),
     "coarse encoder": Case(2, "arm3", 1000, 12, 1.6, 3, bits=11),
