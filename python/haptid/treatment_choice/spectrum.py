@@ -32,6 +32,8 @@ _SHARE, _END = 0.98, 0.999
 _TOLERATED = 0.003
 # RMS of what ripple may be, in steps of the encoder, and as a share of the motion where there are none.
 _STEPS, _SMALL = 4.0, 1e-3
+# Share of the position's power that may be left out as ripple at most.
+_BULK = 0.01
 # Order of one pass of the position filter that cut-offs are chosen for.
 _ORDER = 4
 # Cut-offs tried between the lowest and the highest.
@@ -92,7 +94,7 @@ class Spectrum:
             return self
         df, total = self.f[1] - self.f[0], np.cumsum(self.motion)
         least = (_STEPS * self.step) ** 2 / df if self.step else _SMALL**2 * total[-1]
-        end = float(self.f[np.searchsorted(total, total[-1] - min(least, total[-1]))])
+        end = float(self.f[np.searchsorted(total, total[-1] - min(least, _BULK * total[-1]))])
         motion, power = np.where(self.f <= end, self.motion, 0.0), self.motion + self.noise
         above = (self.f > end) & (self.f <= 2 * end)
         flat = float(np.median(power[above])) if above.any() else float(power[-1])
