@@ -34,7 +34,7 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
 def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
     """A log with the validations of the reduced estimate."""
     if run.entry.role == "validate":
-        return replace(run, unseen=(validate(reduced, run.observation),))
+        return replace(run, unseen=(validate(reduced, run.observation, run.reference),))
     others = [other.observation for other in fitted if other is not run]
-    unseen = held_out(study, filed, run.observation, others)
+    unseen = held_out(study, filed, run.observation, others, run.reference)
     return replace(run, fit_errors=fit_errors(reduced, run.observation), unseen=unseen)

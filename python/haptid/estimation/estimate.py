@@ -102,7 +102,8 @@ class Estimate:
             unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
         classical_covariance: classical, valid for white residuals, (p, p).
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
-        status: "ok", "ill_conditioned", or "constrained_outside_ci" where constraints contradict an interval.
+        status: "ok"; "ill_conditioned"; "constrained_outside_ci" where constraints contradict an interval;
+            "noisy_positions" where noise of the positions, or their filter, changes the predicted torque too much.
         notes: for the user.
         constrained_fit: of a method with inequality constraints: the constrained and the unconstrained estimate, and
             the active constraints; None of the others.

@@ -156,13 +156,8 @@ class Observation:
 
     def stack(self, weights: Array | None = None) -> Array:
         """R factor [R z; 0 rest] of all rows, each motor's rows multiplied by its weight, (p + 1, p + 1)."""
-        p, stop = len(self.base), 0
-        rows = np.zeros((sum(len(motor.whole) for motor in self.motors), p + 1))
-        for k, motor in enumerate(self.motors):
-            start, stop = stop, stop + len(motor.whole)
-            own = motor.whole if weights is None else motor.whole * weights[k]
-            rows[start:stop, motor.columns], rows[start:stop, p] = own[:, :-1], own[:, -1]
-        return triangle(rows)
+        w = np.ones(len(self.motors)) if weights is None else weights
+        return triangle(stacked(self.motors, w, len(self.base)))
 
     @cached_property
     def condition(self) -> tuple[float, float]:
@@ -263,6 +258,19 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
             f"{LEAST_BLOCKS} of them at least.",
         )
     return Observation(model, motors, plan.blocks(), (motion,), notes)
+
+
+def stacked(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
+    """Rows [R z] of all motors, each multiplied by its weight, with their columns in place, (rows, columns + 1).
+
+    Columns of one motor with the same place are added.
+    """
+    parts = []
+    for motor, weight in zip(motors, weights, strict=True):
+        wide = np.zeros((len(motor.whole), columns + 1))
+        np.add.at(wide.T, np.append(motor.columns, columns), (motor.whole * weight).T)
+        parts.append(wide)
+    return np.concatenate(parts)
 
 
 def _short_segments(plan: Plan) -> tuple[str, ...]:

@@ -197,3 +197,18 @@ def track(estimate: Estimate, run: Run) -> Track:
         coordinate_units=tuple(model.device.coordinate_units[k] for k in rows),
         trail=c[:, :: max(1, c.shape[1] // _TRAIL)],
     )
+
+
+def criterion(found: Identification) -> str:
+    """Largest error on unseen motion and the study's criterion, in a sentence."""
+    if not found.unseen:
+        return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or another [validation]."
+    worst = max(found.unseen, key=lambda v: v.comparable.relative)
+    text = f"Largest relative error on unseen motion: {worst.comparable.relative:.2f} % of the torque"
+    if worst.reference is not None:
+        text += f", all rows, behind the reference filter; {worst.relative:.2f} % on the rows of the treatment"
+    text += "."
+    if found.meets_criteria is None:
+        return text
+    limit = found.study.largest_error
+    return f"{text} The study allows {limit:g} %: {'met' if found.meets_criteria else 'not met'}."

@@ -16,6 +16,7 @@ from haptid.errors import RegroupingError
 from haptid.estimation import Parameter
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
+from haptid.report.source import criterion
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
@@ -64,7 +65,7 @@ def show_identification(console: Console, found: Identification) -> None:
     searched = found.projection.notes if found.projection else ()
     for note in (*found.proposal.reasons, *found.estimate.notes, *searched):
         console.print(f"- {note}")
-    console.print(f"\n{_verdict(found)}")
+    console.print(f"\n{criterion(found)}")
 
 
 def searched_table(projection: VariableProjection) -> Table:
@@ -128,23 +129,6 @@ def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text
         if found is not None:
             each = [f"{m.relative:.2f}" for m in found.motors] if motors > 1 else []
             yield [kind, f"{found.relative:.2f}", *each]
-
-
-def _verdict(found: Identification) -> str:
-    """Largest error on unseen rows and the study's criterion, in a sentence."""
-    if not found.unseen:
-        return (
-            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [validation]."
-        )
-    worst = max(found.unseen, key=lambda v: v.comparable.relative)
-    text = f"Largest relative error on unseen motion: {worst.comparable.relative:.2f} % of the torque"
-    if worst.reference is not None:
-        text += f", all rows, behind the reference filter; {worst.relative:.2f} % on the rows of the treatment"
-    text += "."
-    if found.meets_criteria is None:
-        return text
-    limit = found.study.largest_error
-    return f"{text} The study allows {limit:g} %: {'met' if found.meets_criteria else 'not met'}."
 
 
 def show_model(console: Console, model: DynamicModel) -> None:

@@ -41,12 +41,14 @@ class Run:
         fit_errors: errors of the final estimate on the rows of its fit; None of a validation log.
         unseen: out-of-sample errors: of the final estimate for a validation log, of each fold's own fit in
             cross-validation.
+        reference: all its rows behind the reference filter; None where errors are not compared on them.
     """
 
     entry: LogEntry
     observation: Observation
     fit_errors: Validation | None
     unseen: tuple[Validation, ...]
+    reference: Observation | None = None
 
     @property
     def motion(self) -> Motion:
@@ -127,11 +129,11 @@ def identify(
     runs = []
     for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
-            runs.append(Run(entry, observation, None, (validate(final, observation, whole),)))
+            runs.append(Run(entry, observation, None, (validate(final, observation, whole),), whole))
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others, whole)
-            runs.append(Run(entry, observation, fit_errors(final, observation), unseen))
+            runs.append(Run(entry, observation, fit_errors(final, observation), unseen, whole))
     progress("estimating", 1.0)
     return Identification(study, model, proposal, final, tuple(runs), projection)
 

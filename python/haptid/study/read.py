@@ -21,6 +21,7 @@ from haptid.study.method import INTERVALS, method_of
 from haptid.study.schema import (
     ChannelsTable,
     ControllerTable,
+    CrossValidation,
     LogTable,
     PayloadTable,
     PosesTable,
@@ -54,7 +55,7 @@ def read_study(path: str | Path) -> Study:
         logs=logs,
         treatment=_treatment(path, table.treatment),
         method=method_of(path, table.estimate, controller),
-        cross_validation=table.validation.cross_validation if table.validation else None,
+        cross_validation=_cross_validation(table.validation, logs),
         largest_error=table.criteria.relative_error_percent,
         intervals=INTERVALS[table.estimate.intervals](),
         controller=controller,
@@ -185,6 +186,16 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], validation: ValidationT
         raise fault(
             study, "logs", "cross_validation = 'leave-one-log-out' needs at least two logs with role 'identify'"
         )
+
+
+def _cross_validation(table: ValidationTable | None, logs: tuple[LogEntry, ...]) -> CrossValidation | None:
+    """The given scheme; without one, blocks where no log is for validation.
+
+    A fit to all logs but one would fail where each of them moves another joint.
+    """
+    if table is not None:
+        return None if table.cross_validation == "none" else table.cross_validation
+    return None if any(log.role == "validate" for log in logs) else "blocks"
 
 
 def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:

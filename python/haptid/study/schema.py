@@ -155,8 +155,9 @@ class ControllerTable(_Table):
 class ValidationTable(_Table):
     """How rows without a log of their own are predicted."""
 
-    cross_validation: CrossValidation = Field(
-        description="blocks: two folds of every other time block; leave-one-log-out: one fold for each log"
+    cross_validation: CrossValidation | Literal["none"] = Field(
+        description="blocks: two folds of every other time block; leave-one-log-out: one fold for each log; none: no "
+        "cross-validation. Without this table: none with a log of role validate, else blocks"
     )
 
 

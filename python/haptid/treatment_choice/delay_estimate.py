@@ -25,7 +25,8 @@ from haptid.log import Log
 from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion, Treatment, treat, with_delay
 from haptid.observation.augmented import CandidateColumns, ResidualContext, augmented_plan, reduced
-from haptid.observation.observation import MotorRows, Observation, observe
+from haptid.observation.observation import Observation, observe
+from haptid.observation.plan import Block
 from haptid.treatment_choice.first_fit import least_squares, residual_memory, solve_excited
 
 # Prior of the delays, samples: mean for a command that is held from one sample to the next, standard deviations of what
@@ -51,16 +52,16 @@ class Delays:
     Attributes:
         seconds: to compensate, (channels,), s.
         covariance: their cluster-robust covariance with the prior's, (channels, channels), s^2.
-        found: as estimated; another than `seconds` where it was not accepted, (channels,), s.
+        found: as estimated for each channel alone, (channels,), s.
+        accepted: whether what was found is compensated, and not taken for friction or a missing term.
         dt: sampling period, s.
-        hold: prior mean, samples.
     """
 
     seconds: Array
     covariance: Array
     found: Array
+    accepted: bool
     dt: float
-    hold: float
 
     def __post_init__(self) -> None:
         for name in ("seconds", "covariance", "found"):
@@ -70,16 +71,6 @@ class Delays:
     def se(self) -> Array:
         """Standard errors, (channels,), s."""
         return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the estimated delays are those to compensate."""
-        return bool(np.array_equal(self.seconds, self.found) or self._alike)
-
-    @property
-    def _alike(self) -> bool:
-        """Whether one delay stands for all channels."""
-        return len(set(self.seconds.tolist())) == 1 and abs(self.seconds[0] - np.average(self.found)) < self.dt
 
     @property
     def setting(self) -> float | tuple[float, ...]:
@@ -125,7 +116,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     mean = np.full(channels, hold * dt)
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
-    beta, covariance = None, prior
+    beta, covariance = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions))), prior
     for _ in range(_STEPS):
         problem = _Problem.of(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
         beta, step, covariance = problem.solve(mean - d, prior)
@@ -138,8 +129,8 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
     if odd and not problem.rigid_agrees(float(np.median(d)), dt):
-        return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, dt, hold)
-    return Delays(_alike(d, covariance), covariance, d, dt, hold)
+        return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
+    return Delays(_alike(d, covariance), covariance, d, True, dt)
 
 
 def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
@@ -167,32 +158,27 @@ class _Problem:
 
     Attributes:
         model, motions: of the rows.
-        observation: the rows without the delays' columns.
-        motors: R factors with a column for the delay of each channel after those of the base parameters.
+        rows: R factors with a column for the delay of each channel after those of the base parameters.
         beta: parameters that the columns were computed with, (p,).
     """
 
     model: DynamicModel
     motions: Sequence[Motion]
-    observation: Observation
-    motors: tuple[MotorRows, ...]
+    rows: Observation
     beta: Array
 
     @staticmethod
-    def of(model: DynamicModel, motions: Sequence[Motion], beta: Array | None) -> _Problem:
-        """From treated motions of logs, and parameters; weighted least squares gives them where None."""
-        observation = observe(model, *motions)
-        if beta is None:
-            beta = least_squares(observation)
-        columns = _delay_columns(model, motions[0])
-        motors = _reduced(model, motions, beta, columns)
-        return _Problem(model, motions, observation, motors, beta)
+    def of(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> _Problem:
+        """From treated motions of logs, and parameters."""
+        return _Problem(model, motions, _augmented(model, motions, beta, _delay_columns(model, motions[0])), beta)
 
     @cached_property
     def weights(self) -> Array:
         """One over each motor's residual, less for residuals with memory: rows count as many as are independent."""
-        weight = WLS().weight
-        w = np.array([weight(motor, self.beta) for motor in self.observation.motors])
+        motors, weight = self.rows.motors, WLS().weight
+        without = np.zeros(1 + max(int(motor.columns.max()) for motor in motors))
+        without[: len(self.beta)] = self.beta
+        w = np.array([weight(motor, without) for motor in motors])
         memory = residual_memory(self.model, self.motions, self.beta)
         step = self.motions[0].treatment.decimation * self.motions[0].dt
         return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
@@ -208,9 +194,8 @@ class _Problem:
         whiten = np.linalg.inv(np.linalg.cholesky(prior))
         known = np.zeros((m, p + m + 1))
         known[:, p:-1], known[:, -1] = whiten, whiten @ off
-        solution = solve_excited(self.motors, self.weights, known)
-        seen = replace(self.observation, motors=self.motors)
-        spread = clustered(seen, self.weights, solution, np.eye(p + m)[p:])
+        solution = solve_excited(self.rows.motors, self.weights, known)
+        spread = clustered(self.rows, self.weights, solution, np.eye(p + m)[p:])
         return solution.beta[:p], solution.beta[p:], spread.covariance
 
     def sensitivity(self, estimate: Estimate) -> Array:
@@ -218,7 +203,7 @@ class _Problem:
         assert self.motions[0].log is not None
         p, root = len(self.beta), estimate.fit.solution.root
         made = np.zeros((p, self.motions[0].log.torque.shape[1]))
-        for motor, weight in zip(self.motors, estimate.weights, strict=True):
+        for motor, weight in zip(self.rows.motors, estimate.weights, strict=True):
             own = motor.columns < p
             cross = motor.whole[:, :-1].T @ motor.whole[:, :-1]
             made[np.ix_(motor.columns[own], motor.columns[~own] - p)] += weight**2 * cross[np.ix_(own, ~own)]
@@ -234,9 +219,9 @@ class _Problem:
         p, n = len(self.beta), 1 + max(channel for channel, _ in everything)
         columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
         motions = [with_delay(m, HOLD * dt) for m in self.motions]
-        motors, seen = _reduced(self.model, motions, self.beta, columns), observe(self.model, *motions)
-        solution = solve_excited(motors, self.weights, np.zeros((0, p + n + 2)))
-        spread = clustered(replace(seen, motors=motors), self.weights, solution, np.eye(p + n + 1)[[p]])
+        rows = _augmented(self.model, motions, self.beta, columns)
+        solution = solve_excited(rows.motors, self.weights, np.zeros((0, p + n + 2)))
+        spread = clustered(rows, self.weights, solution, np.eye(p + n + 1)[[p]])
         # The second column holds all torque, the first the bodies' once more: equal delays leave the first at zero.
         own, total = float(solution.beta[p]), float(np.median(solution.beta[p + 1 :]))
         se, late = float(np.sqrt(spread.covariance[0, 0])), own + total + HOLD * dt
@@ -287,18 +272,20 @@ def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) ->
     return [(int(channel), column(int(row), int(channel))) for row, channel in np.argwhere(acts)]
 
 
-def _reduced(
+def _augmented(
     model: DynamicModel, motions: Sequence[Motion], beta: Array, columns: Sequence[_DelayColumn]
-) -> tuple[MotorRows, ...]:
-    """R factors of every motion's rows; columns of one delay share their place after the base parameters'."""
+) -> Observation:
+    """Every motion's rows; columns of one delay share their place after the base parameters'."""
     chi, more = raw_parameters(model, beta), [column for _, column in columns]
     rows = [int(k) for k in np.flatnonzero(model.device.measured)]
     place = np.append(np.arange(len(beta)), [len(beta) + delay for delay, _ in columns])
+    blocks: list[Block] = []
     parts = []
     for motion in motions:
         wide = augmented_plan(model, motion, chi, more)
         parts.append(reduced(wide, rows, list(wide.segments())))
-    return tuple(
+        blocks.extend(wide.blocks())
+    motors = tuple(
         replace(
             same[0],
             columns=place[same[0].columns],
@@ -307,6 +294,7 @@ def _reduced(
         )
         for same in zip(*parts, strict=True)
     )
+    return Observation(model, motors, tuple(blocks), tuple(motions))
 
 
 def _numbers(values: Array) -> str:

@@ -12,7 +12,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.rows import chunks
 
 # Correlation below which the rest of the autocorrelation is noise, and the largest lag as a share of the rows.
@@ -74,13 +74,7 @@ def least_squares(observation: Observation) -> Array:
 
 def solve_excited(motors: Sequence[MotorRows], weights: Array, known: Array) -> Solution:
     """Least squares on R factors and prior rows (k, columns + 1), in the directions that are excited."""
-    size = known.shape[1]
-    parts = [known]
-    for motor, weight in zip(motors, weights, strict=True):
-        wide = np.zeros((len(motor.whole), size))
-        np.add.at(wide.T, np.append(motor.columns, size - 1), (motor.whole * weight).T)
-        parts.append(wide)
-    whole = np.concatenate(parts)
+    whole = np.concatenate([known, stacked(motors, weights, known.shape[1] - 1)])
     X, y = whole[:, :-1], whole[:, -1]
     lengths = np.linalg.norm(X, axis=0)
     lengths[lengths == 0] = 1.0

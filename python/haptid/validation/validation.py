@@ -92,7 +92,7 @@ def validate(
         estimate: whose torque.
         unseen: a motion of the same device, or an observation of one.
         reference: the same log behind the reference filter with all rows, `treat(log, proposal.reference)`; only the
-            rows within the blocks of `unseen` count.
+            rows within the blocks of `unseen` count, and without any there is no reference.
 
     Raises:
         SharedRowsError: rows of the observation were fitted.
@@ -114,11 +114,12 @@ def validate(
         return made
     if isinstance(reference, Motion):
         reference = observe(estimate.model, reference)
-    return replace(made, reference=_compare(estimate, _within(reference, unseen), seen=False))
+    inside = _within(reference, unseen)
+    return replace(made, reference=None if inside is None else _compare(estimate, inside, seen=False))
 
 
-def _within(rows: Observation, unseen: Observation) -> Observation:
-    """The blocks of some rows whose middle lies within a block of other rows of the same logs."""
+def _within(rows: Observation, unseen: Observation) -> Observation | None:
+    """The blocks of some rows whose middle lies within a block of other rows of the same logs; None without any."""
     middles = np.array([0.5 * (block.start + block.stop) for block in rows.blocks])
     inside = np.zeros(len(rows.blocks), dtype=bool)
     for name in {block.log for block in unseen.blocks}:
@@ -126,7 +127,7 @@ def _within(rows: Observation, unseen: Observation) -> Observation:
         spans = [(block.start, block.stop) for block in unseen.blocks if block.log == name]
         for start, stop in spans:
             inside |= own & (middles >= start) & (middles < stop)
-    return rows.pick(np.flatnonzero(inside)) if inside.any() else rows
+    return rows.pick(np.flatnonzero(inside)) if inside.any() else None
 
 
 def fit_errors(estimate: Estimate, observation: Observation | None = None) -> Validation:

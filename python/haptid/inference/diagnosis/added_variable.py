@@ -22,7 +22,7 @@ from haptid.estimation.least_squares import Solution
 from haptid.inference.diagnosis.subsample import log_name, row_ranges
 from haptid.motion.treatment import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
-from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
 from haptid.observation.r_factor import triangle
 
@@ -107,7 +107,7 @@ class AugmentedRows:
         left_out = {*excluded, *self.estimate.zero}
         kept = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
         motors = tuple(_pick(own, kept) for own in rows)
-        whole = stack(motors, weights, len(kept))
+        whole = triangle(stacked(motors, weights, len(kept)))
         R, z, k = whole[:-1, :-1], whole[:-1, -1], len(new)
         lengths = np.linalg.norm(R, axis=0)
         if (np.abs(np.diag(R))[-k:] <= INDEPENDENT * lengths[-k:]).any() or (np.diag(R) == 0).any():
@@ -145,16 +145,6 @@ def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> Augme
 def device_rows(estimate: Estimate) -> list[int]:
     """The device's row of each motor of an estimate's observation."""
     return [estimate.model.device.row_names.index(motor.name) for motor in estimate.observation.motors]
-
-
-def stack(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
-    """The R factor of all rows, each motor's multiplied by its weight, (columns + 1, columns + 1)."""
-    parts = []
-    for motor, weight in zip(motors, weights, strict=True):
-        wide = np.zeros((len(motor.whole), columns + 1))
-        wide[:, np.append(motor.columns, columns)] = motor.whole * weight
-        parts.append(wide)
-    return triangle(np.concatenate(parts))
 
 
 def _observed(

@@ -142,7 +142,13 @@ def _size(errors: Validation) -> Reason:
     """The largest relative torque error."""
     largest = max(errors.comparable.motors, key=lambda motor: motor.relative)
     size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
-    kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
+    kind = (
+        "on the rows of the fit, which proves little"
+        if errors.seen
+        else "on unseen motion, all rows"
+        if errors.reference
+        else "on unseen rows"
+    )
     limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
     return Reason(size, f"the torque error of {largest.label} is {largest.relative:.2g} % ({kind}; {limits})")
 

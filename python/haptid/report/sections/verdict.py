@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from haptid.inference.diagnosis import Finding
 from haptid.report.section import Section
-from haptid.report.source import ReportSource
+from haptid.report.source import ReportSource, criterion
 
 USES = (
     ("Predicting torque", "torque"),
@@ -51,7 +51,7 @@ class VerdictSection(Section):
         statuses = [(name, getattr(made.verdict, of)) for name, of in USES]
         return cls(
             charts=(),
-            criterion=_criterion(source),
+            criterion=criterion(source.identification),
             met=found.meets_criteria,
             uses=[{"name": name, "status": status, "word": _WORDS[status]} for name, status in statuses],
             sentences=list(made.verdict.sentences[: len(USES)]),
@@ -61,19 +61,6 @@ class VerdictSection(Section):
             left_out=list(made.left_out),
             notes=list(source.estimate.notes),
         )
-
-
-def _criterion(source: ReportSource) -> str:
-    """The study's criterion and whether it is met, in a sentence."""
-    found, worst = source.identification, source.validation
-    if worst is None:
-        return (
-            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [validation]."
-        )
-    text = f"Largest relative error on unseen rows: {worst.relative:.2f} % of the torque."
-    if found.meets_criteria is None:
-        return text
-    return f"{text} The study allows {found.study.largest_error:g} %: {'met' if found.meets_criteria else 'not met'}."
 
 
 def _rank(finding: Finding) -> int:
