@@ -202,7 +202,10 @@ def track(estimate: Estimate, run: Run) -> Track:
 def criterion(found: Identification) -> str:
     """Largest error on unseen motion and the study's criterion, in a sentence."""
     if not found.unseen:
-        return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or another [validation]."
+        return (
+            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or another "
+            "[validation]."
+        )
     worst = max(found.unseen, key=lambda v: v.comparable.relative)
     text = f"Largest relative error on unseen motion: {worst.comparable.relative:.2f} % of the torque"
     if worst.reference is not None:
