@@ -26,6 +26,8 @@ SPAN, FAST = 3, 1.5
 FASTER = 6.0
 # Share of rows above which repeats of one signal are acted on: turning points imitate up to 4.5 %.
 LEAST_STALE = 0.05
+# Share of the rows that move fastest above which repeated positions are acted on: there is no turning point among them.
+LEAST_SURE = 0.002
 # Least share, and number, of rows where positions and torques repeat together.
 LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
 # Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
@@ -63,7 +65,8 @@ def find_stale(
     A repeated position counts where a channel moves faster than `FAST` counts a row, or where torques repeat with it
     that are not a function of the positions. A repeated torque counts if the torques are fine, see `FINE`, and not a
     function of positions that may rest; coarse torques are stale where the rows of stale positions are stale as a
-    whole. Nothing is stale below `LEAST_STALE` unless positions and torques repeat together.
+    whole. Below `LEAST_STALE` only those are stale where positions and torques repeat together, or positions repeat in
+    fast motion.
 
     Args:
         same_position, same_torque: whether all channels of a signal equal those of the row before, (rows,).
@@ -90,6 +93,9 @@ def find_stale(
     judged = position & fast if bound else position
     whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(judged.sum()))
     found = [own if whole or own.mean() > LEAST_STALE else np.zeros_like(own) for own in (position, torque)]
+    sure = position & fast
+    if not found[0].any() and sure.sum() >= max(FEWEST_TOGETHER, LEAST_SURE * fast.sum()):
+        found[0] = sure
     return Stale(found[0], found[1], moving) if found[0].any() or found[1].any() else None
 
 

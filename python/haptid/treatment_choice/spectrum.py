@@ -149,7 +149,8 @@ class Spectrum:
 
 def spectra(log: Log) -> tuple[Spectrum, ...]:
     """Of each position channel of a log."""
-    return tuple(Spectrum.of(np.asarray(channel), float(log.dt)) for channel in log.position.T)
+    highest = log.usable_bandwidth_hz
+    return tuple(Spectrum.of(np.asarray(channel), float(log.dt), highest) for channel in log.position.T)
 
 
 def bandwidth(log: Log) -> float:
