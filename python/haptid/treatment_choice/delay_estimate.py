@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.inverse import raw_parameters, rigid
@@ -41,8 +40,8 @@ _UNKNOWN = 1.0
 _NO_PART = 1e-12
 # Gauss-Newton steps, and the change, samples, below which they end.
 _STEPS, _STILL = 4, 0.005
-# Significance at which channels differ, and standard errors by which the rigid bodies' delay must be seen.
-_DIFFERENT, _SEEN = 0.01, 4.0
+# Standard errors by which the rigid bodies' delay must be seen.
+_SEEN = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +129,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
     if odd and not problem.rigid_agrees(float(np.median(d)), dt):
         return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
-    return Delays(_alike(d, covariance), covariance, d, True, dt)
+    return Delays(d, covariance, d, True, dt)
 
 
 def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
@@ -230,18 +229,6 @@ class _Problem:
 
 def _setting(d: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in d)
-
-
-def _alike(d: Array, covariance: Array) -> Array:
-    """The delays, or their weighted mean for all channels where they do not differ significantly."""
-    if len(d) == 1:
-        return d
-    precision = np.linalg.pinv(covariance, hermitian=True)
-    mean = float(precision.sum(axis=0) @ d / precision.sum())
-    left = d - mean
-    if stats.chi2.sf(float(left @ precision @ left), len(d) - 1) < _DIFFERENT:
-        return d
-    return np.full(len(d), mean)
 
 
 # The delay that a column belongs to, and the column.
