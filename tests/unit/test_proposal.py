@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid.errors import LogMismatchError, TreatmentError
+from haptid.log.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.motion.streaming import delayed
 from haptid.treatment_choice.delay_estimate import find_delays, with_delay_uncertainty
-from haptid.treatment_choice.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from motions import multisine, truth
 

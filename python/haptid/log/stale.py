@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid.log.spectrum import lattice_step
 
 Mask = NDArray[np.bool_]
 
@@ -24,10 +25,14 @@ LONGEST_RUN = 12
 SPAN, FAST = 3, 1.5
 # Not even with noise of a count if it moves by this many times more.
 FASTER = 6.0
+# Nor is it likely to, where rows are stale, if it moves by this many times more to and fro.
+LIVELY = 2.0
 # Share of rows above which repeats of one signal are acted on: turning points imitate up to 4.5 %.
 LEAST_STALE = 0.05
 # Share of the rows that move fastest above which repeated positions are acted on: there is no turning point among them.
 LEAST_SURE = 0.002
+# Least step after a repeat, in mean steps: 2 for a sample that was missed, 1.5 for one that noise has made equal.
+CATCHES_UP = 1.75
 # Least share, and number, of rows where positions and torques repeat together.
 LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
 # Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
@@ -75,8 +80,12 @@ def find_stale(
     short_position, short_torque = (same & ~_long_runs(same) for same in (same_position, same_torque))
     if max(short_position.mean(), short_torque.mean()) < LEAST_TOGETHER:
         return None
-    moving, fast = _moving(positions, same_position.size)
+    moving, fast, lively = _moving(positions, same_position.size)
     position = short_position & moving
+    if (
+        _catching_up(positions, position) < CATCHES_UP
+    ):  # an encoder whose error follows its angle repeats where it is flat
+        position[:] = False
     slow = same_position & ~moving
     bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
     fine = any(_is_fine(channel) for channel in torques())
@@ -96,6 +105,10 @@ def find_stale(
     sure = position & fast
     if not found[0].any() and sure.sum() >= max(FEWEST_TOGETHER, LEAST_SURE * fast.sum()):
         found[0] = sure
+    if found[0].any():  # repeats in quick turns prove nothing, but where rows are stale most of them are
+        found[0] |= short_position & lively
+        if found[1].any():
+            found[1] |= short_torque & found[0]
     return Stale(found[0], found[1], moving) if found[0].any() or found[1].any() else None
 
 
@@ -108,9 +121,9 @@ def _long_runs(same: Mask) -> Mask:
     return made
 
 
-def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> tuple[Mask, Mask]:
-    """Where a channel moves one way, which noise does not, and faster than `FAST` counts a row; and `FASTER`."""
-    moving, fast = np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool)
+def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> tuple[Mask, Mask, Mask]:
+    """Where a channel moves one way, which noise does not, faster than `FAST` counts a row; and `FASTER`; any way."""
+    moving, fast, lively = (np.zeros(rows, dtype=bool) for _ in range(3))
     for channel in positions():
         least = 2 * SPAN * FAST * smallest_step(channel)
         travel = np.abs(channel[2 * SPAN :] - channel[: -2 * SPAN])
@@ -119,19 +132,33 @@ def _moving(positions: Callable[[], Iterable[Array]], rows: int) -> tuple[Mask, 
         one_way = (down == 0) | (up == 0)
         moving[SPAN:-SPAN] |= (travel > least) & one_way
         fast[SPAN:-SPAN] |= (travel > FASTER * least) & one_way
-    return moving, fast
+        lively[SPAN:-SPAN] |= np.convolve(np.abs(np.diff(channel)), window, "valid") > LIVELY * least
+    return moving, fast, lively
+
+
+def _catching_up(positions: Callable[[], Iterable[Array]], repeated: Mask) -> float:
+    """Step after a repeated position over the mean step around it: 2 after a sample that was missed, for any motion.
+
+    Of rows that repeat once; infinite without any.
+    """
+    alone = repeated[1:-1] & ~repeated[2:] & ~repeated[:-2]
+    rows = 1 + np.flatnonzero(alone)
+    rows = rows[(rows >= SPAN) & (rows < repeated.size - SPAN - 1)]
+    next_step = usual = 0.0
+    for channel in positions():
+        step = (channel[rows + SPAN] - channel[rows - SPAN]) / (2 * SPAN)
+        size = np.abs(step).sum()
+        if size > 0:  # channels of different units count alike
+            next_step += float(np.sum(np.sign(step) * (channel[rows + 1] - channel[rows])) / size)
+            usual += 1.0
+    return next_step / usual if usual else np.inf
 
 
 def smallest_step(channel: Array) -> float:
     """Count of an encoder; where there are no counts, the step that a quarter of the moving rows stays below."""
     part = channel[: 4 * ROWS_COUNTED]
-    levels = np.diff(np.unique(part))
-    levels = levels[levels > 1e-7 * float(np.ptp(part))]
-    if levels.size >= 4:
-        step = float(np.median(levels[levels < 1.5 * np.percentile(levels, 10)]))
-        off = part / step - np.rint(part / step)
-        if np.percentile(np.abs(off - np.median(off)), 95) < 0.05:
-            return step
+    if step := lattice_step(part):
+        return step
     steps = np.abs(np.diff(part))
     steps = steps[steps > 0]
     return float(np.percentile(steps, 25)) if steps.size else 0.0

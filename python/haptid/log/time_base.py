@@ -28,6 +28,7 @@ from scipy import signal
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogTimeError
 from haptid.log.resampling import CARRIED, KNOT, Resampling, Spans
+from haptid.log.spectrum import Spectrum
 from haptid.log.stale import Stale, find_stale
 from haptid.log.stamps import FEWEST_SAMPLES, Stamps
 
@@ -54,8 +55,6 @@ COUNTED = 0.12
 TELL, ROWS_TOLD = 0.5, 2**17
 # Rows of the smoothing filters of that regression: of the speed, and of the roughness.
 _WIDE, _NARROW = 51, 11
-# Share of the velocity's power that counts as motion, and factor above the noise.
-_MOTION, _ABOVE_NOISE = 0.98, 10.0
 # Steps above which a median is estimated from every second one, every third one, ...
 _SAMPLED = 2**18
 
@@ -343,17 +342,11 @@ def candidate_gaps(steps: Array) -> tuple[NDArray[np.intp], float]:
 
 
 def _motion_edge(channels: Iterable[Array], rows: slice, step: float) -> float:
-    """Frequency below which 98 % of every velocity's power above the noise lies, Hz; 0 where nothing moves."""
-    highest = 0.0
-    for channel in channels:
-        part = channel[rows][:_SAMPLED]
-        if part.size < FEWEST_SAMPLES:
-            return np.inf
-        f, power = signal.welch(part, 1 / step, window=("kaiser", 14.0), nperseg=max(FEWEST_SAMPLES, part.size // 4))
-        power = f**2 * np.where(power > _ABOVE_NOISE * np.median(power[f.size // 2 :]), power, 0.0)
-        if power.any():
-            highest = max(highest, float(f[np.searchsorted(np.cumsum(power), _MOTION * power.sum())]))
-    return highest
+    """The largest bandwidth of the channels' motion, Hz; 0 where nothing moves, infinite in too few rows."""
+    parts = [channel[rows][:_SAMPLED] for channel in channels]
+    if any(part.size < FEWEST_SAMPLES for part in parts):
+        return np.inf
+    return max(Spectrum.of(part, step).bandwidth for part in parts)
 
 
 def _regular(seconds: Array, spans: Spans, fineness: float) -> _Times | None:

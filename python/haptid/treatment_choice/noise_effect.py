@@ -18,10 +18,10 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
+from haptid.log.spectrum import Spectrum
 from haptid.motion.treatment import Treatment, treat
 from haptid.observation.observation import observe
 from haptid.treatment_choice.first_fit import least_squares
-from haptid.treatment_choice.spectrum import Spectrum
 
 # The share of its own size within which each effect is known.
 _NOISE_KNOWN, _FILTER_KNOWN = 1.0, 0.5

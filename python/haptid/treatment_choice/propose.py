@@ -18,6 +18,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
+from haptid.log.spectrum import Spectrum, spectra, widest
 from haptid.motion.channels import check_log, state
 from haptid.motion.filters import KAISER_REACH, bad_setting
 from haptid.motion.treatment import Treatment, treat
@@ -27,7 +28,6 @@ from haptid.treatment_choice.delay_estimate import HOLD, Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
-from haptid.treatment_choice.spectrum import Spectrum, spectra, widest
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
 # behind which treatments are compared.
@@ -51,8 +51,8 @@ SLOW, _NEAR = 0.03, 0.3
 _CLEARLY, _CLEAR = 0.6, 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
-# Bandwidths so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
-_APART, _RIPPLE = 1.6, 0.5
+# Cut-offs so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
+_APART, _RIPPLE = 1.3, 0.2
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
@@ -235,15 +235,17 @@ class _Filters:
         model that took ripple for motion fails, and so does one that left true motion out.
         """
         found = tuple(tuple(spectrum.narrowed() for spectrum in own) for own in self.spectra)
-        if max(s.bandwidth for s in widest(found)) > self.bandwidth / _APART:
+        if max(s.bandwidth for s in widest(found)) == 0:
             return self
         narrow = _Filters.of(self.model, self.logs, given, found)
         guess = {"torque_delay_s": HOLD * self.dt, **given}
         tried = [self.at(USUAL, guess), narrow.at(USUAL, guess)]
+        if not (np.asarray(tried[0].cutoff_hz) > _APART * np.asarray(tried[1].cutoff_hz)).any():
+            return self
         bulk = {**guess, "cutoff_hz": tried[0].cutoff_hz, "parallel_cutoff_hz": narrow.parallel(TRIED[0])}
         judged = self.at(USUAL, bulk, all_rows=True)
         chosen = better_cutoff(self.model, self.logs, tried, 0, judged, _RIPPLE)
-        return replace(narrow, above=self.bandwidth) if chosen else self
+        return replace(narrow, above=float(np.max(tried[0].cutoff_hz))) if chosen else self
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""

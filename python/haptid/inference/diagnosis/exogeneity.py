@@ -25,11 +25,11 @@ from haptid.estimation import IV, Estimate, Method
 from haptid.estimation.methods.simulation_based import ClosedLoop, treated_as
 from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding
+from haptid.log.spectrum import bandwidth
 from haptid.motion.channels import coordinates
 from haptid.motion.treatment import Motion, treat
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.simulation import PID, smooth
-from haptid.treatment_choice.spectrum import bandwidth
 from haptid.uncertainty.multiple_testing import together
 
 # Bias of a parameter in standard errors: harmless up to the first; beyond the second its interval undercovers.

@@ -11,12 +11,15 @@ from __future__ import annotations
 import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
-from haptid.log import Log
+
+if TYPE_CHECKING:
+    from haptid.log.log import Log
 
 # Kaiser window of the spectra: its side lobes, 105 dB down, are finer than an encoder.
 _WINDOW = ("kaiser", 14.0)
@@ -40,6 +43,8 @@ _ORDER = 4
 _TRIED = 80
 # Values of a channel over its samples above which they do not recur; distance from a lattice, steps, that is rounding.
 _RECUR, _OFF_LATTICE = 0.75, 0.05
+# Fewer distinct values say nothing of a lattice.
+_FEWEST_LEVELS = 4
 # Longest segment, samples; longer logs are averaged over more segments.
 _LONGEST_SEGMENT = 1 << 17
 
@@ -174,13 +179,18 @@ def smoothed(f: Array, cutoff: float) -> Array:
 
 
 def quantum(channel: Array) -> float:
-    """Resolution of a channel: the step of the lattice that its values lie on; 0 where they lie on none.
+    """Resolution of an encoder: the step of the lattice that its values lie on; 0 where they lie on none.
 
     Values must recur to be those of an encoder; a channel of many digits lies on the lattice of its last digit.
     """
+    return lattice_step(channel) if len(np.unique(channel)) < _RECUR * len(channel) else 0.0
+
+
+def lattice_step(channel: Array) -> float:
+    """Step of the lattice that the values of a channel lie on; 0 where they lie on none."""
     scale = float(np.abs(channel).max())
     values = np.unique(np.round(channel / scale, 12)) if scale > 0 else np.zeros(1)
-    if not 4 < len(values) < _RECUR * len(channel):
+    if len(values) <= _FEWEST_LEVELS:
         return 0.0
     steps = np.diff(values)
     step = float(np.median(steps[steps < 1.5 * np.percentile(steps, 10)]))
