@@ -16,13 +16,13 @@ from haptid._internal.arrays import Array
 # the interpolating spline, and as fast by the knot in the fitted one.
 SAMPLES_RESAMPLED = 2**16
 _MARGIN = 40
-# Distance of the fitted spline's knots, mean steps: half as many coefficients as samples.
-KNOT = 2.0
+# Distance of the fitted spline's knots, mean steps: fewer coefficients than samples, also where every tenth is missing.
+KNOT = 1.5
 # Weight of its squared third differences against one squared residual; it only matters where samples are missing.
 STIFFNESS = 1e-4
 # Share of half the sampling rate that a fitted spline carries; the error at a frequency f is (2 pi f h)^4 / 1100 of the
 # signal with knots h apart (2 % there, 0.01 % at a tenth of half the rate).
-CARRIED = 0.35
+CARRIED = 0.45
 # Third differences.
 _THIRD = (-1.0, 3.0, -3.0, 1.0)
 

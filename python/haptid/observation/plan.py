@@ -178,7 +178,7 @@ class Plan:
         return base, triangle(triangles @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
-        """1 for a row that is used, (coordinates, rows); 0 for one within `guard` of slow motion, or across a gap.
+        """1 for a row that is used, (coordinates, rows); 0 for one within `guard` of a reversal, or across a gap.
 
         The sign of a slow velocity is uncertain, and with it the Coulomb friction.
         """
@@ -197,7 +197,10 @@ class Plan:
         before = np.maximum(centres - back, low) - low
         for row, speed in enumerate(speeds):
             for term in model.coulomb_terms(row) if speed > 0 else ():
-                slow = np.concatenate([[0], np.cumsum(np.abs(model.speed(term, c, cd)) < speed)])
+                v = model.speed(term, c, cd)
+                slow = np.abs(v) < speed
+                slow[1:] |= v[1:] * v[:-1] < 0  # at a low sampling rate no sample of a reversal is slow
+                slow = np.concatenate([[0], np.cumsum(slow)])
                 weights[row, slow[after] > slow[before]] = 0.0
         return weights
 
