@@ -30,7 +30,7 @@ from haptid.treatment_choice.first_fit import least_squares, residual_memory, so
 
 # Prior of the delays, samples: mean for a command that is held from one sample to the next, standard deviations of what
 # all channels share and of each channel's own part.
-HOLD, COMMON, OWN = 0.5, 3.0, 0.5
+HOLD, COMMON, OWN = 0.5, 3.0, 0.25
 # A delay of all channels so much longer or shorter than the prior mean, or channels so far apart, samples, are more
 # likely friction or a missing term; they are compensated only where the rigid bodies' torque shows them too.
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0

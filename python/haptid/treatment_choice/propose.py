@@ -52,7 +52,7 @@ _CLEARLY, _CLEAR = 0.6, 0.3
 # Least share of a motor's rows to keep; with fewer, all are kept.
 KEPT = 0.1
 # Cut-offs so far apart are two choices; the share by which the loss must fall where what moves faster is ripple.
-_APART, _RIPPLE = 1.3, 0.2
+_APART, _RIPPLE = 1.3, 0.25
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
@@ -238,10 +238,12 @@ class _Filters:
         if max(s.bandwidth for s in widest(found)) == 0:
             return self
         narrow = _Filters.of(self.model, self.logs, given, found)
-        guess = {"torque_delay_s": HOLD * self.dt, **given}
-        tried = [self.at(USUAL, guess), narrow.at(USUAL, guess)]
-        if not (np.asarray(tried[0].cutoff_hz) > _APART * np.asarray(tried[1].cutoff_hz)).any():
+        wide, close = self.at(USUAL, given), narrow.at(USUAL, given)
+        if not (np.asarray(wide.cutoff_hz) > _APART * np.asarray(close.cutoff_hz)).any():
             return self
+        delay = _with_delays(self.model, self.logs, wide, given)[0].torque_delay_s
+        tried = [replace(wide, torque_delay_s=delay), replace(close, torque_delay_s=delay)]
+        guess = {**given, "torque_delay_s": delay}
         bulk = {**guess, "cutoff_hz": tried[0].cutoff_hz, "parallel_cutoff_hz": narrow.parallel(TRIED[0])}
         judged = self.at(USUAL, bulk, all_rows=True)
         chosen = better_cutoff(self.model, self.logs, tried, 0, judged, _RIPPLE)
