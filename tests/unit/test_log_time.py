@@ -162,7 +162,7 @@ def test_many_missing_rows(tmp_path: Path) -> None:
     log = record(tmp_path, np.delete(np.arange(4000) / 500, lost))
     assert log.t.size == 4000
     assert error(log)[0] < 1e-6
-    assert log.usable_bandwidth_hz == pytest.approx(0.35 * 0.87 * 250, rel=0.02)
+    assert log.usable_bandwidth_hz == pytest.approx(0.35 * 0.87 * 500 / 1.5, rel=0.02)
 
 
 def test_backwards(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def _assembled(
     if bandwidth is not None:
         more.append(
             f"resampled at {1 / found.step:.6g} Hz by a least-squares cubic spline, which carries up to "
-            f"{bandwidth:.3g} Hz (error below 2 %; 0.014 % at a tenth of half the sampling rate)"
+            f"{bandwidth:.3g} Hz (error below 2 %; 0.005 % at a tenth of half the sampling rate)"
         )
     report = TimeBaseReport(
         found.method,

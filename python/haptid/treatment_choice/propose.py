@@ -24,7 +24,7 @@ from haptid.motion.filters import KAISER_REACH, bad_setting
 from haptid.motion.treatment import Treatment, treat
 from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
-from haptid.treatment_choice.delay_estimate import HOLD, Delays, find_delays
+from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
