@@ -131,5 +131,3 @@ def too_large(path: str | os.PathLike[str], limit: Limit, found: int | None) -> 
     what = "more" if found is None else limit.shown(found)
     why = f"it has {what}, and at most {limit.shown()} are read; {limit.variable} sets another limit"
     return OSError(errno.EFBIG, why, str(path))
-
-

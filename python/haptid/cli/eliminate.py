@@ -73,7 +73,7 @@ def eliminate(
             progress("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
-            Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
+            Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).write_into(folder)
             progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)

@@ -79,8 +79,8 @@ def identify(
             progress("writing the report", 0.0)
             source = ReportSource(found, _typed(study, data, out_folder))
             result = Result.of(found, source.diagnosis.verdict)
-            result.save(folder)
-            report_of(source).write(folder)
+            result.write_into(folder)
+            report_of(source).write_into(folder)
             progress("writing the report", 1.0)
             for k, run in enumerate(found.runs):
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"

@@ -6,13 +6,11 @@ import json
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from haptid.errors import OutputFolderError
 from haptid.report.chart import Chart
 from haptid.report.section import PageSection
 from haptid.results.result import finite
@@ -46,24 +44,6 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
             drawings=_embedded({key: chart.drawing for key, chart in charts.items()}),
         )
     )
-
-
-def write_page_text(path: Path, text: str) -> None:
-    """Write a file.
-
-    Raises:
-        OutputFolderError: it cannot be written there.
-    """
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputFolderError(
-            f"cannot write {path}: {reason}.",
-            where=str(path),
-            found=reason,
-            advice="Choose another path.",
-        ) from error
 
 
 @cache

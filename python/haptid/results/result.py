@@ -16,6 +16,8 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.atomic_folder import publishing, verified
+from haptid._internal.bounded_files import RESULT_FILE, read_bounded
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
@@ -60,8 +62,6 @@ if TYPE_CHECKING:
     from haptid.inference.diagnosis import Verdict
 
 _SCHEMA: Literal[2] = 2
-# A result of two hundred parameters has some megabytes; a larger file is no result.
-_LARGEST_FILE = 1 << 26
 RELATIVE_ERROR = (
     "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
 )
@@ -169,8 +169,17 @@ class Result(ResultTable):
         made._model = model
         return made
 
-    def save(self, folder: Path) -> None:
-        """Write `result.json`, `parameters.csv` and `correlation.csv` into an existing folder."""
+    def save(self, folder: str | Path) -> None:
+        """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder, all or none.
+
+        Raises:
+            OutputFolderError: the folder cannot be written.
+        """
+        with publishing(Path(folder)) as scratch:
+            self.write_into(scratch)
+
+    def write_into(self, folder: Path) -> None:
+        """Write these files into a folder that a caller publishes."""
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
@@ -415,9 +424,7 @@ def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], v
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise _fault(path, f"the file is larger than {_LARGEST_FILE >> 20} MiB, so it is no result")
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(verified(path, read_bounded(path, RESULT_FILE)))
     except FileNotFoundError:
         raise _fault(path, "there is no such file") from None
     except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
