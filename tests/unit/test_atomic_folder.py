@@ -177,7 +177,7 @@ def test_single_files_are_replaced_in_one_step_or_not_at_all(tmp_path):
 def test_writers_at_the_same_time_leave_one_result(tmp_path):
     out = prepared(tmp_path)
     sets = [dict.fromkeys(NEW, f"{k}") for k in range(8)]
-    threads = [threading.Thread(target=lambda one=one: [write(out, one) for _ in range(5)]) for one in sets]
+    threads = [threading.Thread(target=lambda one=one: [write(out, one) for _ in range(2)]) for one in sets]
     for thread in threads:
         thread.start()
     for thread in threads:

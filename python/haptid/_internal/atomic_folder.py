@@ -110,7 +110,7 @@ def write_file(path: Path, text: str) -> None:
         OutputFolderError: it cannot be written there.
     """
     with publishing_files(path) as scratch:
-        (scratch / path.resolve().name).write_text(text, encoding="utf-8")
+        (scratch / path.resolve().name).write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def verified(path: Path, content: bytes) -> bytes:

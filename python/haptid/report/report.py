@@ -71,7 +71,7 @@ class Report:
 
     def write_into(self, folder: Path) -> None:
         """Write both files into a folder that a caller publishes."""
-        (folder / PAGE).write_text(self.html(), encoding="utf-8")
+        (folder / PAGE).write_text(self.html(), encoding="utf-8", errors="backslashreplace")
         plain = {key: section.plain() for key, section in self.sections.items()}
         head = {"schema": _SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
         text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))

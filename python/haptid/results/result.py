@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import math
@@ -18,6 +17,7 @@ from haptid._core import __version__
 from haptid._internal.arrays import Array, freeze
 from haptid._internal.atomic_folder import publishing, verified
 from haptid._internal.bounded_files import RESULT_FILE, read_bounded
+from haptid._internal.escaping import json_text, write_csv
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
@@ -182,10 +182,10 @@ class Result(ResultTable):
         """Write these files into a folder that a caller publishes."""
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
-        _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
+        write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
-        _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
+        write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
 
     def to_dict(self) -> dict[str, Any]:
         """The keys and values of `result.json`."""
@@ -193,7 +193,7 @@ class Result(ResultTable):
 
     def to_json(self) -> str:
         """The text of `result.json`."""
-        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(self.to_dict())
 
     @property
     def model(self) -> DynamicModel:
@@ -477,8 +477,3 @@ def _csv_row(p: ResultParameter) -> list[object]:
     shown = "" if p.constrained_outside_ci else relative
     se = math.inf if p.se is None else p.se
     return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained]
-
-
-def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
+from haptid._internal.escaping import write_csv
 from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.bench.experiment import Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import Fourier, TrajectoryKind, TrianglesAndSines
@@ -125,10 +125,7 @@ def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
     made = found.trajectory(1.0 / rate_hz)
     names = [found.model.device.joint_names[j] for j in found.model.device.active]
     heads = ["t", *(f"{prefix}{name}" for prefix in ("q", "qd", "qdd") for name in names)]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(heads)
-        table.writerows(np.column_stack([made.t, made.q, made.qd, made.qdd]).tolist())
+    write_csv(path, [heads, *np.column_stack([made.t, made.q, made.qd, made.qdd]).tolist()])
 
 
 def _lists(value: Any) -> Any:
