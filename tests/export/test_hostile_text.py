@@ -40,7 +40,9 @@ def identification(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile")
     write_study(folder)
     (folder / "check.csv").rename(folder / (log := "=check\x1b[2J<script>*.csv"))
-    term = f'[[terms]]\nkind = "custom"\nname = "c"\njoints = ["1"]\nunit = {json.dumps(UNIT)}\nexpression = "q**2"\n'
+    term = (
+        f'[[terms]]\nkind = "custom"\nname = "c"\njoints = ["1"]\nunit = {json.dumps(UNIT)}\nexpression = "sin(q_1)"\n'
+    )
     device = DEVICE.replace('"two links"', f"{TEXT}\ndescription = {TEXT}\nsource = {TEXT}") + term
     (folder / "device.toml").write_text(device)
     study = STUDY.replace('name = "two links"', f"name = {TEXT}").replace('"check.csv"', json.dumps(log))

@@ -42,7 +42,7 @@ def one_line(text: str) -> str:
 
 def c_comment(text: str) -> str:
     """Text on one line that can neither end a comment in C nor begin one, nor continue on the next line."""
-    return one_line(text).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    return one_line(text).replace("\\", "/").replace("*/", "* /").replace("/*", "/ *")
 
 
 def xml_comment(text: str) -> str:

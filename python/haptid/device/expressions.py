@@ -219,6 +219,8 @@ class _Rules:
                 if abs(value) > _LARGEST:  # type: ignore[arg-type]
                     raise self.refuse(node, f"is beyond {_LARGEST:.0e}")
             case ast.Name(id=name):
+                if self.functions and name in FUNCTIONS:
+                    raise self.refuse(node, f"is a function, without an argument: write {name}(...)")
                 if name not in self.known:
                     functions = FUNCTIONS if self.functions else ()
                     raise self.place.unknown("number", name, sorted({*self.known, *functions}))

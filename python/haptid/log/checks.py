@@ -407,7 +407,9 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
         f"{index}{when}.",
         where=(name, index),
         found=count,
-        advice="Use `time_range` to keep a part without them, or repair the log.",
+        advice="Delete these rows of the file."
+        if time is None
+        else "Use `time_range` to keep a part without them, or repair the log.",
     )
 
 
