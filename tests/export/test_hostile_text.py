@@ -18,7 +18,7 @@ from compiled import compiler
 from haptid._internal import escaping
 from haptid._internal.atomic_folder import MANIFEST
 from haptid.cli.common import err, out
-from haptid.export import EXPORTERS, export_model
+from haptid.export import EXPORTERS, CCode, export_model
 from haptid.report import make_report
 from small_study import DEVICE, STUDY, write_study
 
@@ -29,7 +29,7 @@ HOSTILE = "".join(
         " \x1b[2J\x1b]0;owned\x07 \x9b31m \u202e \u2028owned\u2029 \x85owned =cmd|' /C calc'!A0 \x00 \x0c ---",
     )
 )
-UNIT = r"\input{/etc/passwd}*/-->%<b>"
+UNIT = r"\input{/etc/passwd}*/-->%<img>"
 # What a user's text may hold in a TOML file, written with escapes.
 TEXT = json.dumps(HOSTILE, ensure_ascii=True)
 
@@ -54,7 +54,7 @@ def identification(tmp_path_factory):
 def exported(identification, tmp_path_factory):
     """Every export of it."""
     folder = tmp_path_factory.mktemp("exports")
-    export_model(identification, folder, [name for name in EXPORTERS if name not in ("mjcf", "urdf")])
+    export_model(identification, folder, [name for name in EXPORTERS if name not in ("mjcf", "urdf")], CCode("arm"))
     return folder
 
 
@@ -111,7 +111,7 @@ class Tags(HTMLParser):
 def test_the_report_has_no_element_of_a_text(identification):
     page = Tags()
     page.feed(make_report(identification, command=HOSTILE).html())
-    assert not {"img", "iframe", "object", "embed", "link", "b"} & {tag for tag, _ in page.tags}
+    assert not {"img", "iframe", "object", "embed", "link"} & {tag for tag, _ in page.tags}
     assert len([tag for tag, _ in page.tags if tag == "script"]) == 2
     for tag, attributes in page.tags:
         assert not [name for name in attributes if name.startswith("on")], tag

@@ -14,7 +14,15 @@ from scipy import io
 import haptid
 from haptid._internal.bounded_files import LIMITS, LOG_MEMBERS, LOG_UNPACKED, Limit, amount_text
 from haptid._internal.toml_tables import toml_values
-from haptid.errors import DeviceFileError, HaptidError, LogDataError, LogFileError, ResultFileError, SettingError
+from haptid.errors import (
+    DeviceFileError,
+    HaptidError,
+    LogDataError,
+    LogFileError,
+    LogTimeError,
+    ResultFileError,
+    SettingError,
+)
 from haptid.log import read_log
 from haptid.report import read_report
 from small_study import DEVICE, HEAD
@@ -54,7 +62,7 @@ def test_arrays_are_counted_together(tmp_path, monkeypatch, suffix):
     one = 8 * 2**19
     monkeypatch.setattr("haptid.log.formats.sniff.RATIO_LIMIT", 1.0)
     monkeypatch.setenv(LOG_UNPACKED.variable, str(6 * one))
-    with pytest.raises(LogDataError):  # it is read, and its channels do not move
+    with pytest.raises(LogTimeError):  # it is read, and its stamps do not move
         read_log(path)
     monkeypatch.setenv(LOG_UNPACKED.variable, str(3 * one))
     with pytest.raises(LogFileError, match=r"its arrays unpack to 1[26] MiB.*HAPTID_LIMIT_LOG_UNPACKED"):
@@ -117,7 +125,7 @@ def test_only_regular_files_are_read(tmp_path):
     ("text", "word"),
     [
         ("a." * 50_000 + "b = 1", "a key of more than 32 parts"),
-        ('x = 1\n["a" . ' + "'b'." * 40 + "c]", "line 2, column 2: not TOML: a key of more than 32 parts"),
+        ('x = 1\n["a" . ' + "'b'." * 40 + "c]", "line 2, column [12]: not TOML: a key of more than 32 parts"),
         ("a = " + "9" * 5000, "not TOML"),
         ("a = " + "[" * 5000, "not TOML"),
         ("a = 1\n" * 300_000, "at most 1 MiB are read"),

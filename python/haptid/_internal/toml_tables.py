@@ -20,7 +20,7 @@ Model = TypeVar("Model", bound=BaseModel)
 # Most parts of a dotted key: the parser's time and memory grow with their square.
 _MOST_PARTS = 32
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
-_DOTTED = re.compile(f"(?:{_PART}){{{_MOST_PARTS}}}")
+_DOTTED = re.compile(rf"(?:^|[\[{{,])[ \t]*+(?:{_PART}){{{_MOST_PARTS}}}", re.MULTILINE)
 # Types of pydantic errors that are shown first: a misspelt key is the cause of a missing one, and for a union of
 # types these say more than a mismatch with one of them.
 _FIRST = ("extra_forbidden", "missing", "value_error")

@@ -5,11 +5,14 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
+
+from jinja2 import TemplateError
 
 from haptid._core import __version__
 from haptid._internal.atomic_folder import publishing, verified, write_file
@@ -23,6 +26,19 @@ from haptid.results.result import finite
 from haptid.study.identify import Identification
 
 _SCHEMA = 2
+# Not gzip, not JSON, not these sections, or values of other types in them.
+_DAMAGED = (
+    OSError,
+    EOFError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    zlib.error,
+    TemplateError,
+)
 # Files of a report in a result folder: its data and its page.
 DATA, PAGE = "report-data.json.gz", "report.html"
 
@@ -130,8 +146,10 @@ def read_report(folder: str | Path) -> Report:
             raise _unreadable(path, f"its schema is {data['schema']}, and {_SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
-        return Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+        made = Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+        made.html()  # every value is of a kind that the page can show
     except FileNotFoundError as error:
         raise _unreadable(path, "there is no such file") from error
-    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:  # not gzip, not JSON, not these sections
+    except _DAMAGED as error:
         raise _unreadable(path, f"these are not the data of a report: {error}") from error
+    return made

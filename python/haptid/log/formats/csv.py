@@ -152,7 +152,10 @@ def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
 
 
 def _cells(text: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
+    """Cells of a line; none where one of them is too long for a number or a name."""
+    with suppress(csv.Error):
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
+    return []
 
 
 def _row_bound(path: Path, dialect: _Dialect) -> int:
