@@ -67,9 +67,8 @@ def _expression(data: bytes, _: Path) -> object:
     return column(data.decode("utf-8", "replace"), ["1", "2"], {"L": 0.3}, Place("fuzz"))
 
 
-# Seed of a mechanism: a serial arm of two joints, as the positional arguments of the core, in Python's notation.
 def _core_arguments(data: bytes, _: Path) -> object:
-    """A mechanism from arguments in Python's notation, with `array([...], "type")` for arrays, and its Jacobian rows."""
+    """A mechanism of the core from its arguments in Python's notation, with `array([...], "type")` for arrays."""
     try:
         tree = ast.parse(data.decode("utf-8"), mode="eval").body
         given = [_value(node) for node in tree.elts] if isinstance(tree, ast.Tuple) else []
