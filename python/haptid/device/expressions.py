@@ -18,7 +18,7 @@ from haptid.errors import DeviceFileError
 # Longest expression, characters: enough for any column, and too short to exhaust the stack.
 _LONGEST = 400
 # Largest number in an expression, SI: beyond any device, far from overflow.
-_LARGEST = 1e30
+_LARGEST = 1e12
 
 FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin,

@@ -287,7 +287,7 @@ class Inspection:
             si: factor from its unit to SI.
         """
         column = raw.astype(np.float64, copy=False)
-        self._note(checks.refuse_constant(self.path, name, column, kind, signal.constant_ok))
+        self._note(checks.check_range(self.path, name, column, kind, signal.constant_ok, si))
         moved = column[1:] != column[:-1]
         self.same[kind][1:] &= ~moved
         if kind == "position":
