@@ -44,7 +44,7 @@ def test_scaled_torques_scale_the_parameters(tmp_path, plain, factor):
 @pytest.mark.parametrize("prefix", ["tau", "q"])
 @pytest.mark.parametrize("factor", REFUSED)
 def test_what_cannot_be_computed_is_refused(tmp_path, prefix, factor):
-    with pytest.raises(LogDataError, match="in SI units|beyond 1e"):
+    with pytest.raises(LogDataError, match=r"in SI units|beyond 1e"):
         identified(tmp_path, scaled(prefix, factor))
 
 

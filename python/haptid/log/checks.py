@@ -103,8 +103,8 @@ def check_range(path: Path, name: str, column: RawChannel, quantity: str, ok: bo
         span, largest = abs(si) * (high - low), abs(si) * max(-low, high)
         if not (span >= _LEAST_SI and largest <= _LARGEST_SI):
             raise LogDataError(
-                f"{path}: {quantity} channel {name!r} varies by {span:.3g} and reaches {largest:.3g} in SI units; its range "
-                f"must be at least {_LEAST_SI:g}, its values at most {_LARGEST_SI:g}.",
+                f"{path}: {quantity} channel {name!r} varies by {span:.3g} and reaches {largest:.3g} in SI units; its "
+                f"range must be at least {_LEAST_SI:g}, its values at most {_LARGEST_SI:g}.",
                 where=name,
                 found=(span, largest),
                 limit=(_LEAST_SI, _LARGEST_SI),
