@@ -1,8 +1,8 @@
 """Kill commands at random moments, and look at what is left: `python -m fuzz.interruptions --kills 500`.
 
-Each command runs first to its end, then again with other numbers and is killed (SIGKILL, or SIGINT for every third) at a
-random moment. What is there must be the result before or the new one; after a further run nothing of the killed one
-may be left. Exit status 1 if anything else was found.
+Each command runs to its end, then again and again into the same output, killed (SIGKILL, or SIGINT for every third) at
+random moments. What is there must be whole: all files of one run, by their manifest; and after a further run nothing of
+the killed ones may be left. Exit status 1 if anything else was found.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def command(name: str, folder: Path) -> list[str]:
 def state(folder: Path) -> dict[str, str]:
     """Names and contents of the outputs; only names of pictures, whose bytes may differ."""
     files = [path for path in folder.glob("out*/**/*") if path.is_file() and path.name != MANIFEST]
-    files += [path for path in folder.glob("out.html")]
+    files += folder.glob("out.html")
     return {str(path.relative_to(folder)): path.read_text(errors="replace") for path in sorted(files)}
 
 
