@@ -71,9 +71,7 @@ LOG_UNPACKED = Limit(
     "LOG_UNPACKED", 2**30, "bytes of all arrays that a log unpacks to, where they are 200 times those stored"
 )
 LOG_MEMBERS = Limit("LOG_MEMBERS", 10_000, "columns, arrays or datasets of a log file", counted=True)
-SYMBOLIC_JOINTS = Limit(
-    "SYMBOLIC_JOINTS", 24, "joints of a device whose regroupings have symbolic lengths", counted=True
-)
+SYMBOLIC_JOINTS = Limit("SYMBOLIC_JOINTS", 24, "joints of a device whose lengths are taken as symbols", counted=True)
 LIMITS = (DEFINITION_FILE, RESULT_FILE, REPORT_DATA, LOG_FILE, LOG_UNPACKED, LOG_MEMBERS, SYMBOLIC_JOINTS)
 
 
