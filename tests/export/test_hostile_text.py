@@ -148,4 +148,4 @@ def test_every_text_in_every_format(text):
     assert json.loads(escaping.json_text({"a": text})) == {"a": text}
     escaping.json_text({"a": text}).encode("utf-8")
     assert not str(escaping.csv_cell(text)).startswith(("=", "@", "\t", "\r"))
-    assert not re.search(r"(?<!\\)[#$%&_]", escaping.latex(text).replace(r"\textbackslash{}", ""))
+    assert not re.search(r"(?<!\\)[#$%&_]", escaping.latex_text(text).replace(r"\textbackslash{}", ""))

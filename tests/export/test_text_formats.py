@@ -9,7 +9,7 @@ import pytest
 
 import haptid
 from compiled import compiler, relative, run
-from haptid._internal.escaping import latex
+from haptid._internal.escaping import latex_text
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
 from haptid.export.formats.latex import latex_number, unit_text
@@ -89,7 +89,7 @@ def test_figures_and_text_in_latex():
     assert latex_number(0.5) == "$0.5$"
     assert latex_number(-np.inf) == r"$-\infty$"
     assert unit_text("kg m^2") == r"kg\,m$^{2}$"
-    assert latex("5 % of a_b") == r"5 \% of a\_b"
+    assert latex_text("5 % of a_b") == r"5 \% of a\_b"
 
 
 # --- MATLAB -----------------------------------------------------------------------------------------------------

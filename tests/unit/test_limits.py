@@ -25,7 +25,7 @@ from haptid.errors import (
 )
 from haptid.log import read_log
 from haptid.report import read_report
-from haptid.report.mathml import checked
+from haptid.report.mathml import formula_markup
 from small_study import DEVICE, HEAD
 
 CHANNELS = ("t", "q1", "q2", "tau1", "tau2")
@@ -146,10 +146,10 @@ def test_toml_of_any_other_kind_is_read():
 
 
 def test_formulas_of_a_report_are_mathml_alone():
-    assert checked("<math><msub><mi>&#x3c0;</mi><mn>1</mn></msub></math> <math><mo form='infix'>+</mo></math>")
+    assert formula_markup("<math><msub><mi>&#x3c0;</mi><mn>1</mn></msub></math> <math><mo form='infix'>+</mo></math>")
     for text in ("<script>x</script>", "<mi onclick='x'>a</mi>", "<math href='x'/>", "<mi>", "</mrow><b/><mrow>"):
         with pytest.raises(ValueError, match="a formula"):
-            checked(text)
+            formula_markup(text)
 
 
 def test_damaged_results_and_reports(tmp_path):

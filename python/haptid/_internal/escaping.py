@@ -50,7 +50,7 @@ def xml_comment(text: str) -> str:
     return re.sub("-(?=-)", "- ", printable(text, keep="\n"))
 
 
-def latex(text: str) -> str:
+def latex_text(text: str) -> str:
     """Text on one line with LaTeX's special characters escaped."""
     return "".join(_LATEX.get(character, character) for character in one_line(text))
 

@@ -40,7 +40,7 @@ def parameter(text: str) -> str:
     return f"<math>{_name(text)}</math>"
 
 
-def checked(text: str) -> Markup:
+def formula_markup(text: str) -> Markup:
     """Markup that consists of the elements of this module alone, as a page may have it; a result folder may hold any.
 
     Raises:

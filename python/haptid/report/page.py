@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from haptid.report.chart import Chart
-from haptid.report.mathml import checked
+from haptid.report.mathml import formula_markup
 from haptid.report.section import PageSection
 from haptid.results.result import finite
 
@@ -59,7 +59,7 @@ def _environment() -> Environment:
     made.globals["show"] = _show
     made.filters["number"] = _number
     made.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
-    made.filters["mathml"] = checked
+    made.filters["mathml"] = formula_markup
     made.filters["embedded"] = _embedded
     made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
     return made

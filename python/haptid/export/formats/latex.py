@@ -6,7 +6,7 @@ import math
 import re
 from pathlib import Path
 
-from haptid._internal.escaping import latex
+from haptid._internal.escaping import latex_text
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
@@ -52,9 +52,9 @@ def export_latex(
     source = provenance(identified, validation, largest_error, anyway)
     name = default_name(source.model.device.name)
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
-    document = DOCUMENT.replace("@title", latex(source.model.device.name)).replace("@name", name)
+    document = DOCUMENT.replace("@title", latex_text(source.model.device.name)).replace("@name", name)
     texts = {
-        f"{name}.tex": document.replace("@verdict", "\n\n".join(map(latex, (source.verdict, *source.fitness)))),
+        f"{name}.tex": document.replace("@verdict", "\n\n".join(map(latex_text, (source.verdict, *source.fitness)))),
         f"{name}_parameters.tex": f"{head}\n{_parameters(source)}",
         f"{name}_groupings.tex": f"{head}\n{_groupings(source.model)}",
     }
@@ -110,4 +110,4 @@ def latex_number(value: float) -> str:
 def unit_text(unit: str) -> str:
     """A unit in upright type: kg m^2 with a superscript."""
     parts = re.split(r"\^(-?[0-9]+)", unit)  # texts and exponents in turn
-    return "".join(f"$^{{{p}}}$" if k % 2 else latex(p).replace(" ", r"\,") for k, p in enumerate(parts))
+    return "".join(f"$^{{{p}}}$" if k % 2 else latex_text(p).replace(" ", r"\,") for k, p in enumerate(parts))
