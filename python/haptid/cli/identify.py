@@ -27,6 +27,8 @@ estimator. Writes into OUT:
 
   torque-*.png     measured and predicted torque, one plot for each log
 
+  haptid-files.json  SHA-256 of these files: a reader refuses one of another run
+
 Long logs are read in chunks. Intermediate results are stored in .OUT.partial next to OUT until the run is complete: an
 interrupted run resumes from there, if study, logs and device are unchanged.
 
