@@ -1,5 +1,6 @@
 """Results are whole or absent: every file-system call of a publish fails in turn, and the process dies at each."""
 
+import errno
 import json
 import os
 import threading
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from faults import died, fault, full_disk
+from haptid._internal import atomic_folder
 from haptid._internal.atomic_folder import MANIFEST, publishing, publishing_files, verified, write_file
 from haptid.errors import OutputFolderError, ResultFileError
 
@@ -172,6 +174,22 @@ def test_single_files_are_replaced_in_one_step_or_not_at_all(tmp_path):
         write_file(page, "old")
         assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
     assert page.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_that_cannot_be_renamed_is_replaced_file_by_file(tmp_path, monkeypatch):
+    out = prepared(tmp_path)
+    rename = os.rename
+
+    def refused(source, place):
+        if Path(source) == out:
+            raise OSError(errno.EXDEV, "in a lower layer of the container")
+        rename(source, place)
+
+    monkeypatch.setattr(atomic_folder, "_exchange", lambda *_: False)
+    monkeypatch.setattr(os, "rename", refused)
+    write(out, NEW)
+    assert content(out) == {**NEW, **FOREIGN}
+    assert not leftovers(tmp_path)
 
 
 def test_writers_at_the_same_time_leave_one_result(tmp_path):

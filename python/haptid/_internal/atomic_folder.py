@@ -275,12 +275,11 @@ def _publish(scratch: Path, target: Path, updating: bool) -> None:
     dropped = {
         path for manifest in scratch.rglob(MANIFEST) for path in _merge(manifest.parent, scratch, target, updating)
     }
-    if scratch.parent != target and _keep(scratch, target, dropped):
-        if not _exchange(scratch, target):
-            _exchange_in_two(scratch, target)
+    kept = scratch.parent != target and _keep(scratch, target, dropped)
+    if kept and (_exchange(scratch, target) or _exchange_in_two(scratch, target)):
         return
-    for path in dropped:
-        (target / path).unlink(missing_ok=True)
+    for name in dropped:
+        (target / name).unlink(missing_ok=True)
     for path in sorted(scratch.rglob("*"), key=lambda path: path.name != MANIFEST):
         if not path.is_dir():
             place = target / path.relative_to(scratch)
@@ -352,13 +351,20 @@ def _exchange(scratch: Path, target: Path) -> bool:
     return hasattr(library, "renamex_np") and bool(library.renamex_np(*names, _EXCHANGE) == 0)
 
 
-def _exchange_in_two(scratch: Path, target: Path) -> None:
-    """Put the target aside, then rename; a run that dies in between leaves the target aside, for the next sweep."""
+def _exchange_in_two(scratch: Path, target: Path) -> bool:
+    """Put the target aside, then rename; False where the target cannot be renamed, as in a layer of a container.
+
+    A run that dies in between leaves the target aside, for the next sweep.
+    """
     aside = scratch.with_name(scratch.name.removesuffix(_SCRATCH) + _ASIDE)
-    os.rename(target, aside)
+    try:
+        os.rename(target, aside)
+    except OSError:
+        return False
     try:
         os.rename(scratch, target)
     except OSError:
         os.rename(aside, target)
         raise
     shutil.rmtree(aside, ignore_errors=True)
+    return True
