@@ -8,7 +8,7 @@ RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.l
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-fast check bench docs wheel clean
+.PHONY: demo test test-fast check bench fuzz sbom docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -32,6 +32,7 @@ check: $(VENV)/.test
 	cargo test --locked --release
 	$(BIN)/python tools/check_rust_layers.py
 	$(BIN)/python tools/check_public_names.py
+	$(BIN)/python tools/write_sbom.py --check
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -40,12 +41,22 @@ check: $(VENV)/.test
 bench: $(VENV)/.test $(VENV)-bench/.made
 	$(BIN)/python benchmarks/run.py
 
+# All readers of files, and the core's argument checks, on mutations of fuzz/seeds; findings go to fuzz/findings.
+MINUTES ?= 5
+fuzz: $(VENV)/.test
+	$(BIN)/python -m fuzz.run --minutes $(MINUTES)
+
+# What a build contains: components of the environment and crates with versions and licences, as CycloneDX.
+sbom: $(VENV)/.run
+	$(BIN)/python tools/write_sbom.py dist/haptid.cdx.json
+
 docs: $(VENV)/.docs
 	$(BIN)/mkdocs build --strict
 
 wheel: $(VENV)/.run
 	$(PIP) install -c constraints.txt maturin
 	$(BIN)/maturin build --release --locked --out dist
+	$(BIN)/python tools/write_sbom.py dist/haptid.cdx.json
 
 clean:
 	rm -rf $(VENV) target demo site dist

@@ -9,9 +9,10 @@ import pytest
 
 import haptid
 from compiled import compiler, relative, run
+from haptid._internal.escaping import latex_text
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
-from haptid.export.formats.latex import escaped, latex_number, unit_text
+from haptid.export.formats.latex import latex_number, unit_text
 from haptid.export.output import default_name
 from haptid.export.selftest import ReferenceValues
 from true_parameters import true_parameters
@@ -88,7 +89,7 @@ def test_figures_and_text_in_latex():
     assert latex_number(0.5) == "$0.5$"
     assert latex_number(-np.inf) == r"$-\infty$"
     assert unit_text("kg m^2") == r"kg\,m$^{2}$"
-    assert escaped("5 % of a_b") == r"5 \% of a\_b"
+    assert latex_text("5 % of a_b") == r"5 \% of a\_b"
 
 
 # --- MATLAB -----------------------------------------------------------------------------------------------------

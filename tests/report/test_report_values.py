@@ -203,7 +203,7 @@ def test_a_report_is_kept_and_made_again(tmp_path):
     ],
 )
 def test_data_that_cannot_be_read_is_rejected(tmp_path, spoil, word):
-    made().write(tmp_path)
+    made().write_into(tmp_path)
     spoil(tmp_path / DATA)
     with pytest.raises(ResultFileError, match=word):
         read_report(tmp_path)

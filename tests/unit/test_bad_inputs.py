@@ -45,6 +45,7 @@ def test_the_good_one_is_good(folder):
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in (folder / "out").iterdir()) == [
         "correlation.csv",
+        "haptid-files.json",
         "parameters.csv",
         "report-data.json.gz",
         "report.html",

@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 import haptid
 from haptid import errors
-from haptid._internal.toml_tables import LARGEST_FILE, Fault
+from haptid._internal.bounded_files import DEFINITION_FILE
+from haptid._internal.toml_tables import Fault
 from haptid.device.toml.schema import ModifiedDHDevice
 from haptid.experiment import bench
 from haptid.experiment.bench.experiment import ExperimentTable
@@ -52,7 +53,7 @@ WRONG_STUDIES = [
     ("schema = 1", "", "key `schema`", "this key is missing; schema is version of this format"),
     ("schema = 1", "schema = ", "line 2, column 10", "not TOML: Invalid value, in `schema =`"),
     ("schema = 1", "a = " + 3000 * "[", "not TOML", "recursion"),
-    ("schema = 1", "#" + LARGEST_FILE * " " + "\nschema = 1", "1 MiB", "is this a log?"),
+    ("schema = 1", "#" + DEFINITION_FILE.value * " " + "\nschema = 1", "1 MiB", "DEFINITION_FILE"),
 ]
 WRONG_EXPERIMENTS = [
     ("kp = 40.0", "kq = 40.0", "key `controller.kq`", "Keys here: kp, kd, ki"),

@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as hnp
 from pyarrow import parquet
 
 from haptid import errors
+from haptid._internal.bounded_files import LOG_UNPACKED
 from haptid.log import Channels, Signal, read_log
 from haptid.log.formats import sniff
 from haptid.log.read import FORMATS
@@ -350,7 +351,7 @@ def test_corrupt_file_is_chained_from_its_library(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [".parquet", ".npz", ".h5", ".mat"])
 def test_zip_bombs_are_rejected(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sniff, "SIZE_LIMIT", 2**20)
+    monkeypatch.setenv(LOG_UNPACKED.variable, str(2**20))
     zeros = np.zeros(2**20)
     path = tmp_path / f"bomb{kind}"
     if kind == ".parquet":

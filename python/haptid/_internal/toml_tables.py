@@ -12,19 +12,22 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
 from haptid.errors import HaptidError, keys_here
 
 Model = TypeVar("Model", bound=BaseModel)
 
-# Largest file, bytes: such a file is a page of text.
-LARGEST_FILE = 1 << 20
+# Most parts of a dotted key: the parser's time and memory grow with their square.
+_MOST_PARTS = 32
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
+_DOTTED = re.compile(rf"(?:^|[\[{{,])[ \t]*+(?:{_PART}){{{_MOST_PARTS}}}", re.MULTILINE)
 # Types of pydantic errors that are shown first: a misspelt key is the cause of a missing one, and for a union of
 # types these say more than a mismatch with one of them.
 _FIRST = ("extra_forbidden", "missing", "value_error")
 # Advice for types of pydantic errors whose own message is not for users.
 INSTEAD = {
     "string_type": 'Write a text in double quotes, such as "1"',
-    "string_pattern_mismatch": "Write a name of letters, digits and underscores",
+    "string_pattern_mismatch": "Write a name of the letters A to Z and a to z, digits and underscores",
     "list_type": "Write a list in square brackets",
     "bool_type": "Write true or false",
     "model_type": "Write a table",
@@ -154,9 +157,7 @@ class _NotReadError(Exception):
 
 def _parsed(path: Path, noun: str) -> dict[str, Any]:
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise _NotReadError(f"the file is larger than {LARGEST_FILE >> 20} MiB: is this a log?")
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded(path, DEFINITION_FILE).decode("utf-8")
     except FileNotFoundError:
         raise _NotReadError(f"there is no such file; give the path of the TOML file of {noun}") from None
     except UnicodeDecodeError as error:
@@ -165,10 +166,25 @@ def _parsed(path: Path, noun: str) -> dict[str, Any]:
         reason = getattr(error, "strerror", None) or str(error)
         raise _NotReadError(f"cannot be opened ({reason})") from None
     try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return toml_values(text)
+    except (ValueError, RecursionError) as error:
         at = Syntax.of(error, text)
         raise _NotReadError(f"line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`") from None
+
+
+def toml_values(text: str) -> dict[str, Any]:
+    """The values of a text in TOML.
+
+    Raises:
+        ValueError: it is not TOML, has a number of thousands of digits or a key of very many parts.
+        RecursionError: it is nested too deeply.
+    """
+    if long := _DOTTED.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        column = long.start() - text.rfind("\n", 0, long.start())
+        found = f"a key of more than {_MOST_PARTS} parts"
+        raise tomllib.TOMLDecodeError(f"{found} (at line {line}, column {column})")
+    return tomllib.loads(text)
 
 
 def _rank(detail: Any) -> int:

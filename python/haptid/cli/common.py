@@ -5,12 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+from rich.segment import Segment
 from rich.text import Text
 
+from haptid._internal.escaping import printable
 from haptid.errors import HaptidError
 
 if TYPE_CHECKING:
@@ -29,8 +32,28 @@ app = typer.Typer(
 )
 # Where the output is not a terminal, lines are as wide as the tables, not 80 characters.
 WIDE = None if sys.stdout.isatty() else 140
-# Printed text comes from users' files: no markup is interpreted.
+
+
+class _Printable(RenderHook):
+    """Printed text comes from users' files: control characters in it are shown, not sent to the terminal."""
+
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_PrintableText(one) for one in renderables]
+
+
+@dataclass(frozen=True)
+class _PrintableText:
+    content: ConsoleRenderable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for segment in console.render(self.content, options):
+            yield segment if segment.control else Segment(printable(segment.text, keep="\n"), segment.style)
+
+
+# No markup is interpreted either.
 out, err = Console(width=WIDE, markup=False), Console(stderr=True, markup=False)
+for _console in (out, err):
+    _console.push_render_hook(_Printable())
 
 
 @contextmanager

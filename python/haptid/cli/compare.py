@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,6 +41,7 @@ def compare(
     confidence: Annotated[float, typer.Option("--confidence", help="joint confidence level for all parameters")] = 0.95,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of tables")] = False,
 ) -> None:
+    from haptid._internal.escaping import json_text
     from haptid.inference.comparison import compare as compared
     from haptid.inference.drift import drift
     from haptid.report.compared import names_of
@@ -51,7 +52,7 @@ def compare(
         series = compared(*map(Result.load, results), labels=names_of(results), confidence=confidence)
         lines = None if when is None else drift(series, when, unit)
     if as_json:
-        typer.echo(json.dumps(finite(values(series, lines)), indent=1, ensure_ascii=False, allow_nan=False))
+        sys.stdout.write(json_text(finite(values(series, lines))))
         return
     for made in (series, lines):
         if made is not None:

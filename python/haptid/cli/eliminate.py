@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,6 +46,7 @@ def eliminate(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid._internal.escaping import json_text
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
@@ -73,11 +73,10 @@ def eliminate(
             progress("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
-            Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
+            Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).write_into(folder)
             progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
-            text = json.dumps(values, indent=1, allow_nan=False)
-            (folder / "elimination.json").write_text(text + "\n", encoding="utf-8")
+            (folder / "elimination.json").write_text(json_text(values), encoding="utf-8")
     if not quiet:
         for name, one in reductions.items():
             out.print(name, style="bold")

@@ -59,7 +59,7 @@ def excite(
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import Search, design_excitation, write_experiment
-    from haptid.experiment.excitation.writing import plain_experiment, write_samples
+    from haptid.experiment.excitation.writing import plain_experiment
 
     with errors_shown():
         if out_file.suffix != ".toml":
@@ -80,8 +80,7 @@ def excite(
                 search=Search(tries=max_evaluations, seed=seed),
                 progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(cost)),
             )
-        write_experiment(out_file, found, plain_experiment(found) if other is None else other)
-        write_samples(found, out_file.with_suffix(".csv"), rate_hz)
+        write_experiment(out_file, found, plain_experiment(found) if other is None else other, rate_hz)
     if not quiet:
         _show(found, out_file)
 

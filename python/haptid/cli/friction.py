@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,6 +77,7 @@ def of_log(
 def _run(read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool) -> None:
     """Fit the friction curves of a test, and write them."""
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid._internal.escaping import json_text
     from haptid.experiment.friction_test.choice import choose_friction
     from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
     from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
@@ -93,8 +93,7 @@ def _run(read: _Read, tolerance: float | None, slowest: float | None, out_folder
             curve = friction_curve(model, motion, constant=constant)
             choice = choose_friction(curve)
             write_points(curve, folder / "friction.csv")
-            text = json.dumps(choice_values(choice), indent=1, allow_nan=False)
-            (folder / "friction.json").write_text(text + "\n", encoding="utf-8")
+            (folder / "friction.json").write_text(json_text(choice_values(choice)), encoding="utf-8")
             plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
             progress("friction by velocity", 1.0)
     if not quiet:

@@ -27,6 +27,8 @@ estimator. Writes into OUT:
 
   torque-*.png     measured and predicted torque, one plot for each log
 
+  haptid-files.json  SHA-256 of these files: a reader refuses one of another run
+
 Long logs are read in chunks. Intermediate results are stored in .OUT.partial next to OUT until the run is complete: an
 interrupted run resumes from there, if study, logs and device are unchanged.
 
@@ -79,8 +81,8 @@ def identify(
             progress("writing the report", 0.0)
             source = ReportSource(found, _typed(study, data, out_folder))
             result = Result.of(found, source.diagnosis.verdict)
-            result.save(folder)
-            report_of(source).write(folder)
+            result.write_into(folder)
+            report_of(source).write_into(folder)
             progress("writing the report", 1.0)
             for k, run in enumerate(found.runs):
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -43,6 +41,7 @@ def payload(
     as_json: Annotated[bool, typer.Option("--json", help="print payload.json instead of tables")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid._internal.escaping import json_text, write_csv
     from haptid.study import read_study
     from haptid.study.payloads import study_payloads
 
@@ -52,10 +51,9 @@ def payload(
             found = study_payloads(
                 read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress_callback(bars)
             )
-            text = json.dumps(found.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+            text = json_text(found.to_json())
             (folder / "payload.json").write_text(text, encoding="utf-8")
-            with (folder / "payload.csv").open("w", newline="", encoding="utf-8") as file:
-                csv.writer(file).writerows(found.table())
+            write_csv(folder / "payload.csv", found.table())
     if as_json:
         sys.stdout.write(text)
     elif not quiet:

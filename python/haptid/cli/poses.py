@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -39,6 +37,7 @@ def poses(
     as_json: Annotated[bool, typer.Option("--json", help="print static.json instead of tables")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid._internal.escaping import json_text, write_csv
     from haptid.results.result import finite
     from haptid.study import read_study
     from haptid.study.payloads import study_poses
@@ -47,11 +46,10 @@ def poses(
         check_writable(out_folder)
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             found = study_poses(read_study(study), data, progress_callback(bars))
-            text = json.dumps(finite(found.to_json()), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+            text = json_text(finite(found.to_json()))
             (folder / "static.json").write_text(text, encoding="utf-8")
-            with (folder / "poses.csv").open("w", newline="", encoding="utf-8") as file:
-                head, rows = found.poses.table()
-                csv.writer(file).writerows([head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
+            head, rows = found.poses.table()
+            write_csv(folder / "poses.csv", [head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
     if as_json:
         sys.stdout.write(text)
     elif not quiet:

@@ -32,12 +32,18 @@ def report(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing")] = False,
 ) -> None:
+    from haptid._internal.atomic_folder import publishing
     from haptid.report import read_report, write_comparison
+    from haptid.report.report import PAGE
 
     with errors_shown():
         if len(results) == 1:
-            written = page or results[0] / "report.html"
-            read_report(results[0]).write_page(written)
+            written, made_of = page or results[0] / PAGE, read_report(results[0])
+            if written.resolve() == (results[0] / PAGE).resolve():
+                with publishing(results[0], updating=True) as folder:
+                    (folder / PAGE).write_text(made_of.html(), encoding="utf-8")
+            else:
+                made_of.write_page(written)
             sentences: tuple[str, ...] = ()
         else:
             written = page or Path("comparison.html")

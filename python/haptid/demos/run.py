@@ -14,7 +14,7 @@ from haptid.demos.recordings import record_all
 from haptid.errors import UnknownNameError, suggestion
 from haptid.experiment.bench.simulation import load_mujoco
 from haptid.report.document import DocumentSection, TextTable
-from haptid.report.page import page, write_page_text
+from haptid.report.page import page
 
 _KINDS: dict[str, Kind] = {"phantom_configurations": PHANTOM_CONFIGURATIONS, "cea_branches": CEA_BRANCHES}
 PLAN, CLAIMS, PAGE = "demo.toml", "claims.csv", "paper.html"
@@ -88,7 +88,7 @@ def write_results(demo: Demo, found: Any, folder: Path) -> None:
     head = {"schema": 1, "demo": demo.name, "title": demo.title, "source": demo.source, "claims": claims}
     write_json(folder / "result.json", {**head, **kind.values(found)})
     sections = [*kind.sections(found), claims_section(demo)]
-    write_page_text(folder / PAGE, page(demo.title, f"Source: {demo.source}.", sections))
+    (folder / PAGE).write_text(page(demo.title, f"Source: {demo.source}.", sections), encoding="utf-8")
 
 
 def claims_section(demo: Demo) -> DocumentSection:

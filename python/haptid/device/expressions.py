@@ -18,7 +18,7 @@ from haptid.errors import DeviceFileError
 # Longest expression, characters: enough for any column, and too short to exhaust the stack.
 _LONGEST = 400
 # Largest number in an expression, SI: beyond any device, far from overflow.
-_LARGEST = 1e30
+_LARGEST = 1e12
 
 FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin,
@@ -219,6 +219,8 @@ class _Rules:
                 if abs(value) > _LARGEST:  # type: ignore[arg-type]
                     raise self.refuse(node, f"is beyond {_LARGEST:.0e}")
             case ast.Name(id=name):
+                if self.functions and name in FUNCTIONS:
+                    raise self.refuse(node, f"is a function, without an argument: write {name}(...)")
                 if name not in self.known:
                     functions = FUNCTIONS if self.functions else ()
                     raise self.place.unknown("number", name, sorted({*self.known, *functions}))

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.bounded_files import SYMBOLIC_JOINTS
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.friction import DRY, LoadDependentFriction
 from haptid.device.terms.term import TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
-from haptid.errors import ModelMismatchError
+from haptid.errors import ModelMismatchError, RegroupingError
 
 if TYPE_CHECKING:
     from haptid.dynamics.symbolic import Regroupings
@@ -122,6 +123,14 @@ class DynamicModel:
         """Base parameters with symbolic lengths; see `haptid.dynamics.symbolic.regroupings` for the errors raised."""
         from haptid.dynamics.symbolic import regroupings
 
+        count, most = len(self.device.joints), SYMBOLIC_JOINTS.value
+        if count > most:
+            raise RegroupingError(
+                f"{self.device.name} has {count} joints; lengths are symbols up to {most}.",
+                found=count,
+                limit=most,
+                advice=f"Set {SYMBOLIC_JOINTS.variable} to allow more; the time grows with the third power.",
+            )
         return regroupings(self)
 
     @cached_property

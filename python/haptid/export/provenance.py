@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.escaping import c_comment, one_line
 from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnvalidatedModelError
@@ -137,7 +138,7 @@ def about(source: Provenance) -> list[str]:
         *source.fitness,
     ]
     return [
-        *(line for sentence in said for line in textwrap.wrap(sentence, _WIDTH) or [""]),
+        *(line for sentence in said for line in textwrap.wrap(one_line(sentence), _WIDTH) or [""]),
         *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters of other origin",)),
     ]
 
@@ -164,7 +165,7 @@ def coordinate_lines(model: DynamicModel) -> list[str]:
             parts.append(_command(drive, torque))
         if not model.device.measured[k]:
             parts.append("no motor: parameters identifiable only through other rows")
-        lines += textwrap.wrap(one_line(f"q[{k}] {'; '.join(parts)}"), _WIDTH, subsequent_indent="     ")
+        lines += textwrap.wrap(c_comment(f"q[{k}] {'; '.join(parts)}"), _WIDTH, subsequent_indent="     ")
     return lines
 
 
@@ -174,8 +175,3 @@ def _command(drive: Motor, torque: str) -> str:
     if factor == 1.0 and drive.command_unit == torque:
         return "command = torque"
     return f"command in {drive.command_unit} = torque / ({factor:.9g} {torque} per {drive.command_unit})"
-
-
-def one_line(text: str) -> str:
-    """Text on one line that cannot end a C comment."""
-    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")

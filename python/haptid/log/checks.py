@@ -23,6 +23,8 @@ _Range = tuple[float, float]
 
 # Largest magnitude of a sample in any unit: a larger one comes from damaged bytes, and its powers overflow.
 _LARGEST = 1e30
+# Smallest range of a channel that varies, and largest value, SI: powers of others underflow or overflow.
+_LEAST_SI, _LARGEST_SI = 1e-30, 1e12
 # A step is a jump if it is longer than JUMP times the 99.9 % quantile of the steps,
 JUMP = 50.0
 # and than this many times the smallest step (a coarse encoder moves by whole counts),
@@ -85,9 +87,29 @@ def refuse_nonfinite(path: Path, name: str, column: RawChannel, stamps: Array) -
     raise non_finite(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
-def refuse_constant(path: Path, name: str, column: RawChannel, quantity: str, ok: bool) -> str | None:
-    """Refuse a constant channel; returns a note instead where it is allowed."""
-    if column.min() != column.max():
+def check_range(path: Path, name: str, column: RawChannel, quantity: str, ok: bool, si: float) -> str | None:
+    """Refuse a channel whose range cannot be that of a motion; returns a note where it is constant and allowed to be.
+
+    Args:
+        path, name, column, quantity: file and channel, in the file's unit.
+        ok: whether it may be constant.
+        si: factor to SI.
+
+    Raises:
+        LogDataError: it is constant, or varies by less than LEAST_SI or reaches beyond LARGEST_SI.
+    """
+    low, high = float(column.min()), float(column.max())
+    if low != high:
+        span, largest = abs(si) * (high - low), abs(si) * max(-low, high)
+        if not (span >= _LEAST_SI and largest <= _LARGEST_SI):
+            raise LogDataError(
+                f"{path}: {quantity} channel {name!r} varies by {span:.3g} and reaches {largest:.3g} in SI units; its "
+                f"range must be at least {_LEAST_SI:g}, its values at most {_LARGEST_SI:g}.",
+                where=name,
+                found=(span, largest),
+                limit=(_LEAST_SI, _LARGEST_SI),
+                advice="Check its unit and its gain.",
+            )
         return None
     if not ok:
         raise LogDataError(
@@ -407,7 +429,9 @@ def non_finite(path: Path, name: str, count: int, index: int, time: float | None
         f"{index}{when}.",
         where=(name, index),
         found=count,
-        advice="Use `time_range` to keep a part without them, or repair the log.",
+        advice="Delete these rows of the file."
+        if time is None
+        else "Use `time_range` to keep a part without them, or repair the log.",
     )
 
 

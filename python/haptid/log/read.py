@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
 from haptid.log.channel_clocks import clock_drift
@@ -94,7 +95,7 @@ def read_log(
         LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
     """
     path = Path(path)
-    kind, sha256 = format_of(path), sha256_of(path)
+    kind = format_of(path)
     notes: list[str] = []
     if channels is None:
         channels, sentence = guess(path, kind.names(path))
@@ -124,7 +125,9 @@ def read_log(
     notes.extend(found.report.sentences)
     position = _block(found.position, columns, channels.position, "position", blocks["position"])
     torque = _block(found.torque, columns, channels.torque, "torque", blocks["torque"])
-    log = Log(path, sha256, found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report)
+    log = Log(
+        path, sha256_of(path), found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report
+    )
     return _with_drift(log, found.report)
 
 
@@ -139,12 +142,10 @@ def format_of(path: Path) -> Format:
                 where=path,
                 advice="Check the path; a study takes it from the folder of --data, or from its own.",
             )
-        if not path.is_file():
-            raise _inaccessible(path, "it is not a regular file")
-        with path.open("rb") as file:
+        with open_regular(path, LOG_FILE) as file:
             first = file.read(1)
     except (OSError, ValueError) as error:
-        raise _inaccessible(path, str(error)) from error
+        raise _inaccessible(path, getattr(error, "strerror", None) or str(error)) from error
     if not first:
         raise empty(path, "0 bytes")
     for kind in FORMATS:
@@ -286,7 +287,7 @@ class Inspection:
             si: factor from its unit to SI.
         """
         column = raw.astype(np.float64, copy=False)
-        self._note(checks.refuse_constant(self.path, name, column, kind, signal.constant_ok))
+        self._note(checks.check_range(self.path, name, column, kind, signal.constant_ok, si))
         moved = column[1:] != column[:-1]
         self.same[kind][1:] &= ~moved
         if kind == "position":
@@ -368,7 +369,7 @@ def open_log(
         LogError: as `read_log` does.
     """
     path = Path(path)
-    kind, sha256 = format_of(path), sha256_of(path)
+    kind = format_of(path)
     if not kind.by_rows:
         formats = [other.name for other in FORMATS if other.by_rows]
         raise LogFileError(
@@ -400,7 +401,7 @@ def open_log(
     torque = SignalOnDisk(source, found.torque, channels.torque, "torque", unwrapped)
     log = Log(
         path,
-        sha256,
+        sha256_of(path),
         found.t,
         as_array(position),
         as_array(torque),

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 FEWEST_SAMPLES = 50
 # Longest sampling period, s; a longer one almost certainly means stamps in another unit.
 SLOWEST = 0.5
+# Shortest one: no log has more than a gigahertz.
+_FASTEST = 1e-9
 # Stamps this many times coarser than the sampling do not give the rate.
 COARSEST = 10.0
 # Samples that are looked at together.
@@ -141,6 +143,14 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             found=step,
             limit=SLOWEST,
             advice="Give the channel's `time_unit`: 'ms', 'us' or 'ns'.",
+        )
+    if 0 < step < _FASTEST:
+        raise LogTimeError(
+            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (minimum {_FASTEST:g} s).",
+            where=name,
+            found=step,
+            limit=_FASTEST,
+            advice="Give the channel's `time_unit` as it was recorded.",
         )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     if repeated.size > (1 - 1 / COARSEST) * seconds.size:

@@ -64,8 +64,13 @@ class RFactorCache:
         np.savez(buffer, rows=rows, **arrays)  # type: ignore[arg-type]
         self.folder.mkdir(exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
-            file.write(buffer.getbuffer())
-        os.replace(file.name, path)
+            try:
+                file.write(buffer.getbuffer())
+                file.flush()
+                os.replace(file.name, path)
+            except BaseException:
+                os.unlink(file.name)
+                raise
 
     def count(self) -> int:
         """Number of cached parts, of any run."""

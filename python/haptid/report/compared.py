@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from haptid._core import __version__
-from haptid.report.page import page, write_page_text
+from haptid._internal.atomic_folder import write_file
+from haptid.report.page import page
 from haptid.report.sections.comparison import ComparisonSection
 from haptid.results.result import Result
 
@@ -27,7 +28,7 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
     title = f"Comparison of {len(found)} results"
     about = f"{', '.join(dict.fromkeys(r.model.device.name for r in found))}, haptid {__version__}"
-    write_page_text(Path(path), page(title, about, (made,)))
+    write_file(Path(path), page(title, about, (made,)))
     return made
 
 

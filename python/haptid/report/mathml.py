@@ -5,13 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from html import escape
+from xml.etree import ElementTree
 
 import numpy as np
+from markupsafe import Markup
 
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.symbolic import Regroupings
 from haptid.dynamics.symbolic.formulas import NAME, Style, grouping_formula
 
+# Elements and attributes of formulas.
+_ELEMENTS = frozenset({"math", "mrow", "mi", "mn", "mo", "msub", "msup", "msubsup", "mfrac"})
+_ATTRIBUTES = frozenset({"form", "stretchy"})
 # An element is represented in a text by its number between these two, so that texts can be concatenated.
 OPEN, _CLOSE = "\ue000", "\ue001"
 TOKEN = re.compile(rf"{OPEN}(\d+){_CLOSE}|(\d+(?:\.\d+)?(?:e[-+]?\d+)?)|([-+()])")
@@ -33,6 +38,22 @@ def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...
 def parameter(text: str) -> str:
     """A parameter's name as a MathML element: ZZ1R is ZZ with the subscript 1R."""
     return f"<math>{_name(text)}</math>"
+
+
+def formula_markup(text: str) -> Markup:
+    """Markup that consists of the elements of this module alone, as a page may have it; a result folder may hold any.
+
+    Raises:
+        ValueError: it has another element or attribute.
+    """
+    try:
+        found = ElementTree.fromstring(f"<mrow>{text}</mrow>")
+    except ElementTree.ParseError as error:
+        raise ValueError(f"a formula is not MathML: {error}") from None
+    for element in found.iter():
+        if element.tag not in _ELEMENTS or not set(element.attrib) <= _ATTRIBUTES:
+            raise ValueError(f"a formula has the element {element.tag!r} with {sorted(element.attrib)}")
+    return Markup(text)
 
 
 def _exact(found: Regroupings, k: int) -> str:

@@ -6,14 +6,13 @@ import json
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from haptid.errors import OutputFolderError
 from haptid.report.chart import Chart
+from haptid.report.mathml import formula_markup
 from haptid.report.section import PageSection
 from haptid.results.result import finite
 
@@ -48,24 +47,6 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
     )
 
 
-def write_page_text(path: Path, text: str) -> None:
-    """Write a file.
-
-    Raises:
-        OutputFolderError: it cannot be written there.
-    """
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputFolderError(
-            f"cannot write {path}: {reason}.",
-            where=str(path),
-            found=reason,
-            advice="Choose another path.",
-        ) from error
-
-
 @cache
 def _environment() -> Environment:
     made = Environment(
@@ -78,6 +59,7 @@ def _environment() -> Environment:
     made.globals["show"] = _show
     made.filters["number"] = _number
     made.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
+    made.filters["mathml"] = formula_markup
     made.filters["embedded"] = _embedded
     made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
     return made

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
+from jinja2 import TemplateError
+
 from haptid._core import __version__
+from haptid._internal.atomic_folder import publishing, verified, write_file
+from haptid._internal.bounded_files import REPORT_DATA, RESULT_FILE, read_at_most, read_bounded
 from haptid.errors import ResultFileError
-from haptid.report.page import page, write_page_text
+from haptid.report.page import page
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import HandForceData, ReportSource
@@ -20,10 +26,21 @@ from haptid.results.result import finite
 from haptid.study.identify import Identification
 
 _SCHEMA = 2
+# Not gzip, not JSON, not these sections, or values of other types in them.
+_DAMAGED = (
+    OSError,
+    EOFError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    zlib.error,
+    TemplateError,
+)
 # Files of a report in a result folder: its data and its page.
 DATA, PAGE = "report-data.json.gz", "report.html"
-# Report data are some megabytes; a file that unpacks to more is refused.
-_LARGEST = 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +74,20 @@ class Report:
         Raises:
             OutputFolderError: it cannot be written there.
         """
-        write_page_text(path, self.html())
+        write_file(path, self.html())
 
-    def write(self, folder: Path) -> None:
-        """Write the page and its data into a folder."""
-        self.write_page(folder / PAGE)
+    def write(self, folder: str | Path) -> None:
+        """Write the page and its data into a folder, both or none.
+
+        Raises:
+            OutputFolderError: the folder cannot be written.
+        """
+        with publishing(Path(folder)) as scratch:
+            self.write_into(scratch)
+
+    def write_into(self, folder: Path) -> None:
+        """Write both files into a folder that a caller publishes."""
+        (folder / PAGE).write_text(self.html(), encoding="utf-8", errors="backslashreplace")
         plain = {key: section.plain() for key, section in self.sections.items()}
         head = {"schema": _SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
         text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))
@@ -113,17 +139,17 @@ def read_report(folder: str | Path) -> Report:
     """
     path = Path(folder) / DATA
     try:
-        with gzip.open(path) as file:
-            text = file.read(_LARGEST + 1)
-        if len(text) > _LARGEST:
-            raise _unreadable(path, f"it unpacks to more than {_LARGEST >> 20} MiB")
-        data = json.loads(text)
+        packed = io.BytesIO(verified(path, read_bounded(path, RESULT_FILE)))
+        with gzip.open(packed) as file:
+            data = json.loads(read_at_most(file.read, path, REPORT_DATA))
         if data["schema"] != _SCHEMA:
             raise _unreadable(path, f"its schema is {data['schema']}, and {_SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
-        return Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+        made = Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+        made.html()  # every value is of a kind that the page can show
     except FileNotFoundError as error:
         raise _unreadable(path, "there is no such file") from error
-    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:  # not gzip, not JSON, not these sections
+    except _DAMAGED as error:
         raise _unreadable(path, f"these are not the data of a report: {error}") from error
+    return made

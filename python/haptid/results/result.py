@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import math
@@ -16,6 +15,9 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.atomic_folder import publishing, verified
+from haptid._internal.bounded_files import RESULT_FILE, read_bounded
+from haptid._internal.escaping import json_text, write_csv
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
@@ -60,8 +62,6 @@ if TYPE_CHECKING:
     from haptid.inference.diagnosis import Verdict
 
 _SCHEMA: Literal[2] = 2
-# A result of two hundred parameters has some megabytes; a larger file is no result.
-_LARGEST_FILE = 1 << 26
 RELATIVE_ERROR = (
     "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
 )
@@ -169,14 +169,23 @@ class Result(ResultTable):
         made._model = model
         return made
 
-    def save(self, folder: Path) -> None:
-        """Write `result.json`, `parameters.csv` and `correlation.csv` into an existing folder."""
+    def save(self, folder: str | Path) -> None:
+        """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder, all or none.
+
+        Raises:
+            OutputFolderError: the folder cannot be written.
+        """
+        with publishing(Path(folder)) as scratch:
+            self.write_into(scratch)
+
+    def write_into(self, folder: Path) -> None:
+        """Write these files into a folder that a caller publishes."""
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
-        _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
+        write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
-        _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
+        write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
 
     def to_dict(self) -> dict[str, Any]:
         """The keys and values of `result.json`."""
@@ -184,7 +193,7 @@ class Result(ResultTable):
 
     def to_json(self) -> str:
         """The text of `result.json`."""
-        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(self.to_dict())
 
     @property
     def model(self) -> DynamicModel:
@@ -415,9 +424,7 @@ def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], v
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise _fault(path, f"the file is larger than {_LARGEST_FILE >> 20} MiB, so it is no result")
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(verified(path, read_bounded(path, RESULT_FILE)))
     except FileNotFoundError:
         raise _fault(path, "there is no such file") from None
     except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
@@ -470,8 +477,3 @@ def _csv_row(p: ResultParameter) -> list[object]:
     shown = "" if p.constrained_outside_ci else relative
     se = math.inf if p.se is None else p.se
     return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained]
-
-
-def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(rows)

@@ -120,7 +120,7 @@ def write_files(found: Results, folder: Path) -> None:
     fits, title = found.fits[key], f"{found.demo.title}: {found.demo.mountings[key]}"
     made = identification(title, f"{key}.parquet", fits["encoders"], fits.proposal)
     hand = HandForceData(name, found.hand.t, found.hand.modelled, measured=found.hand.measured)
-    make_report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write(folder)
+    make_report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write_into(folder)
 
 
 def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identification:

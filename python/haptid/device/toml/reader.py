@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +11,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from haptid._internal.arrays import Array
-from haptid._internal.toml_tables import Syntax
+from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
+from haptid._internal.toml_tables import Syntax, toml_values
 from haptid.device.device import Device, Handle, Joint
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
@@ -35,8 +35,6 @@ from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, Symmetry
 from haptid.device.toml.transmission import read_drives
 from haptid.errors import DeviceFileError, suggestion
 
-# A device file is some kilobytes; a file beyond this is something else.
-LARGEST_DEVICE_FILE = 1_000_000
 # Name of the fixed link.
 BASE = "base"
 
@@ -85,22 +83,17 @@ def checked_tables(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
 def _content(path: str | Path) -> tuple[str, bytes]:
     if "\0" in str(path):
         raise _file_error(repr(str(path)), "has a zero byte in it", "Give the path of a device's TOML file.")
-    source: Any = Path(path)
+    source = Path(path)
     if isinstance(path, str) and not source.exists() and not source.suffix and "/" not in path:
         if path not in shipped_devices():
             found = "there is no such file, nor a shipped device of that name"
             raise _file_error(path, found, suggestion(path, shipped_devices()))
-        source = files("haptid.device") / "library" / f"{path}.toml"
+        return path, (files("haptid.device") / "library" / f"{path}.toml").read_bytes()
     try:
-        with source.open("rb") as stream:
-            content: bytes = stream.read(LARGEST_DEVICE_FILE + 1)
+        return str(path), read_bounded(source, DEFINITION_FILE)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise _file_error(path, f"cannot be opened ({reason})", "Give the path of a device's TOML file.") from None
-    if len(content) > LARGEST_DEVICE_FILE:
-        found = f"has more than {LARGEST_DEVICE_FILE} bytes"
-        raise _file_error(path, found, "A device file is some kilobytes: is this a log?")
-    return str(path), content
 
 
 def _parsed(file: str, content: bytes) -> dict[str, Any]:
@@ -110,8 +103,8 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
         found = f"byte {error.start} is not UTF-8 text"
         raise _file_error(file, found, "Save the file as UTF-8 in your editor.") from None
     try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return toml_values(text)
+    except (ValueError, RecursionError) as error:
         at = Syntax.of(error, text)
         raise DeviceFileError(
             f"{file}, line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`.",

@@ -41,6 +41,7 @@ _Triple = Annotated[list[_Quantity], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$", max_length=40)]
 Names = Annotated[list[Name], Field(min_length=1)]
 Text = Annotated[str, Field(min_length=1, max_length=2000)]
+Unit = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class _Table(BaseModel):
@@ -225,7 +226,7 @@ class CustomTerm(TermTable):
 
     kind: Literal["custom"]
     name: Name
-    unit: Text
+    unit: Unit
     expression: Text
     constants: dict[Name, _Constant] = {}
 
@@ -301,7 +302,7 @@ class TargetTable(_Table):
     """A target: linear combination of standard parameters, with its unit."""
 
     expression: Text
-    unit: Text | None = None
+    unit: Unit | None = None
 
 
 class BaseParametersTable(_Table):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptid._internal.escaping import write_csv
 from haptid.end_effector.characterisation.characterise import Characterisation
 from haptid.errors import IncompleteDeviceError
 from haptid.uncertainty.quantities import Field
@@ -123,7 +123,5 @@ def write_columns(found: Characterisation, made: Sequence[TableColumn], path: Pa
         if (interval := column.figure.conf_int()) is not None:
             heads += [f"{column.heading} ci_low", f"{column.heading} ci_high"]
             values += [*interval.T]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(heads)
-        table.writerows([repr(x) if np.isfinite(x) else "" for x in row] for row in np.array(values).T.tolist())
+    rows = ([repr(x) if np.isfinite(x) else "" for x in row] for row in np.array(values).T.tolist())
+    write_csv(path, [heads, *rows])

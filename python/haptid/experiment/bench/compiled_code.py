@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.atomic_folder import verified
 from haptid.errors import ExportError, MissingDependencyError, SettingError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
@@ -72,8 +73,11 @@ class Compiled:
         Raises:
             ExportError: the folder does not have exactly one model, or its code does not compile.
             MissingDependencyError: there is no compiler.
+            ResultFileError: header and source are of different exports.
         """
         header = _header(Path(folder))
+        for path in (header, header.with_suffix(".c")):
+            verified(path, path.read_bytes())
         text, name = header.read_text(encoding="utf-8"), header.stem
         real = ctypes.c_float if f"typedef float {name}_real" in text else ctypes.c_double
         size, coordinates, parameters = (

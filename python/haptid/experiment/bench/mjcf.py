@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
+from haptid._internal.escaping import printable
 from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError, IncompleteDeviceError
@@ -86,7 +87,7 @@ def mjcf(
         )
     made = bodies(model, chi)
     acts = effects(model, chi, made)
-    root = Element("mujoco", model=model.device.name)
+    root = Element("mujoco", model=printable(model.device.name))
     _settings(root, model, physics)
     world = SubElement(root, "worldbody")
     SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")

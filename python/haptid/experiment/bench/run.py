@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from haptid._internal.arrays import Array
-from haptid._internal.atomic_folder import publishing
+from haptid._internal.atomic_folder import publishing_files
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputFolderError
@@ -160,7 +160,7 @@ def make_log(job: Job, progress: Progress | None = None) -> Path:
     experiment, model = read_experiment(job.experiment), DynamicModel(read_device(job.device))
     setup = experiment.setup(model)
     seed = experiment.seed if job.seed is None else job.seed
-    with publishing(job.out.parent) as folder:
+    with publishing_files(job.out, *truth_paths(job.out), *((job.strip,) if job.picture else ())) as folder:
         made = perform(experiment, setup, seed, progress)
         write_log(folder / job.out.name, experiment, setup, made, seed)
         if job.truth:

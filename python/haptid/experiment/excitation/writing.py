@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -11,20 +10,22 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.atomic_folder import publishing_files
+from haptid._internal.escaping import write_csv
 from haptid.dynamics.inverse import mass_matrix
-from haptid.errors import OutputFolderError
 from haptid.experiment.bench.experiment import Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import Fourier, TrajectoryKind, TrianglesAndSines
 from haptid.experiment.excitation.search import Excitation
 
 
-def write_experiment(path: str | Path, excitation: Excitation, like: Experiment) -> Path:
+def write_experiment(path: str | Path, excitation: Excitation, like: Experiment, rate_hz: float | None = None) -> Path:
     """Write an experiment file with this motion and the controller, instruments and true parameters of another one.
 
     Args:
         path: of the file, TOML.
         excitation: the motion and the seed of its phases.
         like: the experiment that the rest is copied from.
+        rate_hz: of samples of the motion in a CSV file of the same name; None for no such file.
 
     Raises:
         OutputFolderError: the file cannot be written.
@@ -32,14 +33,11 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
     rest = like.table.model_dump(by_alias=True, exclude_unset=True)
     made = {**rest, "seed": excitation.seed, "trajectory": trajectory_table(excitation.kind)}
     target = Path(path)
-    try:
-        target.write_text(toml(made), encoding="utf-8")
-    except OSError as error:
-        raise OutputFolderError(
-            f"cannot write {target}: {error.strerror}.",
-            where=target,
-            advice="Choose a writable folder.",
-        ) from error
+    samples = () if rate_hz is None else (target.with_suffix(".csv"),)
+    with publishing_files(target, *samples) as folder:
+        (folder / target.name).write_text(toml(made), encoding="utf-8")
+        for path in samples:
+            write_samples(excitation, folder / path.name, rate_hz or 1.0)
     return target
 
 
@@ -127,10 +125,7 @@ def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
     made = found.trajectory(1.0 / rate_hz)
     names = [found.model.device.joint_names[j] for j in found.model.device.active]
     heads = ["t", *(f"{prefix}{name}" for prefix in ("q", "qd", "qdd") for name in names)]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(heads)
-        table.writerows(np.column_stack([made.t, made.q, made.qd, made.qdd]).tolist())
+    write_csv(path, [heads, *np.column_stack([made.t, made.q, made.qd, made.qdd]).tolist()])
 
 
 def _lists(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array
+from haptid._internal.escaping import write_csv
 from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, FrictionFit, JointChoice
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
@@ -30,12 +30,11 @@ def model_torque(fit: FrictionFit, v: Array) -> Array:
 
 def write_points(curve: FrictionCurve, path: Path) -> None:
     """Write the points of the curves as CSV."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["joint", "velocity", "torque", "se", "ci_low", "ci_high", "unit"])
-        for joint in curve.joints:
-            for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.conf_int(), strict=True):
-                table.writerow([joint.label, *(float(x) for x in (v, tau, se, low, high)), joint.unit])
+    rows: list[list[object]] = [["joint", "velocity", "torque", "se", "ci_low", "ci_high", "unit"]]
+    for joint in curve.joints:
+        for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.conf_int(), strict=True):
+            rows.append([joint.label, *(float(x) for x in (v, tau, se, low, high)), joint.unit])
+    write_csv(path, rows)
 
 
 def choice_values(choice: FrictionChoice) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.escaping import xml_comment
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import PhysicalConsistencyError
 from haptid.estimation.feasibility.cone import Cone
@@ -77,5 +78,4 @@ def heading(source: Provenance, chi: Array, *notes: str) -> str:
         f"Their base parameters differ from the identified ones by {departure(source.model, source.beta, chi):.0e}.",
         *notes,
     ]
-    text = "\n".join(lines).replace("--", "- -")
-    return f"<!--\n{text}\n-->"
+    return f"<!--\n{xml_comment(chr(10).join(lines))}\n-->"

@@ -11,11 +11,12 @@ from importlib import resources
 
 import numpy as np
 
+from haptid._internal.escaping import c_comment
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
 from haptid.export.model.functions import Code
-from haptid.export.provenance import Provenance, about, coordinate_lines, one_line
+from haptid.export.provenance import Provenance, about, coordinate_lines
 
 # Maximum line length of a comment or a declaration, characters.
 _WIDTH = 116
@@ -141,7 +142,7 @@ class Files:
 
 def comment(text: str) -> str:
     """Text on one line that cannot end a C comment, cut to WIDTH."""
-    plain = one_line(text)
+    plain = c_comment(text)
     return plain if len(plain) <= _WIDTH else plain[: _WIDTH - 3] + "..."
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
+from haptid._internal.escaping import json_text
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import feasible_parameters
 from haptid.export.output import Export, default_name, write
@@ -43,8 +43,8 @@ def export_json(
         OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
-    text = json.dumps(finite(_model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)
-    return write(folder, {f"{default_name(source.model.device.name)}.json": text + "\n"}, source.verdict)
+    text = json_text(finite(_model_values(source)))
+    return write(folder, {f"{default_name(source.model.device.name)}.json": text}, source.verdict)
 
 
 def _model_values(source: Provenance) -> dict[str, Any]:

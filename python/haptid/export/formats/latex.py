@@ -6,6 +6,7 @@ import math
 import re
 from pathlib import Path
 
+from haptid._internal.escaping import latex_text
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
@@ -15,8 +16,6 @@ from haptid.validation.validation import Validation
 
 # Significant digits.
 DIGITS = 5
-# Special characters of LaTeX.
-SPECIAL = {c: rf"\{c}" for c in "#$%&_{}"} | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\^{}"}
 DOCUMENT = r"""\documentclass{article}
 \usepackage[margin=2.5cm]{geometry}
 \usepackage{amsmath,booktabs,longtable}
@@ -53,9 +52,9 @@ def export_latex(
     source = provenance(identified, validation, largest_error, anyway)
     name = default_name(source.model.device.name)
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
-    document = DOCUMENT.replace("@title", escaped(source.model.device.name)).replace("@name", name)
+    document = DOCUMENT.replace("@title", latex_text(source.model.device.name)).replace("@name", name)
     texts = {
-        f"{name}.tex": document.replace("@verdict", "\n\n".join(map(escaped, (source.verdict, *source.fitness)))),
+        f"{name}.tex": document.replace("@verdict", "\n\n".join(map(latex_text, (source.verdict, *source.fitness)))),
         f"{name}_parameters.tex": f"{head}\n{_parameters(source)}",
         f"{name}_groupings.tex": f"{head}\n{_groupings(source.model)}",
     }
@@ -110,9 +109,5 @@ def latex_number(value: float) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit in upright type: kg m^2 with a superscript."""
-    return re.sub(r"\^(-?\w+)", r"$^{\1}$", unit).replace(" ", r"\,")
-
-
-def escaped(text: str) -> str:
-    """Text with LaTeX's special characters escaped."""
-    return "".join(SPECIAL.get(character, character) for character in text)
+    parts = re.split(r"\^(-?[0-9]+)", unit)  # texts and exponents in turn
+    return "".join(f"$^{{{p}}}$" if k % 2 else latex_text(p).replace(" ", r"\,") for k, p in enumerate(parts))

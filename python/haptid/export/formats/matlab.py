@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from haptid._internal.escaping import one_line
 from haptid.export.expressions.dialects import Matlab
 from haptid.export.expressions.emit import Function, straight
 from haptid.export.model.functions import Code, code_of
@@ -52,7 +53,7 @@ def _parameters(source: Provenance, name: str) -> str:
     lines = [f"function beta = {name}_parameters()", *(f"% {line}".rstrip() for line in about(source)), "%"]
     lines += ["% Coordinates:", *(f"% {_one_based(line)}" for line in coordinate_lines(model)), "beta = ["]
     rows = zip(base.names, base.units, source.beta, strict=True)
-    lines += [f"    {float(value)!r}  % {parameter}, {unit}" for parameter, unit, value in rows]
+    lines += [f"    {float(value)!r}  % {parameter}, {one_line(unit)}" for parameter, unit, value in rows]
     return "\n".join([*lines, "];", "end", ""])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow
 
 from haptid.errors import LogError, LogFileError
-from haptid.log.formats.sniff import RawChannel, corrupt, empty, opened_file, repeated_name, require
+from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 
 _KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
@@ -21,8 +22,8 @@ HEAD_BYTES = 2**20
 # Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 MISSING = frozenset(arrow.ConvertOptions().null_values)
 
 
@@ -60,6 +61,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """
     with opened_file(path, _KIND):
         dialect = _dialect(path)
+    check_members(path, len(dialect.names), "columns")
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in indices:
         if dialect.names.count(name) > 1:
@@ -150,7 +152,10 @@ def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
 
 
 def _cells(text: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
+    """Cells of a line; none where one of them is too long for a number or a name."""
+    with suppress(csv.Error):
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
+    return []
 
 
 def _row_bound(path: Path, dialect: _Dialect) -> int:
@@ -175,14 +180,26 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
 def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
         rows = csv.reader(file, delimiter=dialect.separator)
-        for row in rows:
+        while True:
+            first = rows.line_num + 1
+            try:
+                row = next(rows, None)
+            except csv.Error as error:  # a cell of more than 131 072 characters
+                return LogFileError(
+                    f"{path}, line {first}: a cell cannot be read ({error}).",
+                    where=first,
+                    found=str(error),
+                    advice="A quotation mark that is opened there and not closed is the likely cause: delete it.",
+                )
+            if row is None:
+                return None
             line = rows.line_num
             if line <= dialect.lines or not row:
                 continue
             if len(row) != width:
-                last = next((False for later in rows if later), True)
+                last = _is_last(rows)
                 return _ragged(path, line, len(row), width, last)
             for name, k in indices.items():
                 cell = row[k].strip()
@@ -195,7 +212,19 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError |
                         advice="Correct the cell, or end the log before it; decimal commas require semicolons or tabs "
                         "as separators.",
                     )
-    return None
+            if sum(map(len, row)) + width > BLOCK_BYTES:
+                return LogFileError(
+                    f"{path}, line {line}: it has more than {BLOCK_BYTES >> 10} KiB, so it is no row of a log.",
+                    where=line,
+                    limit=BLOCK_BYTES,
+                    advice="Export the channels of the motion alone.",
+                )
+
+
+def _is_last(rows: Iterator[list[str]]) -> bool:
+    with suppress(csv.Error):
+        return next((False for later in rows if later), True)
+    return False
 
 
 def _ragged(path: Path, line: int, got: int, wanted: int, last: bool) -> LogFileError:

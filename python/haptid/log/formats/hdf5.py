@@ -12,10 +12,11 @@ import numpy as np
 from haptid.errors import LogFileError
 from haptid.log.formats.sniff import (
     Address,
+    Budget,
     RawChannel,
     addresses,
+    check_members,
     collect,
-    guard,
     not_numeric,
     numeric,
     opened_file,
@@ -62,6 +63,7 @@ def _only(at: Address, start: int, stop: int) -> Address:
 
 
 def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
+    budget = Budget(path)
     for dataset in _datasets(file):
         name, found = _flat(dataset), _channels(dataset)
         requested = [w for w in wanted if w in found or w == name]
@@ -75,15 +77,19 @@ def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tup
                 where=name,
                 advice="Store the samples in the file itself.",
             )
-        guard(path, f"dataset {name!r}", dataset.size * dataset.dtype.itemsize, dataset.id.get_storage_size())
+        budget.take(f"dataset {name!r}", dataset.size * dataset.dtype.itemsize)
         yield from ((w, np.asarray(dataset[found[w]])) for w in requested if w in found)
 
 
 def _datasets(file: h5py.File) -> list[Any]:
     """Every dataset of the file itself; links to other files are not followed."""
     found: list[Any] = []
+    visited = 0
 
     def visit(name: str, item: object) -> None:
+        nonlocal visited
+        visited += 1
+        check_members(Path(file.filename), visited, "groups and datasets")
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             found.append(item)
 

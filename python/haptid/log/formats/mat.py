@@ -14,11 +14,12 @@ from scipy import io
 
 from haptid.log.formats import hdf5
 from haptid.log.formats.sniff import (
+    Budget,
     RawChannel,
     addresses,
+    check_members,
     collect,
     corrupt,
-    guard,
     not_numeric,
     numeric,
     opened_file,
@@ -96,8 +97,10 @@ def _check_elements(path: Path) -> None:
         order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
         if order is None:
             raise corrupt(path, _KIND, "its header is incomplete")
-        at = HEADER_BYTES
+        at, count, budget = HEADER_BYTES, 0, Budget(path)
         while at < size:
+            count += 1
+            check_members(path, count, "variables")
             file.seek(at)
             tag = file.read(8)
             kind, stored = struct.unpack(f"{order}II", tag) if len(tag) == 8 else (0, size)
@@ -106,5 +109,5 @@ def _check_elements(path: Path) -> None:
             if kind == MI_COMPRESSED:
                 inner = zlib.decompressobj().decompress(file.read(min(stored, 1024)), 8)
                 declared = struct.unpack(f"{order}II", inner)[1]
-                guard(path, f"the variable at byte {at}", declared, stored)
+                budget.take(f"the variable at byte {at}", declared)
             at += 8 + stored

@@ -12,11 +12,12 @@ from numpy.lib import format as npy
 
 from haptid.errors import LogFileError
 from haptid.log.formats.sniff import (
+    Budget,
     RawChannel,
     addresses,
+    check_members,
     collect,
     corrupt,
-    guard,
     not_numeric,
     numeric,
     opened_file,
@@ -62,9 +63,11 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 
 
 def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
+    budget = Budget(path)
     for name, info in _members(path, archive).items():
         requested = [w for w in wanted if w == name or w.startswith(f"{name}[")]
         if requested:
+            budget.take(f"array {name!r}", info.file_size)
             array = _array(path, archive, name, info)
             found = addresses(name, array.shape)
             yield from ((w, array[found[w]]) for w in requested if w in found)
@@ -72,6 +75,7 @@ def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Ite
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     members: dict[str, zipfile.ZipInfo] = {}
+    check_members(path, len(archive.infolist()), "arrays")
     for info in archive.infolist():
         if info.filename.endswith(".npy"):
             name = info.filename.removesuffix(".npy").replace("/", ".")
@@ -90,7 +94,6 @@ def _header(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> RawChannel:
-    guard(path, f"array {name!r}", info.file_size, info.compress_size)
     with archive.open(info) as member:
         shape, dtype, offset = _header(member)
     if dtype.hasobject:

@@ -12,7 +12,16 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
-from haptid.log.formats.sniff import RawChannel, collect, guard, not_numeric, opened_file, repeated_name, require
+from haptid.log.formats.sniff import (
+    Budget,
+    RawChannel,
+    check_members,
+    collect,
+    not_numeric,
+    opened_file,
+    repeated_name,
+    require,
+)
 
 _KIND = "Parquet"
 BATCH_ROWS = 2**16
@@ -26,7 +35,7 @@ def names(path: Path) -> list[str]:
     """Names of the columns of numbers."""
     require(path, _KIND, "Parquet")
     with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
-        return [field.name for field in file.schema_arrow if _numeric(field.type)]
+        return [field.name for field in _schema(path, file) if _numeric(field.type)]
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -67,7 +76,7 @@ def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[R
 
 def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     # The size of a single column is not queried: with a damaged footer pyarrow aborts the process there.
-    schema, stored, count = file.schema_arrow, path.stat().st_size, file.metadata.num_rows
+    schema, budget, count = _schema(path, file), Budget(path), file.metadata.num_rows
     there = [name for name in dict.fromkeys(wanted) if name in schema.names]
     room: Array | None = None
     for k, name in enumerate(there):
@@ -75,9 +84,14 @@ def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> It
             raise repeated_name(path, name)
         if not _numeric(schema.field(name).type):
             raise not_numeric(path, name, str(schema.field(name).type))
-        guard(path, f"column {name!r}", 8 * count, stored)
+        budget.take(f"column {name!r}", 8 * count)
         room = np.empty((len(there), count)) if room is None else room
         yield name, _column(file, name, schema.field(name).type, room[k])
+
+
+def _schema(path: Path, file: parquet.ParquetFile) -> pa.Schema:
+    check_members(path, file.metadata.num_columns, "columns")
+    return file.schema_arrow
 
 
 def _numeric(kind: pa.DataType) -> bool:

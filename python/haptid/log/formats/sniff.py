@@ -11,14 +11,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
 from haptid.errors import LogChannelError, LogError, LogFileError
 from haptid.log.log import Channels, Signal
 
 RawChannel: TypeAlias = NDArray[Any]
 Address: TypeAlias = tuple[slice | int, ...]
 
-# A member larger than this when unpacked, and by more than this ratio to its stored bytes, is refused.
-SIZE_LIMIT = 2**30
+# A file whose arrays together unpack to more than LOG_UNPACKED, and to more than this ratio to its bytes, is refused.
 RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
@@ -73,20 +73,45 @@ def require(path: Path, kind: str, *wanted: str) -> str:
     return found
 
 
-def guard(path: Path, name: str, declared: int, stored: int) -> None:
-    """Refuse a member that unpacks to far more bytes than are stored.
+class Budget:
+    """Bytes that the arrays of one file may unpack to, counted over all of them.
 
-    Raises:
-        LogFileError: more than `SIZE_LIMIT` bytes, and more than `RATIO_LIMIT` times the stored ones.
+    Args:
+        path: of the file.
     """
-    if declared > SIZE_LIMIT and declared > RATIO_LIMIT * stored:
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.taken, self.stored = path, 0, path.stat().st_size
+
+    def take(self, name: str, declared: int) -> None:
+        """Count an array before it is read.
+
+        Raises:
+            LogFileError: the sum is more than `LOG_UNPACKED` bytes, and more than `RATIO_LIMIT` times the file's.
+        """
+        self.taken += declared
+        most = LOG_UNPACKED.value
+        if self.taken > most and self.taken > RATIO_LIMIT * self.stored:
+            raise LogFileError(
+                f"{self.path}: with {name} its arrays unpack to {amount_text(self.taken)}, from "
+                f"{amount_text(self.stored)} stored; above {amount_text(most)} at most {RATIO_LIMIT:.0f} times the "
+                f"stored size is accepted.",
+                where=name,
+                found=self.taken,
+                limit=max(most, RATIO_LIMIT * self.stored),
+                advice=f"If the file is yours, save it without compression, or set {LOG_UNPACKED.variable}.",
+            )
+
+
+def check_members(path: Path, count: int, noun: str) -> None:
+    """Raise LogFileError where a file has more columns, arrays or datasets than a log has."""
+    if count > LOG_MEMBERS.value:
         raise LogFileError(
-            f"{path}: {name} declares {declared / 2**20:.0f} MiB from {stored} stored bytes; above "
-            f"{SIZE_LIMIT / 2**20:.0f} MiB at most {RATIO_LIMIT:.0f} times the stored size is accepted.",
-            where=name,
-            found=declared,
-            limit=max(SIZE_LIMIT, RATIO_LIMIT * stored),
-            advice="If the file is yours, save it without compression.",
+            f"{path} has more than {LOG_MEMBERS.value} {noun}, so it is no log.",
+            where=path,
+            found=count,
+            limit=LOG_MEMBERS.value,
+            advice=f"Export the channels of the motion alone, or set {LOG_MEMBERS.variable}.",
         )
 
 

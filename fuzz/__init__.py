@@ -1,0 +1,1 @@
+"""Fuzzing of everything that reads a file, and of the core's argument checks; see docs/limits.md."""

@@ -1,0 +1,127 @@
+"""Write the seeds: `python -m fuzz.make_seeds`. Small inputs of every kind, made by haptid's own writers."""
+
+from __future__ import annotations
+
+import gzip
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+from scipy import io
+
+import haptid
+from haptid.dynamics.model import mechanism_arguments
+from haptid.report import make_report
+
+HERE = Path(__file__).parent / "seeds"
+DEVICE = """schema = 1
+name = "arm"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+limits = { position = [-2.0, 2.0] }
+[[joints]]
+name = "2"
+d = "L"
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[terms]]
+kind = "custom"
+joints = ["1"]
+name = "K"
+unit = "N m"
+expression = "sin(q_1)"
+[lengths]
+L = 0.3
+"""
+STUDY = """schema = 1
+name = "arm"
+device = "device.toml"
+[channels]
+time = "t"
+position = { channels = ["q1", "q2"], unit = "rad" }
+torque = { channels = ["tau1", "tau2"], unit = "N m" }
+[[logs]]
+path = "log.csv"
+[[logs]]
+path = "check.csv"
+role = "validate"
+[treatment]
+cutoff_hz = 20
+decimation = 5
+"""
+
+
+def columns(seed: int, seconds: float = 4.0) -> dict[str, np.ndarray]:
+    """Positions and torques of a motion of two joints; the torques are not those of a device."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 0.01)
+    waves = [sum(np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform(0.1, 2.0, (4, 2))) for _ in range(4)]
+    signals = [np.round(wave + 0.01 * rng.standard_normal(t.size), 6) for wave in waves]
+    return dict(zip(("t", "q1", "q2", "tau1", "tau2"), (np.round(t, 6), *signals), strict=True))
+
+
+def main() -> None:
+    """Write all of them."""
+    made = columns(1, 0.8)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "device.toml").write_text(DEVICE)
+        (folder / "study.toml").write_text(STUDY)
+        for seed, log in ((1, "log.csv"), (2, "check.csv")):
+            write_csv(folder / log, columns(seed))
+        found = haptid.identify(haptid.read_study(folder / "study.toml"))
+        haptid.Result.of(found).save(folder / "result")
+        make_report(found).write(folder / "result")
+        packed = (folder / "result" / "report-data.json.gz").read_bytes()
+        save("result", "arm.json", (folder / "result" / "result.json").read_bytes())
+        save("report", "arm.json", gzip.decompress(packed))
+        save("device", "arm.toml", DEVICE.encode())
+        save("study", "arm.toml", STUDY.encode())
+        np.set_printoptions(threshold=10**6)
+        arguments = ", ".join(map(notation, mechanism_arguments(found.model)))
+        save("core", "arm.txt", f"({arguments},)".encode())
+        write_csv(folder / "log.csv", made)
+        np.savez_compressed(folder / "log.npz", **made)
+        parquet.write_table(pa.table(made), folder / "log.parquet")
+        with h5py.File(folder / "log.h5", "w") as file:
+            for channel, column in made.items():
+                file[f"rec/{channel}"] = column
+        io.savemat(folder / "log.mat", {"rec": made}, do_compression=True)
+        for suffix in ("csv", "npz", "parquet", "h5", "mat"):
+            save(f"log-{suffix}", f"log.{suffix}", (folder / f"log.{suffix}").read_bytes())
+    for device in ("phantom_premium_15", "staubli_tx40"):
+        save("device", f"{device}.toml", (files("haptid.device") / "library" / f"{device}.toml").read_bytes())
+    for k, text in enumerate(("sin(q_1)*v_2**2/L - exp(-q_2/3)", "abs(v_1)**1.5*tanh(-v_2) + sqrt(q_1**2 + 1)*pi")):
+        save("expression", f"{k}.txt", text.encode())
+
+
+def notation(value: object) -> str:
+    """An argument in the notation of the target `core`."""
+    if isinstance(value, np.ndarray):
+        return f'array({value.tolist()!r}, "{value.dtype}")'
+    if isinstance(value, list):
+        return f"[{', '.join(map(notation, value))}]"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(notation, value))},)" if value else "()"
+    return repr(value)
+
+
+def write_csv(path: Path, made: dict[str, np.ndarray]) -> None:
+    """A text log."""
+    np.savetxt(path, np.column_stack([*made.values()]), fmt="%.6g", delimiter=",", header=",".join(made), comments="")
+
+
+def save(target: str, name: str, data: bytes) -> None:
+    """One seed."""
+    (HERE / target).mkdir(parents=True, exist_ok=True)
+    (HERE / target / name).write_bytes(data)
+
+
+if __name__ == "__main__":
+    main()
