@@ -118,7 +118,10 @@ def read_log(
         notes.append(sentence)
     if episodes is not None and kind is not LEROBOT:
         raise LogChannelError(
-            f"{path} is {kind.name}, which has no episodes.", where="episodes", found=tuple(episodes), limit=LEROBOT.name
+            f"{path} is {kind.name}, which has no episodes.",
+            where="episodes",
+            found=tuple(episodes),
+            limit=LEROBOT.name,
         )
     request = Request(channels.merge, None if episodes is None else tuple(episodes), notes)
     columns = kind.columns(path, channels.sources, request)

@@ -210,7 +210,9 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], validation: ValidationT
         earlier = seen.setdefault(log.path, [])
         if any(_overlap(log.time_range, other.time_range) and _shared(log, other) for other in earlier):
             raise fault(
-                study, "logs", f"{log.path!r} is named twice; give the two entries parts or episodes that do not overlap"
+                study,
+                "logs",
+                f"{log.path!r} is named twice; give the two entries parts or episodes that do not overlap",
             )
         earlier.append(log)
     if validation and validation.cross_validation == "leave-one-log-out" and len(fitted) < 2:

@@ -98,11 +98,11 @@ class LogTable(_Table):
     """One log and its role."""
 
     path: str = Field(description="a file, or the folder of a bag or data set; relative to --data or the study file")
+    role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
+    time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
     episodes: list[Annotated[int, Field(ge=0)]] | None = Field(
         None, min_length=1, description="of a LeRobot data set, by number; default: all"
     )
-    role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
-    time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
     payload: PayloadTable | None = Field(None, description="payload of this recording")
 

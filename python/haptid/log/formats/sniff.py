@@ -32,6 +32,10 @@ MAGIC = (
     (b"MATLAB 5.0", "MAT 5"),
     (b"MATLAB 7.3", "MAT 7.3"),
     (b"\x93NUMPY", "a single NumPy array"),
+    (b"TDSm", "TDMS"),
+    (b"\x89MCAP", "MCAP"),
+    (b"#ROSBAG", "a ROS bag"),
+    (b"SQLite format 3", "SQLite"),
     (b"\x1f\x8b", "gzip"),
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
@@ -51,6 +55,8 @@ def content(path: Path) -> str:
     """Kind of content, by the first bytes."""
     with path.open("rb") as file:
         head = file.read(4096)
+    if head[124:128] in (b"\0\2IM", b"\2\0MI"):  # the version in the header; its text may say another
+        return "MAT 7.3"
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name

@@ -56,12 +56,14 @@ class Container(ABC):
     Attributes:
         path: of the file.
         topics: by channel; complete once `messages` has been read to its end.
+        counts: messages of each channel that were read.
         notes: what was lost, one sentence each.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.topics: dict[int, Topic] = {}
+        self.counts: dict[int, int] = {}
         self.notes: list[str] = []
 
     @abstractmethod
@@ -109,7 +111,9 @@ def _container(path: Path) -> Container:
     if head.startswith(b"SQLite format 3"):
         return Database(path)
     what = "compressed as a whole (`zstd -d` unpacks it)" if head.startswith(b"\x28\xb5\x2f\xfd") else "something else"
-    raise corrupt(path, path.suffix.lstrip(".").upper(), f"it does not begin like MCAP, a ROS bag or SQLite, but {what}")
+    raise corrupt(
+        path, path.suffix.lstrip(".").upper(), f"it does not begin like MCAP, a ROS bag or SQLite, but {what}"
+    )
 
 
 def unpacked(path: Path, what: str, data: bytes, compression: str, size: int) -> bytes:
@@ -491,5 +495,3 @@ def _fields(header: bytes) -> dict[bytes, bytes]:
         found[name] = value
         at += 4 + length
     return found
-
-

@@ -180,8 +180,10 @@ def _column(data: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
         seconds, rest = _column(data, at, f"{order}i4"), _column(data, at + 4, f"{order}u4")
         return seconds.astype(np.int64) * 10**9 + rest
     dtype = np.dtype(kind)
-    return np.ndarray((len(data),), dtype, data, at, (data.strides[0],)) if data.flags.c_contiguous else np.ndarray(
-        (len(data),), dtype, np.ascontiguousarray(data), at, (data.shape[1],)
+    return (
+        np.ndarray((len(data),), dtype, data, at, (data.strides[0],))
+        if data.flags.c_contiguous
+        else np.ndarray((len(data),), dtype, np.ascontiguousarray(data), at, (data.shape[1],))
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log.formats.messages.containers import Container, Topic, containers
 from haptid.log.formats.messages.decoding import HEADER, Batch, Decoder, decoder_of
-from haptid.log.formats.sniff import RawChannel, channel_list, opened_file
+from haptid.log.formats.sniff import RawChannel, channel_list, corrupt, opened_file
 from haptid.log.request import Request
 
 _KIND = "message"
@@ -67,7 +67,16 @@ def names(path: Path) -> list[str]:
                 if name == RECEIVE or batch.stamps:
                     found[topic.name + name] = None
             found.update(dict.fromkeys(f"{topic.name}.{name}" for name in batch.values))
+        _nothing_left(opened)
     return list(found)
+
+
+def _nothing_left(opened: Iterable[Container]) -> None:
+    """Refuse a log of which nothing can be read."""
+    for container in opened:
+        if container.notes and not container.topics:
+            what = container.notes[0].partition(":")[0]
+            raise corrupt(container.path, "message", f"{what}, and nothing whole comes before")
 
 
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
@@ -90,9 +99,12 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
                 asked.setdefault(topic, {})[name] = name[len(topic) :].removeprefix(".")
         leaves = {topic: {*named.values(), HEADER} for topic, named in asked.items()}
         rows = _collected(batches(opened, leaves), request.notes)
+        _nothing_left(opened)
     for container in opened:
         request.notes.extend(container.notes)
-    streams = [s for topic, named in asked.items() if topic in rows for s in _streams(path, rows[topic], named, request)]
+    streams = [
+        s for topic, named in asked.items() if topic in rows for s in _streams(path, rows[topic], named, request)
+    ]
     return _merged(path, streams, wanted, request) if streams else {}
 
 
@@ -112,7 +124,7 @@ def batches(
     for container in opened:
         pending: dict[int, tuple[list[bytes], list[int]]] = {}
         sizes: dict[int, int] = {}
-        counts: dict[int, int] = {}
+        counts = container.counts
         decoders: dict[int, Decoder | None] = {}
 
         def flush(channel: int, container: Container = container) -> tuple[Topic, Batch, NDArray[np.int64]]:
@@ -128,12 +140,9 @@ def batches(
                 if channel not in container.topics:
                     continue
                 decoders[channel] = _decoder(container, channel, leaves is not None)
-            if decoders[channel] is None:
+            counts[channel] = counts.get(channel, 0) + 1
+            if decoders[channel] is None or (most is not None and counts[channel] > most):
                 continue
-            if most is not None:
-                counts[channel] = counts.get(channel, 0) + 1
-                if counts[channel] > most:
-                    continue
             if channel not in pending:
                 pending[channel] = ([], [])
                 sizes[channel] = 0
@@ -174,9 +183,7 @@ def _topics(opened: Iterable[Container], wanted: Collection[str]) -> set[str]:
     return every
 
 
-def _collected(
-    found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: list[str]
-) -> dict[str, TopicRows]:
+def _collected(found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: list[str]) -> dict[str, TopicRows]:
     """The messages of each topic, joined and in the order of their receive stamps."""
     parts: dict[str, list[tuple[Topic, Batch, NDArray[np.int64]]]] = {}
     for part in found:
