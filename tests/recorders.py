@@ -31,7 +31,7 @@ def joint_state(
     more = {"seq": 0} if store is STORE1 else {}
     time = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
     header = types["std_msgs/msg/Header"](stamp=time, frame_id="base", **more)
-    arrays = (np.asarray(a, np.float64) for a in (position, velocity, effort))
+    arrays = (np.ascontiguousarray(a, np.float64) for a in (position, velocity, effort))
     return types["sensor_msgs/msg/JointState"](header, list(names), *arrays)
 
 

@@ -104,7 +104,7 @@ class Channels:
     rate_hz: float | None = None
     sampling: Sampling = "auto"
     stale: Literal["drop", "keep"] = "drop"
-    merge: Merge = Merge()
+    merge: Merge = field(default_factory=Merge)
 
     def __post_init__(self) -> None:
         si, _ = units.scale(self.position.unit, "position")

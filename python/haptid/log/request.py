@@ -48,6 +48,6 @@ class Request:
         notes: what the reader found and did, appended to.
     """
 
-    merge: Merge = Merge()
+    merge: Merge = field(default_factory=Merge)
     episodes: tuple[int, ...] | None = None
     notes: list[str] = field(default_factory=list)

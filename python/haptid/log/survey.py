@@ -235,7 +235,7 @@ def _topic(
     joints = dict.fromkeys(m["element"] for name in ranges if (m := _ELEMENT.match(name)))
     delay = float(np.median(behind)) * 1e-6 if behind.size else math.nan
     rate = (received.size - 1) / span if span > 0 else 0.0
-    empty = {name: n for name, n in rows.empty.items()}
+    empty = dict(rows.empty)
     return TopicSurvey(
         topic.name, topic.kind, received.size, rate, tuple(joints), empty, tuple(channels), header, delay
     )

@@ -1,4 +1,4 @@
-"""Text logs: a header, then rows of numbers, separated by commas, semicolons, tabs or blanks; the dialect is sniffed."""
+"""Text logs: a header, then rows of numbers, separated by commas, semicolons, tabs or blanks; sniffed."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _dialect(path: Path) -> _Dialect:
     units: tuple[str, ...] = ()
     if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
         units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
-    stated = []
+    stated: list[str] = []
     if first == 0:
         header, start = _without_header(texts, told[0], rows, separator, width, stated)
         head = -1

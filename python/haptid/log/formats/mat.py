@@ -1,7 +1,7 @@
 """MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points.
 
-Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. Of other objects
-(timeseries) the arrays in their properties are channels.
+Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. Of other
+objects (timeseries) the arrays in their properties are channels.
 """
 
 from __future__ import annotations

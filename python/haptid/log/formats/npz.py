@@ -108,7 +108,7 @@ def _signals(path: Path, archive: zipfile.ZipFile) -> dict[str, int]:
         told = json.loads(member.read().decode("utf-32-le" if dtype.byteorder != ">" else "utf-32-be").rstrip("\0"))
     found: dict[str, int] = {}
     for name, signal in told.items() if isinstance(told, dict) else ():
-        indices = signal.get("indices") if isinstance(signal, dict) else signal[-1]
+        indices: list[int] = list(signal[-1])
         for k, column in enumerate(indices, 1):
             found[f"{DATA}[{name}]" if len(indices) == 1 else f"{DATA}[{name}.{k}]"] = int(column)
     return found

@@ -89,7 +89,7 @@ def _channels(file: Any) -> dict[str, Any]:
 
 def _values(channel: Any) -> RawChannel:
     values = np.asarray(channel[:])
-    return values.astype("M8[ns]").astype(np.int64) if values.dtype.kind == "M" else values
+    return np.asarray(values.astype("M8[ns]").astype(np.int64) if values.dtype.kind == "M" else values)
 
 
 def _times(channel: Any) -> RawChannel:

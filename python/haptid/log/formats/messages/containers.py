@@ -86,6 +86,21 @@ class Container(ABC):
             )
         self.topics[channel] = topic
 
+    def _unpacked(self, at: int, data: bytes, compression: str, size: int, crc: int = 0) -> bytes | None:
+        """The chunk at byte `at`; None where it is damaged.
+
+        Raises:
+            LogFileError: it declares far more than is stored of it.
+        """
+        try:
+            with opened_file(self.path, "chunk"):
+                found = unpacked(self.path, f"the chunk at byte {at}", data, compression, size)
+        except LogFileError as error:
+            if error.limit != "chunk":
+                raise
+            return None
+        return found if not crc or zlib.crc32(found) == crc else None
+
     def _of(self, wanted: Collection[str] | None) -> set[int] | None:
         """Channels of the wanted topics that are known so far."""
         return None if wanted is None else {c for c, topic in self.topics.items() if topic.name in wanted}
@@ -137,7 +152,7 @@ def unpacked(path: Path, what: str, data: bytes, compression: str, size: int) ->
     else:
         found = _decompressed(path, what, data, compression, size)
     if len(found) != size:
-        raise corrupt(path, path.suffix.lstrip("."), f"{what} unpacks to {len(found)} bytes and declares {size}")
+        raise corrupt(path, "chunk", f"{what} unpacks to {len(found)} bytes and declares {size}")
     return found
 
 
@@ -160,7 +175,7 @@ def _decompressed(path: Path, what: str, data: bytes, compression: str, size: in
             where=error.name,
             advice='Install it with `pip install "haptid[ros]"`.',
         ) from error
-    raise corrupt(path, path.suffix.lstrip("."), f"{what} is compressed by {compression!r}, which is not known")
+    raise corrupt(path, "chunk", f"{what} is compressed by {compression!r}, which is not known")
 
 
 class Mcap(Container):
@@ -264,17 +279,8 @@ class Mcap(Container):
         compression, begin = _text(data, self._CHUNK_HEAD.size - 4)
         (stored,) = struct.unpack_from("<Q", data, begin)
         packed = data[begin + 8 : begin + 8 + stored]
-        try:
-            if len(packed) < stored:
-                raise corrupt(self.path, "MCAP", f"the chunk at byte {at} is shorter than it says")
-            records = unpacked(self.path, f"the chunk at byte {at}", bytes(packed), compression, size)
-            if crc and zlib.crc32(records) != crc:
-                raise corrupt(self.path, "MCAP", f"the checksum of the chunk at byte {at} is wrong")
-        except MissingDependencyError:
-            raise
-        except Exception as error:
-            if isinstance(error, LogFileError) and error.limit != "MCAP" and "declares" in str(error):
-                raise
+        records = self._unpacked(at, bytes(packed), compression, size, crc) if len(packed) == stored else None
+        if records is None:
             self._note(f"the chunk at byte {at} of {self.path.name} is damaged: its messages are left out")
             return
         yield from self._walk(records, schemas, wanted)
@@ -404,13 +410,9 @@ class Bag(Container):
         file.seek(begin)
         compression = fields.get(b"compression", b"none").decode(errors="replace")
         (size,) = struct.unpack("<I", fields[b"size"])
-        what = f"the chunk at byte {at}"
-        try:
-            records = unpacked(self.path, what, file.read(length), compression, size)
-        except (MissingDependencyError, LogFileError):
-            raise
-        except Exception:
-            self._note(f"{what} of {self.path.name} is damaged: its messages are left out")
+        records = self._unpacked(at, file.read(length), compression, size)
+        if records is None:
+            self._note(f"the chunk at byte {at} of {self.path.name} is damaged: its messages are left out")
             return
         view, k = memoryview(records), 0
         keep = self._of(wanted)

@@ -130,7 +130,7 @@ class RosDecoder(Decoder):
         sizes = np.fromiter(map(len, messages), np.intp, len(messages))
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
-            data = b"".join(messages) if rows.size == sizes.size else b"".join([messages[k] for k in rows])
+            data = b"".join(messages) if rows.size == sizes.size else b"".join([messages[int(k)] for k in rows])
             self._decode(np.frombuffer(data, np.uint8).reshape(rows.size, size), rows, batch, wanted)
         return batch
 
@@ -179,12 +179,9 @@ def _column(data: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
         order = kind[0]
         seconds, rest = _column(data, at, f"{order}i4"), _column(data, at + 4, f"{order}u4")
         return seconds.astype(np.int64) * 10**9 + rest
-    dtype = np.dtype(kind)
-    return (
-        np.ndarray((len(data),), dtype, data, at, (data.strides[0],))
-        if data.flags.c_contiguous
-        else np.ndarray((len(data),), dtype, np.ascontiguousarray(data), at, (data.shape[1],))
-    )
+    whole = np.ascontiguousarray(data)
+    column: NDArray[Any] = np.ndarray((len(whole),), np.dtype(kind), whole, at, (whole.shape[1],))
+    return column
 
 
 class Walk:

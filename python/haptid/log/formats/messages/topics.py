@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
     """
     with opened_file(path, _KIND):
         opened = containers(path)
-        every = _topics(opened, wanted)
+        every = _topics(opened)
         asked: dict[str, dict[str, str]] = {}
         for name in dict.fromkeys(wanted):
             topic = max((t for t in every if name.startswith((f"{t}.", f"{t}@"))), key=len, default=None)
@@ -122,38 +122,45 @@ def batches(
         LogFileError: a wanted topic cannot be decoded; where all are wanted, such a topic is left out and noted.
     """
     for container in opened:
-        pending: dict[int, tuple[list[bytes], list[int]]] = {}
-        sizes: dict[int, int] = {}
-        counts = container.counts
-        decoders: dict[int, Decoder | None] = {}
-
-        def flush(channel: int, container: Container = container) -> tuple[Topic, Batch, NDArray[np.int64]]:
-            topic = container.topics[channel]
-            messages, stamps = pending.pop(channel)
-            wanted = None if leaves is None else leaves[topic.name]
-            decoder = decoders[channel]
-            assert decoder is not None
-            return topic, decoder.decode([memoryview(m) for m in messages], wanted), np.array(stamps, np.int64)
-
+        pending: dict[int, _Pending] = {}
         for channel, stamp, data in container.messages(None if leaves is None else set(leaves)):
-            if channel not in decoders:
+            if channel not in pending:
                 if channel not in container.topics:
                     continue
-                decoders[channel] = _decoder(container, channel, leaves is not None)
-            counts[channel] = counts.get(channel, 0) + 1
-            if decoders[channel] is None or (most is not None and counts[channel] > most):
+                topic = container.topics[channel]
+                wanted = None if leaves is None else leaves[topic.name]
+                pending[channel] = _Pending(topic, _decoder(container, channel, leaves is not None), wanted)
+            count = container.counts[channel] = container.counts.get(channel, 0) + 1
+            own = pending[channel]
+            if own.decoder is None or (most is not None and count > most):
                 continue
-            if channel not in pending:
-                pending[channel] = ([], [])
-                sizes[channel] = 0
-            messages, stamps = pending[channel]
-            messages.append(bytes(data))
-            stamps.append(min(stamp, 2**63 - 1))
-            sizes[channel] += len(data)
-            if len(messages) == BATCH or sizes[channel] > BATCH_BYTES:
-                yield flush(channel)
-        for channel in tuple(pending):
-            yield flush(channel)
+            own.messages.append(bytes(data))
+            own.stamps.append(min(stamp, 2**63 - 1))
+            own.size += len(data)
+            if len(own.messages) == BATCH or own.size > BATCH_BYTES:
+                yield own.flush()
+        for own in pending.values():
+            if own.messages:
+                yield own.flush()
+
+
+@dataclass
+class _Pending:
+    """Messages of a channel that are to be decoded together."""
+
+    topic: Topic
+    decoder: Decoder | None
+    wanted: set[str] | None
+    messages: list[bytes] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    size: int = 0
+
+    def flush(self) -> tuple[Topic, Batch, NDArray[np.int64]]:
+        assert self.decoder is not None
+        batch = self.decoder.decode([memoryview(message) for message in self.messages], self.wanted)
+        stamps = np.array(self.stamps, np.int64)
+        self.messages, self.stamps, self.size = [], [], 0
+        return self.topic, batch, stamps
 
 
 def _decoder(container: Container, channel: int, wanted: bool) -> Decoder | None:
@@ -171,16 +178,12 @@ def _decoder(container: Container, channel: int, wanted: bool) -> Decoder | None
         ) from error
 
 
-def _topics(opened: Iterable[Container], wanted: Collection[str]) -> set[str]:
-    """Names of the topics, read until they explain every wanted channel."""
-    every: set[str] = set()
+def _topics(opened: Iterable[Container]) -> set[str]:
+    """Names of the topics."""
     for container in opened:
-        known = 0
         for _ in container.messages(()):
             pass
-        if len(container.topics) != known:
-            every |= {topic.name for topic in container.topics.values()}
-    return every
+    return {topic.name for container in opened for topic in container.topics.values()}
 
 
 def _collected(found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: list[str]) -> dict[str, TopicRows]:
