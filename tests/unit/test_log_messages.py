@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import recorders
-from recorders import START, STORE, STORE1, arm, joint_state, mcap, ros1, ros2, shuffled
 
+import recorders
 from haptid import errors
 from haptid.log import Channels, Log, Merge, Signal, read_log
 from haptid.log.formats import messages
 from haptid.log.formats.messages import containers, decoding, definitions
 from haptid.log.request import Request
+from recorders import START, STORE, STORE1, arm, joint_state, mcap, ros1, ros2, shuffled
 
 JOINTS = ("arm/shoulder", "elbow", "wrist.1")
 KIND = "sensor_msgs/msg/JointState"
@@ -87,7 +87,10 @@ def test_own_schemas(tmp_path: Path, compression: str, encoding: str) -> None:
     np.testing.assert_allclose(log.t, 1e-9 * stamps, rtol=0, atol=1e-12)
 
 
-MOTORS = "builtin_interfaces/Time stamp\nMotor[] motors\nstring note\n====\nMSG: lab/Motor\nstring name\nfloat64 angle\nfloat64 torque\nbool on\n"
+MOTORS = (
+    "builtin_interfaces/Time stamp\nMotor[] motors\nstring note\n"
+    "====\nMSG: lab/Motor\nstring name\nfloat64 angle\nfloat64 torque\nbool on\n"
+)
 
 
 def own_schema(path: Path, encoding: str, compression: str) -> Path:
@@ -219,7 +222,7 @@ def two_topics(folder: Path, delay: int = 0, header: bool = True, every: int = 2
 
 @pytest.mark.parametrize("method", ["linear", "hold", "nearest"])
 def test_another_topic_is_merged_by_time(tmp_path: Path, method: Any) -> None:
-    stamps, q, tau = arm(N)
+    _, q, tau = arm(N)
     mapping = channels(torque="/currents", merge=Merge(method, 0.0041))
     found = messages.columns(two_topics(tmp_path), mapping.sources, request := Request(mapping.merge))
     rows = np.rint((found["/joint_states@header"] - START) * 500e-9).astype(int)
@@ -454,7 +457,7 @@ def test_layouts_agree_with_the_library_that_wrote_them(rows: int) -> None:
         }
     message = store.types["lab/msg/All"](**values)
     data = bytes(store.serialize_cdr(message, "lab/msg/All"))
-    batch = decoding.RosDecoder(definition, "lab/msg/All", cdr=True).decode([memoryview(data)] * 2, None)
+    batch = decoding.RosDecoder(definition, "lab/msg/All", cdr=True).decode([data] * 2, None)
     assert batch.other == 0
     for name, value in values.items():
         if not isinstance(value, str):

@@ -248,7 +248,8 @@ class _Collapsed(io.RawIOBase):
             if not block:
                 return 0
             block += self.file.readline()
-            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block))
+            runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
+            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
         count = min(len(out), len(self.rest))
         out[:count], self.rest = self.rest[:count], self.rest[count:]
         return count

@@ -156,29 +156,33 @@ def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> It
     for name in wanted:
         if name in schema.names and name not in channels:
             raise not_numeric(path, name, str(schema.field(schema.names.index(name)).type))
-    room: Array | None = None
-    for k, name in enumerate(there):
+    columns: dict[str, list[str]] = {}
+    for name in there:
         place = channels[name]
         if schema.names.count(place.column) > 1:
             raise repeated_name(path, place.column)
         guard(path, f"column {name!r}", 8 * count, stored)
-        room = np.empty((len(there), count)) if room is None else room
-        yield name, _column(file, place, room[k])
+        columns.setdefault(place.column, []).append(name)
+    room = np.empty((len(there), count)) if there else np.empty((0, 0))
+    for inner in columns.values():
+        rooms = [room[there.index(name)] for name in inner]
+        yield from zip(inner, _read(file, [channels[name] for name in inner], rooms), strict=True)
 
 
 def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_timestamp(kind))
 
 
-def _column(file: parquet.ParquetFile, place: _Place, room: Array) -> RawChannel:
-    """One channel, batch by batch, (n,), in its row of `room`; integers stay integers unless one of them is null."""
-    whole = types.is_integer(place.kind) or types.is_timestamp(place.kind)
-    column: RawChannel = np.empty(room.size, np.int64) if whole else room
+def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array]) -> list[RawChannel]:
+    """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null."""
+    whole = [types.is_integer(place.kind) or types.is_timestamp(place.kind) for place in places]
+    out: list[RawChannel] = [np.empty(r.size, np.int64) if w else r for r, w in zip(rooms, whole, strict=True)]
     row = 0
-    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[place.column], use_threads=False):
-        values = _taken(batch.column(0), place)
-        if values.null_count and column.dtype != np.float64:
-            column = column.astype(np.float64)
-        column[row : row + len(values)] = values.to_numpy(zero_copy_only=False)
-        row += len(values)
-    return column[:row]
+    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[places[0].column], use_threads=False):
+        for k, place in enumerate(places):
+            values = _taken(batch.column(0), place)
+            if values.null_count and out[k].dtype != np.float64:
+                out[k] = out[k].astype(np.float64)
+            out[k][row : row + len(values)] = values.to_numpy(zero_copy_only=False)
+        row += batch.num_rows
+    return [column[:row] for column in out]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,9 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
     return out
 
 
-def _open(path: Path) -> Any:
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """The file without its index file, closed at the end."""
     require(path, _KIND, "TDMS")
     try:
         import nptdms
@@ -64,8 +67,9 @@ def _open(path: Path) -> Any:
             where="nptdms",
             advice='Install it with `pip install "haptid[lab]"`.',
         ) from error
-    logging.getLogger("nptdms").setLevel(logging.ERROR)  # what it warns of is in the notes
-    return nptdms.TdmsFile.open(path)
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # what it warns of is in the notes
+    with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
+        yield file
 
 
 def units(path: Path) -> dict[str, str]:

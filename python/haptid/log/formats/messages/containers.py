@@ -24,8 +24,10 @@ from haptid.log.formats.folders import bag_files
 from haptid.log.formats.messages.definitions import COMMON
 from haptid.log.formats.sniff import corrupt, empty, guard, opened_file
 
-# Channel, receive stamp in ns, bytes of the message.
-Message: TypeAlias = tuple[int, int, memoryview]
+# Messages of a channel in a row: the channel, their receive stamps in ns, their bytes.
+Messages: TypeAlias = tuple[int, list[int], list[bytes]]
+# Messages that are taken from a database at once.
+_ROWS = 1000
 # Bytes of a chunk before and after unpacking, and of a schema; recorders make chunks of about 1 MB.
 MOST_CHUNK, MOST_SCHEMA = 2**30, 2**22
 MCAP_MAGIC, BAG_MAGIC = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n"
@@ -67,8 +69,8 @@ class Container(ABC):
         self.notes: list[str] = []
 
     @abstractmethod
-    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Message]:
-        """The messages of the wanted topics in the order of the file, of all topics where None."""
+    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Messages]:
+        """The messages of the wanted topics chunk by chunk, of all topics where None; in order within a channel."""
 
     def _note(self, sentence: str) -> None:
         if sentence not in self.notes:
@@ -185,7 +187,7 @@ class Mcap(Container):
     _MESSAGE = struct.Struct("<HIQQ")
     _INNER = struct.Struct("<BQHIQQ")
 
-    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Messages]:
         size = self.path.stat().st_size
         schemas: dict[int, tuple[str, str, bytes]] = {}
         with self.path.open("rb") as file:
@@ -210,7 +212,7 @@ class Mcap(Container):
                     channel, _, stamp, _ = self._MESSAGE.unpack_from(data)
                     keep = self._of(wanted)
                     if keep is None or channel in keep:
-                        yield channel, stamp, data[self._MESSAGE.size :]
+                        yield channel, [stamp], [bytes(data[self._MESSAGE.size :])]
                 at = body + length
         self._note(f"{self.path.name} is cut short at byte {at} of {size}: all whole chunks before it are used")
 
@@ -273,7 +275,7 @@ class Mcap(Container):
         length: int,
         schemas: dict[int, tuple[str, str, bytes]],
         wanted: Collection[str] | None,
-    ) -> Iterator[Message]:
+    ) -> Iterator[Messages]:
         data = memoryview(self._read(file, at, length))
         _, _, size, crc, _ = self._CHUNK_HEAD.unpack_from(data)
         compression, begin = _text(data, self._CHUNK_HEAD.size - 4)
@@ -287,31 +289,36 @@ class Mcap(Container):
 
     def _walk(
         self, records: bytes, schemas: dict[int, tuple[str, str, bytes]], wanted: Collection[str] | None
-    ) -> Iterator[Message]:
+    ) -> Iterator[Messages]:
         """The messages of an unpacked chunk."""
-        view, at, end = memoryview(records), 0, len(records)
+        at, end = 0, len(records)
         keep, known = self._of(wanted), len(self.topics)
         unpack, head = self._INNER.unpack_from, self._INNER.size
+        found: dict[int, tuple[list[int], list[bytes]]] = {}
         while at + 9 <= end:
-            op = records[at]
-            if op == 0x05 and at + head <= end:
+            if records[at] == 0x05 and at + head <= end:
                 _, length, channel, _, stamp, _ = unpack(records, at)
                 stop = at + 9 + length
                 if stop > end or length < 22:
                     break
                 if keep is None or channel in keep:
-                    yield channel, stamp, view[at + head : stop]
+                    if channel not in found:
+                        found[channel] = ([], [])
+                    stamps, data = found[channel]
+                    stamps.append(stamp)
+                    data.append(records[at + head : stop])
                 at = stop
                 continue
-            _, length = struct.unpack_from("<BQ", records, at)
+            op, length = struct.unpack_from("<BQ", records, at)
             stop = at + 9 + length
             if stop > end:
                 break
             if op in (0x03, 0x04):
-                self._record(op, view[at + 9 : stop], schemas)
+                self._record(op, memoryview(records)[at + 9 : stop], schemas)
                 if len(self.topics) != known:
                     keep, known = self._of(wanted), len(self.topics)
             at = stop
+        yield from ((channel, stamps, data) for channel, (stamps, data) in found.items())
         if at < end:
             self._note(f"a chunk of {self.path.name} ends within a record: the rest of it is left out")
 
@@ -319,7 +326,7 @@ class Mcap(Container):
 class Bag(Container):
     """ROS 1 bag, format 2.0. Without an index (a recording that was not closed) all whole chunks are read."""
 
-    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Messages]:
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             if file.read(len(BAG_MAGIC)) != BAG_MAGIC:
@@ -342,7 +349,10 @@ class Bag(Container):
                     self._connection(fields, file.read(length))
                 elif op == b"\x02":
                     file.seek(begin)
-                    yield from self._message(fields, memoryview(file.read(length)), self._of(wanted))
+                    channel, stamp = _stamp(fields)
+                    keep = self._of(wanted)
+                    if keep is None or channel in keep:
+                        yield channel, [stamp], [file.read(length)]
                 at = begin + length
         if end is None:
             self._note(f"{self.path.name} has no index (the recording was not closed): all whole chunks are used")
@@ -391,13 +401,6 @@ class Bag(Container):
         topic = fields.get(b"topic", b"").decode(errors="replace")
         self._topic(channel, Topic(topic, kind, "ros1", about.get(b"message_definition", b""), "ros1msg"))
 
-    @staticmethod
-    def _message(fields: dict[bytes, bytes], data: memoryview, keep: set[int] | None) -> Iterator[Message]:
-        (channel,) = struct.unpack("<I", fields[b"conn"])
-        if keep is None or channel in keep:
-            seconds, nanoseconds = struct.unpack("<II", fields[b"time"])
-            yield channel, seconds * 10**9 + nanoseconds, data
-
     def _chunk(
         self,
         file: IO[bytes],
@@ -406,7 +409,7 @@ class Bag(Container):
         begin: int,
         length: int,
         wanted: Collection[str] | None,
-    ) -> Iterator[Message]:
+    ) -> Iterator[Messages]:
         file.seek(begin)
         compression = fields.get(b"compression", b"none").decode(errors="replace")
         (size,) = struct.unpack("<I", fields[b"size"])
@@ -414,29 +417,70 @@ class Bag(Container):
         if records is None:
             self._note(f"the chunk at byte {at} of {self.path.name} is damaged: its messages are left out")
             return
-        view, k = memoryview(records), 0
-        keep = self._of(wanted)
+        keep, k, size = self._of(wanted), 0, len(records)
+        found: dict[int, tuple[list[int], list[bytes]]] = {}
+        form: _Form | None = None
         while k + 4 <= size:
             (header,) = struct.unpack_from("<I", records, k)
-            if k + 8 + header > size:
-                break
-            (stored,) = struct.unpack_from("<I", records, k + 4 + header)
             start = k + 8 + header
+            if start > size:
+                break
+            (stored,) = struct.unpack_from("<I", records, start - 4)
             if start + stored > size:
                 break
-            inner = _fields(records[k + 4 : k + 4 + header])
-            if inner.get(b"op") == b"\x02":
-                yield from self._message(inner, view[start : start + stored], keep)
-            elif inner.get(b"op") == b"\x07":
-                self._connection(inner, records[start : start + stored])
-                keep = self._of(wanted)
+            about = records[k + 4 : k + 4 + header]
             k = start + stored
+            if form is not None and len(about) == form.size and form.matches(about):
+                channel, stamp = form.read(about)
+            else:
+                fields_of = _fields(about)
+                if fields_of.get(b"op") == b"\x07":
+                    self._connection(fields_of, records[start:k])
+                    keep = self._of(wanted)
+                if fields_of.get(b"op") != b"\x02":
+                    continue
+                channel, stamp = _stamp(fields_of)
+                form = _Form(about)
+            if keep is None or channel in keep:
+                stamps, data = found.setdefault(channel, ([], []))
+                stamps.append(stamp)
+                data.append(records[start:k])
+        yield from ((channel, stamps, data) for channel, (stamps, data) in found.items())
+
+
+class _Form:
+    """Header of a message of a bag, by which those like it are read without taking them apart."""
+
+    def __init__(self, header: bytes) -> None:
+        self.size = len(header)
+        self.conn, self.time = header.index(b"conn=") + 5, header.index(b"time=") + 5
+        self.known = self._rest(header)
+
+    def _rest(self, header: bytes) -> tuple[bytes, bytes, bytes]:
+        """The bytes that are neither connection nor time."""
+        (a, m), (b, n) = sorted([(self.conn, 4), (self.time, 8)])
+        return header[:a], header[a + m : b], header[b + n :]
+
+    def matches(self, header: bytes) -> bool:
+        return self._rest(header) == self.known
+
+    def read(self, header: bytes) -> tuple[int, int]:
+        (channel,) = struct.unpack_from("<I", header, self.conn)
+        seconds, nanoseconds = struct.unpack_from("<II", header, self.time)
+        return channel, seconds * 10**9 + nanoseconds
+
+
+def _stamp(fields: dict[bytes, bytes]) -> tuple[int, int]:
+    """Connection and receive stamp, ns, of a message of a bag."""
+    (channel,) = struct.unpack("<I", fields[b"conn"])
+    seconds, nanoseconds = struct.unpack("<II", fields[b"time"])
+    return channel, seconds * 10**9 + nanoseconds
 
 
 class Database(Container):
     """ROS 2 database (db3). Definitions of common types are known where it has none (before ROS 2 Iron)."""
 
-    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(self, wanted: Collection[str] | None = None) -> Iterator[Messages]:
         with opened_file(self.path, "ROS 2 database"):
             uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1"
             base = sqlite3.connect(uri, uri=True)
@@ -450,10 +494,12 @@ class Database(Container):
             rows = base.execute(f"SELECT topic_id, timestamp, data FROM messages {marks} ORDER BY rowid")
             count = 0
             try:
-                for channel, stamp, data in rows:
-                    if isinstance(data, bytes) and isinstance(stamp, int) and channel in self.topics:
-                        count += 1
-                        yield channel, stamp, memoryview(data)
+                while some := rows.fetchmany(_ROWS):
+                    count += len(some)
+                    for channel in self.topics:
+                        own = [(t, d) for c, t, d in some if c == channel and type(t) is int and type(d) is bytes]
+                        if own:
+                            yield channel, [t for t, _ in own], [d for _, d in own]
             except sqlite3.DatabaseError as error:
                 if not count:
                     raise corrupt(self.path, "ROS 2 database", str(error)) from error

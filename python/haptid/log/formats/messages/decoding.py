@@ -77,7 +77,7 @@ class Decoder(ABC):
     """Decodes the messages of one channel of a container."""
 
     @abstractmethod
-    def decode(self, messages: Sequence[memoryview], wanted: set[str] | None) -> Batch:
+    def decode(self, messages: Sequence[bytes], wanted: set[str] | None) -> Batch:
         """The wanted channels of some messages, all where None."""
 
 
@@ -125,7 +125,7 @@ class RosDecoder(Decoder):
         self.cdr = cdr
         self.layouts: dict[int, list[Layout]] = {}
 
-    def decode(self, messages: Sequence[memoryview], wanted: set[str] | None) -> Batch:
+    def decode(self, messages: Sequence[bytes], wanted: set[str] | None) -> Batch:
         batch = Batch(len(messages))
         sizes = np.fromiter(map(len, messages), np.intp, len(messages))
         for size in np.unique(sizes):
@@ -360,10 +360,10 @@ class _TreeDecoder(Decoder):
     """Messages that are decoded into values one after the other."""
 
     @abstractmethod
-    def tree(self, message: memoryview) -> Mapping[str, Any]:
+    def tree(self, message: bytes) -> Mapping[str, Any]:
         """A message as nested values."""
 
-    def decode(self, messages: Sequence[memoryview], wanted: set[str] | None) -> Batch:
+    def decode(self, messages: Sequence[bytes], wanted: set[str] | None) -> Batch:
         batch = Batch(len(messages))
         found: dict[str, tuple[list[int], list[Any]]] = {}
         for row, message in enumerate(messages):
@@ -411,8 +411,8 @@ def stamped(value: Any, depth: int = 0) -> Any:
 class JsonDecoder(_TreeDecoder):
     """JSON: numbers, and stamps as {sec, nsec}."""
 
-    def tree(self, message: memoryview) -> Mapping[str, Any]:
-        found = json.loads(bytes(message))
+    def tree(self, message: bytes) -> Mapping[str, Any]:
+        found = json.loads(message)
         if not isinstance(found, dict):
             raise ValueError("a message is not an object")
         return found
@@ -442,9 +442,9 @@ class ProtobufDecoder(_TreeDecoder):
             raise ValueError(f"the descriptors of its type {topic.kind} are wrong ({error})") from error
         self.wrong = DecodeError
 
-    def tree(self, message: memoryview) -> Mapping[str, Any]:
+    def tree(self, message: bytes) -> Mapping[str, Any]:
         try:
-            found = self.kind.FromString(bytes(message))
+            found = self.kind.FromString(message)
         except self.wrong as error:
             raise ValueError(str(error)) from error
         return _values(found, 0)

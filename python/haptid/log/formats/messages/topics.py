@@ -123,21 +123,23 @@ def batches(
     """
     for container in opened:
         pending: dict[int, _Pending] = {}
-        for channel, stamp, data in container.messages(None if leaves is None else set(leaves)):
+        for channel, stamps, data in container.messages(None if leaves is None else set(leaves)):
             if channel not in pending:
                 if channel not in container.topics:
                     continue
                 topic = container.topics[channel]
                 wanted = None if leaves is None else leaves[topic.name]
                 pending[channel] = _Pending(topic, _decoder(container, channel, leaves is not None), wanted)
-            count = container.counts[channel] = container.counts.get(channel, 0) + 1
+            before = container.counts.get(channel, 0)
+            container.counts[channel] = before + len(data)
             own = pending[channel]
-            if own.decoder is None or (most is not None and count > most):
+            if own.decoder is None or (most is not None and before >= most):
                 continue
-            own.messages.append(bytes(data))
-            own.stamps.append(min(stamp, 2**63 - 1))
-            own.size += len(data)
-            if len(own.messages) == BATCH or own.size > BATCH_BYTES:
+            left = None if most is None else most - before
+            own.messages += data[:left]
+            own.stamps += stamps[:left]
+            own.size += sum(map(len, data))
+            if len(own.messages) >= BATCH or own.size > BATCH_BYTES:
                 yield own.flush()
         for own in pending.values():
             if own.messages:
@@ -157,8 +159,8 @@ class _Pending:
 
     def flush(self) -> tuple[Topic, Batch, NDArray[np.int64]]:
         assert self.decoder is not None
-        batch = self.decoder.decode([memoryview(message) for message in self.messages], self.wanted)
-        stamps = np.array(self.stamps, np.int64)
+        batch = self.decoder.decode(self.messages, self.wanted)
+        stamps = np.array([min(stamp, 2**63 - 1) for stamp in self.stamps], np.int64)
         self.messages, self.stamps, self.size = [], [], 0
         return self.topic, batch, stamps
 
