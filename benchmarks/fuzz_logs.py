@@ -1,7 +1,7 @@
 """Mutations of logs of every format: each is read, or is one LogError, in bounded time and memory.
 
 Run `python benchmarks/fuzz_logs.py --tries 2000 --out benchmarks/results/fuzz_logs.json`. Bytes are changed, blocks are
-copied, swapped, set to 0 or 255, and files are cut. A try that raises another exception, lasts longer than 10 s or makes
+copied, swapped, set to 0 or 255, and files are cut. A try that raises another exception, lasts over 10 s or makes
 the process grow by more than 1 GiB is a finding; its bytes are kept in the folder of --keep.
 """
 
