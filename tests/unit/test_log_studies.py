@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import recorders
-import small_study
 from typer.testing import CliRunner
 
+import recorders
+import small_study
 from haptid import errors
 from haptid.cli import app
 from haptid.log.survey import survey
@@ -78,12 +78,12 @@ def messages(q: np.ndarray, tau: np.ndarray, apart: bool) -> list[recorders.Said
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     study = small_study.write_study(tmp_path_factory.mktemp("csv"))
-    return np.asarray(identify(read_study(study)).estimate.parameters.values)
+    return np.asarray(identify(read_study(study)).estimate.beta)
 
 
 @pytest.mark.parametrize("kind", CHANNELS)
 def test_the_estimate_does_not_depend_on_the_format(tmp_path: Path, kind: str, expected: np.ndarray) -> None:
-    found = np.asarray(identify(read_study(recorded(tmp_path, kind))).estimate.parameters.values)
+    found = np.asarray(identify(read_study(recorded(tmp_path, kind))).estimate.beta)
     # Stamps in ns, and times of frames, differ from those of the text by rounding only.
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
@@ -96,7 +96,7 @@ def test_the_printed_table_is_a_study(tmp_path: Path, expected: np.ndarray) -> N
     ordered = result.stdout.replace('["arm/lower", "arm/upper"]', '["arm/upper", "arm/lower"]')
     head, _, rest = study.read_text().partition("[channels]")
     study.write_text(head + ordered + rest[rest.index("[[logs]]") :])
-    found = np.asarray(identify(read_study(study)).estimate.parameters.values)
+    found = np.asarray(identify(read_study(study)).estimate.beta)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
