@@ -28,7 +28,7 @@ from haptid.log.units import known_unit
 
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # Channels of a topic or table that are looked at, and columns of a table that are read together.
-MOST, _TOGETHER = 400, 16
+_MOST, _TOGETHER = 400, 16
 # Words of channels' names, after the last point and without digits and units.
 _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
@@ -193,7 +193,7 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
             stamps.setdefault(topic.name, []).append(receive)
             found = ranges.setdefault(topic.name, {})
             for name, values in batch.values.items():
-                if name in found or len(found) < MOST:
+                if name in found or len(found) < _MOST:
                     found.setdefault(name, _Range()).add(values[batch.present[name]])
             header = own.header()
             if header is not None and header in batch.values:
@@ -245,9 +245,9 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     names, stated = kind.names(path), kind.units(path)
     channels: list[ChannelSurvey] = []
     count, rate = 0, 0.0
-    for k in range(0, len(names[:MOST]), _TOGETHER):
+    for k in range(0, len(names[:_MOST]), _TOGETHER):
         request = Request()
-        columns = _columns(path, kind, names[k : min(k + _TOGETHER, MOST)], request)
+        columns = _columns(path, kind, names[k : min(k + _TOGETHER, _MOST)], request)
         notes.extend(request.notes if k == 0 else (note for note in request.notes if note not in notes))
         for name, column in columns.items():
             count = max(count, column.size)

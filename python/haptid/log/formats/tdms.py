@@ -102,4 +102,4 @@ def _times(channel: Any) -> RawChannel:
     offset = 1e9 * float(channel.properties.get("wf_start_offset", 0.0))
     start = channel.properties.get("wf_start_time")
     first = 0 if start is None else int(np.datetime64(start, "ns").astype(np.int64))
-    return first + np.rint(offset + step * np.arange(len(channel))).astype(np.int64)
+    return np.asarray(first + np.rint(offset + step * np.arange(len(channel))).astype(np.int64))

@@ -178,7 +178,7 @@ def _column(data: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
     if kind.endswith(STAMP):
         order = kind[0]
         seconds, rest = _column(data, at, f"{order}i4"), _column(data, at + 4, f"{order}u4")
-        return seconds.astype(np.int64) * 10**9 + rest
+        return np.asarray(seconds.astype(np.int64) * 10**9 + rest)
     whole = np.ascontiguousarray(data)
     column: NDArray[Any] = np.ndarray((len(whole),), np.dtype(kind), whole, at, (whole.shape[1],))
     return column
