@@ -146,18 +146,30 @@ class RosDecoder(Decoder):
                 return
             self._take(layout, data[fits], rows[fits], batch, wanted)
             data, rows = data[~fits], rows[~fits]
-        while rows.size:
-            try:
-                layout = Walk(self.types, data[0].tobytes(), self.cdr).layout()
-            except (ValueError, struct.error, IndexError, KeyError):
-                batch.other += 1
-                data, rows = data[1:], rows[1:]
-                continue
-            known.insert(0, layout)
-            del known[MOST_LAYOUTS:]
-            fits = (data[:, layout.fixed] == layout.content).all(axis=1)
-            self._take(layout, data[fits], rows[fits], batch, wanted)
+        for _ in range(MOST_LAYOUTS):
+            if not rows.size:
+                return
+            fits = np.zeros(rows.size, bool)
+            fits[0] = True
+            layout = self._walked(data[0], batch)
+            if layout is not None:
+                known.insert(0, layout)
+                del known[MOST_LAYOUTS:]
+                fits = (data[:, layout.fixed] == layout.content).all(axis=1)
+                self._take(layout, data[fits], rows[fits], batch, wanted)
             data, rows = data[~fits], rows[~fits]
+        for k in range(rows.size):  # nearly every message has a layout of its own: nothing is gained by comparing
+            layout = self._walked(data[k], batch)
+            if layout is not None:
+                self._take(layout, data[k : k + 1], rows[k : k + 1], batch, wanted)
+
+    def _walked(self, message: NDArray[np.uint8], batch: Batch) -> Layout | None:
+        """The layout of a message; None where it is not of the type."""
+        try:
+            return Walk(self.types, message.tobytes(), self.cdr).layout()
+        except (ValueError, struct.error, IndexError, KeyError):
+            batch.other += 1
+            return None
 
     @staticmethod
     def _take(
