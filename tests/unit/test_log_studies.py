@@ -191,8 +191,6 @@ def test_survey_of_a_table(tmp_path: Path, header: str, scale: float, unit: str,
 
 def test_channels_of_what_is_no_log(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
-    result = CliRunner().invoke(app, ["channels", str(tmp_path / "log.mcap")])
-    assert result.exit_code in (0, 2)
-    result = CliRunner().invoke(app, ["channels", str(tmp_path)])
-    assert result.exit_code in (0, 2)
-    assert not isinstance(result.exception, (ValueError, KeyError, IndexError))
+    for path in (tmp_path / "log.mcap", tmp_path):
+        result = CliRunner().invoke(app, ["channels", str(path)])
+        assert result.exit_code == 2

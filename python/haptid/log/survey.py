@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from haptid.errors import LogFileError
 from haptid.log.formats import lerobot
 from haptid.log.formats.messages.containers import Topic, containers
-from haptid.log.formats.messages.topics import TopicRows, batches
+from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
 from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.request import Request
@@ -199,6 +199,7 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
             if header is not None and header in batch.values:
                 there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
                 late.setdefault(topic.name, []).append(receive[there] - batch.values[header][there])
+        refuse_unreadable(opened)
         counted: dict[str, tuple[Topic, int]] = {}
         for container in opened:
             notes.extend(container.notes)

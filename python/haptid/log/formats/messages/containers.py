@@ -127,10 +127,10 @@ def _container(path: Path) -> Container:
         return Bag(path)
     if head.startswith(b"SQLite format 3"):
         return Database(path)
-    what = "compressed as a whole (`zstd -d` unpacks it)" if head.startswith(b"\x28\xb5\x2f\xfd") else "something else"
-    raise corrupt(
-        path, path.suffix.lstrip(".").upper(), f"it does not begin like MCAP, a ROS bag or SQLite, but {what}"
-    )
+    what = "it does not begin like MCAP, a ROS bag or SQLite"
+    if head.startswith(b"\x28\xb5\x2f\xfd"):
+        what = "the file as a whole is compressed; `zstd -d` unpacks it"
+    raise corrupt(path, path.suffix.lstrip("."), what)
 
 
 def unpacked(path: Path, what: str, data: bytes, compression: str, size: int) -> bytes:

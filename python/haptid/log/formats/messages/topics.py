@@ -67,11 +67,11 @@ def names(path: Path) -> list[str]:
                 if name == RECEIVE or batch.stamps:
                     found[topic.name + name] = None
             found.update(dict.fromkeys(f"{topic.name}.{name}" for name in batch.values))
-        _nothing_left(opened)
+        refuse_unreadable(opened)
     return list(found)
 
 
-def _nothing_left(opened: Iterable[Container]) -> None:
+def refuse_unreadable(opened: Iterable[Container]) -> None:
     """Refuse a log of which nothing can be read."""
     for container in opened:
         if container.notes and not container.topics:
@@ -99,7 +99,7 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
                 asked.setdefault(topic, {})[name] = name[len(topic) :].removeprefix(".")
         leaves = {topic: {*named.values(), HEADER} for topic, named in asked.items()}
         rows = _collected(batches(opened, leaves), request.notes)
-        _nothing_left(opened)
+        refuse_unreadable(opened)
     for container in opened:
         request.notes.extend(container.notes)
     streams = [
