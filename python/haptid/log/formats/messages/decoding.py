@@ -151,17 +151,17 @@ class RosDecoder(Decoder):
                 return
             fits = np.zeros(rows.size, bool)
             fits[0] = True
-            layout = self._walked(data[0], batch)
-            if layout is not None:
-                known.insert(0, layout)
+            new = self._walked(data[0], batch)
+            if new is not None:
+                known.insert(0, new)
                 del known[MOST_LAYOUTS:]
-                fits = (data[:, layout.fixed] == layout.content).all(axis=1)
-                self._take(layout, data[fits], rows[fits], batch, wanted)
+                fits = (data[:, new.fixed] == new.content).all(axis=1)
+                self._take(new, data[fits], rows[fits], batch, wanted)
             data, rows = data[~fits], rows[~fits]
         for k in range(rows.size):  # nearly every message has a layout of its own: nothing is gained by comparing
-            layout = self._walked(data[k], batch)
-            if layout is not None:
-                self._take(layout, data[k : k + 1], rows[k : k + 1], batch, wanted)
+            new = self._walked(data[k], batch)
+            if new is not None:
+                self._take(new, data[k : k + 1], rows[k : k + 1], batch, wanted)
 
     def _walked(self, message: NDArray[np.uint8], batch: Batch) -> Layout | None:
         """The layout of a message; None where it is not of the type."""
