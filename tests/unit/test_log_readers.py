@@ -130,7 +130,8 @@ def test_every_format_gives_the_same_log(tmp_path: Path, kind: str) -> None:
     assert not (log.position.flags.writeable)
     assert not (log.torque.flags.writeable)
     assert not (log.t.flags.writeable)
-    assert log.notes == ()
+    told = ("cells are separated by semicolons, with decimal commas",) if kind == ".csv comma" else ()
+    assert log.notes == told
 
 
 NUMBERS = [np.float32, np.int8, np.int64, np.uint16, np.dtype(">f8"), np.dtype(">i4")]
@@ -159,11 +160,12 @@ def test_parquet_decimals_nulls_and_narrow_types(tmp_path: Path) -> None:
     }
     parquet.write_table(pa.table(table), path)
     reader = BY_SUFFIX[".parquet"]
-    assert reader.names(path) == ["d", "f", "i"]
-    found = reader.columns(path, ["d", "f", "i"])
+    assert reader.names(path) == ["d", "f", "i", "w"]
+    found = reader.columns(path, ["d", "f", "i", "w"])
+    np.testing.assert_array_equal(found["w"], np.arange(5))
     np.testing.assert_array_equal(found["d"], np.arange(5.0))
     np.testing.assert_array_equal(found["i"], [1, np.nan, 3, 4, 5])
-    for name in "sw":
+    for name in "s":
         with pytest.raises(errors.LogFileError, match=name):
             reader.columns(path, [name])
 
@@ -250,10 +252,10 @@ def test_empty_cell_is_a_missing_sample(tmp_path: Path) -> None:
     assert raised.value.found == 1
 
 
-def test_header_is_required(tmp_path: Path) -> None:
-    with pytest.raises(errors.LogFileError) as raised:
+def test_columns_without_a_header_are_numbered_and_not_guessed(tmp_path: Path) -> None:
+    with pytest.raises(errors.LogChannelError) as raised:
         read_log(broken(tmp_path, 1, None))
-    assert raised.value.found.startswith("0.0,")
+    assert raised.value.found == tuple(f"column[{k}]" for k in range(1, 6))
 
 
 def test_repeated_names(tmp_path: Path) -> None:
@@ -303,7 +305,7 @@ def test_unknown_suffix_lists_the_formats(tmp_path: Path) -> None:
     with pytest.raises(errors.LogFileError) as raised:
         read_log(path)
     assert raised.value.found == ".xlsx"
-    assert raised.value.limit[0] == "CSV (.csv, .tsv, .txt)"
+    assert raised.value.limit[0] == "CSV (.csv, .tsv, .txt, .dat, .log)"
 
 
 SUFFIXES = (".csv", ".parquet", ".npz", ".h5", ".mat")

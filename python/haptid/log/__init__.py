@@ -1,4 +1,4 @@
-"""Logs: recordings in CSV, Parquet, MAT, NPZ or HDF5, checked, in SI and on a uniform grid.
+"""Logs: recordings in tables, bags of messages and data sets, checked, in SI and on a uniform grid.
 
 May not use any device: `check_against` takes joint limits as numbers.
 """
@@ -7,11 +7,13 @@ from haptid.log.checks import check_against
 from haptid.log.lazy import OnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.read import is_long, open_log, read_log
+from haptid.log.request import Merge
 from haptid.log.time_base import TimeBaseReport
 
 __all__ = [
     "Channels",
     "Log",
+    "Merge",
     "OnDisk",
     "Signal",
     "TimeBaseReport",

@@ -15,6 +15,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
+from haptid.log.request import Merge
 from haptid.log.resampling import Spans
 from haptid.log.time_base import Sampling, TimeBaseReport
 
@@ -93,6 +94,7 @@ class Channels:
         sampling: where stamps are irregular, "stamps" takes them as the times of the samples, "regular" takes the
             samples as regular, and "auto" chooses by the positions.
         stale: "drop" or "keep" rows that repeat the row before although the device moves.
+        merge: of channels that have other stamps, in logs of messages.
     """
 
     position: Signal
@@ -102,6 +104,7 @@ class Channels:
     rate_hz: float | None = None
     sampling: Sampling = "auto"
     stale: Literal["drop", "keep"] = "drop"
+    merge: Merge = field(default_factory=Merge)
 
     def __post_init__(self) -> None:
         si, _ = units.scale(self.position.unit, "position")

@@ -19,9 +19,11 @@ from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
 from haptid.log.channel_clocks import clock_drift
+from haptid.log.formats.folders import bag_files, data_set_files
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
+from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.time_base import RawSignals, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
 
@@ -38,12 +40,14 @@ class Format:
 
     Attributes:
         by_rows: whether some rows can be read without the others.
+        asks: whether reading depends on a `Request`, and its notes say what was found.
     """
 
     name: str
     suffixes: tuple[str, ...]
     module: str
     by_rows: bool = False
+    asks: bool = False
 
     @property
     def _reader(self) -> Any:
@@ -54,9 +58,16 @@ class Format:
         found: list[str] = self._reader.names(path)
         return found
 
-    def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
+    def columns(self, path: Path, wanted: Sequence[str], request: Request | None = None) -> dict[str, RawChannel]:
         """Those wanted channels that the file has, each (n,)."""
-        found: dict[str, RawChannel] = self._reader.columns(path, wanted)
+        more = (request or Request(),) if self.asks else ()
+        found: dict[str, RawChannel] = self._reader.columns(path, wanted, *more)
+        return found
+
+    def units(self, path: Path) -> dict[str, str]:
+        """Units that the file states of its channels, as it spells them."""
+        stated = getattr(self._reader, "units", None)
+        found: dict[str, str] = {} if stated is None else stated(path)
         return found
 
     def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
@@ -66,18 +77,23 @@ class Format:
 
 
 FORMATS = (
-    Format("CSV", (".csv", ".tsv", ".txt"), "csv"),
+    Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log"), "csv", asks=True),
     Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
     Format("MATLAB", (".mat",), "mat"),
-    Format("NumPy", (".npz",), "npz"),
+    Format("NumPy", (".npz", ".npy"), "npz"),
     Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
+    Format("MCAP or ROS bag", (".mcap", ".bag", ".db3"), "messages", asks=True),
+    Format("TDMS", (".tdms",), "tdms", asks=True),
+    Format("LeRobot data set", (), "lerobot", asks=True),
 )
+MESSAGES, LEROBOT = FORMATS[5], FORMATS[7]
 
 
 def read_log(
     path: str | os.PathLike[str],
     channels: Channels | None = None,
     time_range: tuple[float, float] | None = None,
+    episodes: Sequence[int] | None = None,
 ) -> Log:
     """Read a log file, check it, and bring it to a uniform grid in SI.
 
@@ -87,9 +103,10 @@ def read_log(
     defects that cannot be repaired are errors.
 
     Args:
-        path: CSV, Parquet, MAT, NPZ or HDF5.
+        path: CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, TDMS; a folder of a ROS 2 bag or LeRobot data set.
         channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
         time_range: the part to keep, (from, to) in s from the file's first sample; None keeps all.
+        episodes: of a data set, by number; None for all. Each is a segment of the log.
 
     Raises:
         LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
@@ -98,9 +115,17 @@ def read_log(
     kind = format_of(path)
     notes: list[str] = []
     if channels is None:
-        channels, sentence = guess(path, kind.names(path))
+        channels, sentence = guess(path, kind.names(path), kind.units(path))
         notes.append(sentence)
-    columns = kind.columns(path, channels.sources)
+    if episodes is not None and kind is not LEROBOT:
+        raise LogChannelError(
+            f"{path} is {kind.name}, which has no episodes.",
+            where="episodes",
+            found=tuple(episodes),
+            limit=LEROBOT.name,
+        )
+    request = Request(channels.merge, None if episodes is None else tuple(episodes), notes)
+    columns = kind.columns(path, channels.sources, request)
     for name in channels.sources:
         if name not in columns:
             raise _missing(path, name, kind.names(path))
@@ -135,7 +160,14 @@ def format_of(path: Path) -> Format:
     """The format by the suffix, of a file that exists and can be read."""
     try:
         if path.is_dir():
-            raise LogFileError(f"{path} is a folder, not a log file.", where=path, advice="Name one file in it.")
+            for kind, files in ((LEROBOT, data_set_files(path)), (MESSAGES, bag_files(path))):
+                if files:
+                    return kind
+            raise LogFileError(
+                f"{path} is a folder, and neither a LeRobot data set nor a ROS 2 bag.",
+                where=path,
+                advice="Name one file in it.",
+            )
         if not path.exists():
             raise LogFileError(
                 f"{path}: no such file.",
@@ -179,7 +211,11 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of the file's bytes."""
+    """SHA-256 of a file's bytes; of a folder, of the names and digests of the files that hold its samples."""
+    if path.is_dir():
+        files = data_set_files(path) or bag_files(path)
+        lines = "".join(f"{sha256_of(file)}  {file.relative_to(path).as_posix()}\n" for file in files)
+        return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -381,7 +417,7 @@ def open_log(
         )
     notes: list[str] = []
     if channels is None:
-        channels, sentence = guess(path, kind.names(path))
+        channels, sentence = guess(path, kind.names(path), kind.units(path))
         notes.append(sentence)
     reader = _FileReader(path, kind, channels, time_range, notes)
     known = reader.inspect_positions(channels.position)

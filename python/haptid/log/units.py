@@ -69,6 +69,20 @@ def closest_unit(unit: str, quantity: _Quantity) -> str | None:
     return close[0] if close else None
 
 
+def known_unit(unit: str) -> tuple[_Quantity, str] | None:
+    """Quantity and name of a unit in any usual spelling; None where it is not known."""
+    plain = "".join(unit.split()).lower().replace("⋅", "·")
+    for quantity, table in TABLES.items():
+        for name in table:
+            if unit.strip() == name or plain in ("".join(spelling.split()) for spelling in SPELLINGS.get(name, ())):
+                return quantity, name
+    for quantity, table in TABLES.items():
+        for name in table:
+            if plain == "".join(name.split()).lower():
+                return quantity, name
+    return None
+
+
 def scale(unit: str, quantity: _Quantity) -> tuple[str, float]:
     """SI unit and the factor to it.
 

@@ -165,7 +165,10 @@ def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
     path = data / entry.path
-    log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
+    if is_long(path):
+        log = open_log(path, entry.channels, time_range=entry.time_range)
+    else:
+        log = read_log(path, entry.channels, entry.time_range, entry.episodes)
     progress(f"reading {name}", 1.0)
     return log
 

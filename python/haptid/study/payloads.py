@@ -96,7 +96,7 @@ def _recorded(
     logs = []
     for entry in entries:
         tell(f"reading {Path(entry.path).name}", 0.0)
-        logs.append(read_log(folder / entry.path, entry.channels, time_range=entry.time_range))
+        logs.append(read_log(folder / entry.path, entry.channels, entry.time_range, entry.episodes))
         tell(f"reading {Path(entry.path).name}", 1.0)
     tell("choosing a treatment", 0.0)
     bare = [log for log, entry in zip(logs, entries, strict=True) if entry.body is None]
@@ -117,7 +117,7 @@ def _poses_of(study: Study, model: DynamicModel, entry: LogEntry, data: str | Pa
         assert entry.channels is not None  # the reader of studies has seen to it
         found = read_poses(path, model.device, entry.channels, study.poses.approach)
     else:
-        log = read_log(path, entry.channels, time_range=entry.time_range)
+        log = read_log(path, entry.channels, entry.time_range, entry.episodes)
         found = find_poses(model.device, log, study.poses.detection)
     tell(f"reading {path.name}", 1.0)
     return found

@@ -11,7 +11,7 @@ from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import PriorBody, tensor
 from haptid.errors import LogError, SettingError, StudyFileError, TreatmentError
 from haptid.inference.payload_body import AttachedBody
-from haptid.log import Channels, Signal
+from haptid.log import Channels, Merge, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
 from haptid.motion.holds import HoldDetection
 from haptid.motion.treatment import Treatment
@@ -27,6 +27,7 @@ from haptid.study.schema import (
     PosesTable,
     SignalTable,
     StudyTable,
+    TimeTable,
     TreatmentTable,
     ValidationTable,
     fault,
@@ -124,20 +125,47 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
             channels = Channels(
                 position=_signal(study, f"{where}.position", table.position),
                 torque=_signal(study, f"{where}.torque", table.torque),
-                time=table.time,
-                time_unit=table.time_unit,
+                time=_time(study, where, table),
+                time_unit=table.time_unit or ("ns" if isinstance(table.time, TimeTable) else "s"),
                 rate_hz=1.0 if timeless else table.rate_hz,
                 sampling=table.sampling,
                 stale=table.stale,
+                merge=Merge(table.merge.method, table.merge.largest_gap),
             )
         except LogError as error:
             raise fault(study, where, str(error).rstrip(".")) from error
     elif timeless:
         raise fault(study, "channels", "a table with one row a pose requires them")
+    episodes = None if log.episodes is None else tuple(log.episodes)
     if log.payload is None:
-        return LogEntry(log.path, log.role, time_range, channels)
-    where = f"logs.{index}.payload"
-    return LogEntry(log.path, log.role, time_range, channels, *_payload(study, where, log.path, log.payload))
+        return LogEntry(log.path, log.role, time_range, channels, episodes=episodes)
+    payload = _payload(study, f"logs.{index}.payload", log.path, log.payload)
+    return LogEntry(log.path, log.role, time_range, channels, *payload, episodes)
+
+
+def _time(study: Path, where: str, table: ChannelsTable) -> str | None:
+    """Name of the time channel."""
+    if not isinstance(table.time, TimeTable):
+        return table.time
+    if table.time_unit not in (None, "ns"):
+        raise fault(study, f"{where}.time_unit", "stamps of messages are in ns", table.time_unit)
+    signal = table.position if table.merge.onto == "position" else table.torque
+    topic = table.time.topic or signal.topic
+    if topic is None:
+        raise fault(study, f"{where}.time", f"give its `topic`, or that of the {table.merge.onto}")
+    return f"{topic}@{table.time.stamp}"
+
+
+def _names(study: Path, where: str, table: SignalTable) -> tuple[str, ...]:
+    """Names of a signal's channels: as given, or the joints of a field."""
+    if table.channels is not None:
+        if table.topic or table.field or table.joints:
+            raise fault(study, where, "give either `channels`, or `field` with `topic` and `joints`")
+        return tuple(table.channels)
+    if table.field is None:
+        raise fault(study, where, "give `channels`, or `field` with `joints` (and the `topic` of messages)")
+    array = table.field if table.topic is None else f"{table.topic}.{table.field}"
+    return tuple(f"{array}[{joint}]" for joint in table.joints) if table.joints else (array,)
 
 
 def _payload(study: Path, where: str, log: str, table: PayloadTable) -> tuple[Payload | None, AttachedBody]:
@@ -153,14 +181,16 @@ def _payload(study: Path, where: str, log: str, table: PayloadTable) -> tuple[Pa
 
 
 def _signal(study: Path, where: str, table: SignalTable) -> Signal:
+    names = _names(study, where, table)
+
     def spread(name: str, value: float | list[float]) -> tuple[float, ...]:
-        values = tuple(value) if isinstance(value, list) else (value,) * len(table.channels)
-        if len(values) != len(table.channels):
-            raise fault(study, f"{where}.{name}", f"{len(values)} figures for {len(table.channels)} channels")
+        values = tuple(value) if isinstance(value, list) else (value,) * len(names)
+        if len(values) != len(names):
+            raise fault(study, f"{where}.{name}", f"{len(values)} figures for {len(names)} channels")
         return values
 
     return Signal(
-        channels=tuple(table.channels),
+        channels=names,
         unit=table.unit,
         side=table.side,
         gain=spread("gain", table.gain),
@@ -179,8 +209,12 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], validation: ValidationT
     seen: dict[str, list[LogEntry]] = {}
     for log in logs:
         earlier = seen.setdefault(log.path, [])
-        if any(_overlap(log.time_range, other.time_range) for other in earlier):
-            raise fault(study, "logs", f"{log.path!r} is named twice; give the two entries parts that do not overlap")
+        if any(_overlap(log.time_range, other.time_range) and _shared(log, other) for other in earlier):
+            raise fault(
+                study,
+                "logs",
+                f"{log.path!r} is named twice; give the two entries parts or episodes that do not overlap",
+            )
         earlier.append(log)
     if validation and validation.cross_validation == "leave-one-log-out" and len(fitted) < 2:
         raise fault(
@@ -200,3 +234,8 @@ def _cross_validation(table: ValidationTable | None, logs: tuple[LogEntry, ...])
 
 def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:
     return a is None or b is None or (a[0] < b[1] and b[0] < a[1])
+
+
+def _shared(a: LogEntry, b: LogEntry) -> bool:
+    """Whether two entries of one data set have an episode in common."""
+    return a.episodes is None or b.episodes is None or not set(a.episodes).isdisjoint(b.episodes)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from haptid.errors import StudyFileError
+from haptid.log.request import MergeMethod
 
 Role = Literal["identify", "validate"]
 CrossValidation = Literal["blocks", "leave-one-log-out"]
@@ -22,7 +23,14 @@ class _Table(BaseModel):
 class SignalTable(_Table):
     """Channels of the positions or torques, and their unit."""
 
-    channels: list[str] = Field(min_length=1, description="one channel for each joint or motor, in the device's order")
+    channels: list[str] | None = Field(
+        None, min_length=1, description="one channel for each joint or motor, in the device's order; or give field"
+    )
+    topic: str | None = Field(None, description="topic of the messages, in an MCAP file or a bag")
+    field: str | None = Field(None, description="array of the messages or of the data set, such as position")
+    joints: list[str | int] | None = Field(
+        None, min_length=1, description="elements of the field by name, or by number from 1, in the device's order"
+    )
     unit: str = Field(description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts")
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
     gain: _Finite | list[_Finite] = Field(1.0, description="factor on the channel, applied first")
@@ -33,11 +41,31 @@ class SignalTable(_Table):
     allow_saturation: bool = Field(False, description="permit a torque held at its limit")
 
 
+class TimeTable(_Table):
+    """Stamps of the messages of a topic, in whole nanoseconds."""
+
+    topic: str | None = Field(None, description="whose messages are the rows; default: that of merge.onto")
+    stamp: Literal["header", "receive"] = Field(
+        "header", description="header: as the sender wrote it; receive: when the recorder received the message"
+    )
+
+
+class MergeTable(_Table):
+    """How a signal from another topic comes to the rows."""
+
+    onto: Literal["position", "torque"] = Field("position", description="the signal whose messages are the rows")
+    method: MergeMethod = Field("linear", description="between neighbours; hold: the value before; nearest")
+    largest_gap: _Positive | None = Field(
+        None, description="rows without values this close are left out, s; default: four usual steps"
+    )
+
+
 class ChannelsTable(_Table):
     """Channels of time, positions and torques in the log files."""
 
-    time: str | None = Field(None, description="channel of the sample times; or give rate_hz")
-    time_unit: str = Field("s", description="s, ms, us or ns")
+    time: str | TimeTable | None = Field(None, description="channel of the sample times; or give rate_hz")
+    time_unit: str | None = Field(None, description="s, ms, us or ns; default: s, and ns of messages")
+    merge: MergeTable = Field(MergeTable.model_construct(), description="of signals with stamps of their own")
     rate_hz: _Positive | None = Field(None, description="sampling rate, where the log has no times")
     sampling: Literal["auto", "stamps", "regular"] = Field(
         "auto",
@@ -69,9 +97,12 @@ class PayloadTable(_Table):
 class LogTable(_Table):
     """One log and its role."""
 
-    path: str = Field(description="relative to --data, or to the study file")
+    path: str = Field(description="a file, or the folder of a bag or data set; relative to --data or the study file")
     role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
     time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
+    episodes: list[Annotated[int, Field(ge=0)]] | None = Field(
+        None, min_length=1, description="of a LeRobot data set, by number; default: all"
+    )
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
     payload: PayloadTable | None = Field(None, description="payload of this recording")
 

@@ -20,7 +20,8 @@ from haptid.study.schema import CrossValidation, Role
 class LogEntry:
     """A log of a study: path, role, time range, channel mapping, payload.
 
-    `body` is the payload with what is known of it, `payload` the same where it is known well enough to be subtracted.
+    `episodes` are those of a data set, None for all. `body` is the payload with what is known of it, `payload` the same
+    where it is known well enough to be subtracted.
     """
 
     path: str
@@ -29,6 +30,7 @@ class LogEntry:
     channels: Channels | None
     payload: Payload | None = None
     body: AttachedBody | None = None
+    episodes: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)

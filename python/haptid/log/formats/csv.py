@@ -1,13 +1,16 @@
-"""Text logs: one header line, then rows of numbers, separated by commas, semicolons or tabs."""
+"""Text logs: a header, then rows of numbers, separated by commas, semicolons, tabs or blanks; sniffed."""
 
 from __future__ import annotations
 
 import csv
+import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,15 +18,20 @@ from pyarrow import csv as arrow
 
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
+from haptid.log.request import Request
+from haptid.log.units import known_unit
 
 _KIND = "CSV"
-SEPARATORS = (";", "\t", ",")
+SEPARATORS = (",", "\t", ";", " ")
+# Lines that tell the dialect.
+SNIFFED = 200
 HEAD_BYTES = 2**20
 # Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
+_RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 MISSING = frozenset(arrow.ConvertOptions().null_values)
 
 
@@ -37,6 +45,8 @@ class _Dialect:
         names: of the columns, from the header, stripped of blanks.
         lines: number of lines before the first row.
         start: byte at which the rows start.
+        units: of each column, as stated in the header or below it; empty where there is none.
+        stated: what was found that is not usual, one sentence each.
     """
 
     separator: str
@@ -44,6 +54,15 @@ class _Dialect:
     names: tuple[str, ...]
     lines: int
     start: int
+    units: tuple[str, ...] = ()
+    stated: tuple[str, ...] = ()
+
+
+def units(path: Path) -> dict[str, str]:
+    """Units that the header states."""
+    with opened_file(path, _KIND):
+        dialect = _dialect(path)
+    return {name: unit for name, unit in zip(dialect.names, dialect.units, strict=True) if unit}
 
 
 def names(path: Path) -> list[str]:
@@ -52,11 +71,13 @@ def names(path: Path) -> list[str]:
         return list(dict.fromkeys(_dialect(path).names))
 
 
-def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
+def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
+    The dialect is noted where it is not the usual one: commas, points and a header.
+
     Raises:
-        LogFileError: the first line holds no names, a line has more or fewer cells than the header, or a cell of a
+        LogFileError: a line has more or fewer cells than the header, or a cell of a
             wanted column is not a number.
     """
     with opened_file(path, _KIND):
@@ -68,6 +89,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
             raise repeated_name(path, name)
     if not indices:
         return {}
+    request.notes.extend(dialect.stated)
     bound = _row_bound(path, dialect)
     out = dict(zip(indices, np.empty((len(indices), bound)), strict=True))
     row = 0
@@ -86,7 +108,7 @@ def _batches(path: Path, dialect: _Dialect, include: list[str]) -> Iterator[pa.R
     with path.open("rb") as file:
         file.seek(dialect.start)
         yield from arrow.open_csv(
-            file,
+            _Collapsed(file) if dialect.separator == " " else file,
             read_options=arrow.ReadOptions(
                 column_names=[str(k) for k in range(len(dialect.names))],
                 block_size=BLOCK_BYTES,
@@ -103,7 +125,7 @@ def _batches(path: Path, dialect: _Dialect, include: list[str]) -> Iterator[pa.R
 
 
 def _dialect(path: Path) -> _Dialect:
-    """Find the header, the separator and the decimal mark."""
+    """Find the separator, the decimal mark, the header, and rows above and below it that are no samples."""
     require(path, _KIND, "text")
     with path.open("rb") as file:
         raw = file.read(HEAD_BYTES)
@@ -113,49 +135,129 @@ def _dialect(path: Path) -> _Dialect:
     texts = [line.decode("utf-8", errors="replace").rstrip("\r\n") for line in lines]
     if not whole and len(texts) > 1:
         del texts[-1]
-    k = next((k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)), None)
-    commented = next((k for k in reversed(range(len(texts) if k is None else k)) if texts[k].strip()), None)
-    if k is not None:
-        body = [text for text in texts[k + 1 :] if text.strip()][:200]
-        separator, header = _separate(texts[k], body)
-        if not all(_NUMBER.fullmatch(cell.replace(",", ".")) for cell in header):
-            return _found(header, separator, body, k + 1, offset + sum(map(len, lines[: k + 1])))
-        if commented is not None:
-            separator, header = _separate(COMMENT.sub("", texts[commented], count=1), [texts[k], *body])
-            if len(header) == len(_cells(texts[k], separator)):
-                return _found(header, separator, [texts[k], *body], k, offset + sum(map(len, lines[:k])))
-        raise LogFileError(
-            f"{path} has no header: its first line is `{texts[k][:60]}`.",
-            where=path,
-            found=texts[k],
-            advice="Write the names of the columns in the first line, separated by commas, semicolons or tabs.",
+    told = [k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)][:SNIFFED]
+    if not told:
+        raise empty(path, "no header and no rows")
+    separator, decimal = _separator([texts[k] for k in told])
+    rows = [_cells(texts[k], separator) for k in told]
+    width = _width(rows, decimal)
+    first = next((i for i, row in enumerate(rows) if _is_row(row, width, decimal)), 1)
+    head = first - 1
+    units: tuple[str, ...] = ()
+    if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
+        units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
+    stated: list[str] = []
+    if first == 0:
+        header, start = _without_header(texts, told[0], rows, separator, width, stated)
+        head = -1
+    else:
+        header, start = rows[head], told[first - 1] + 1
+        if head > 0:
+            stated.append(f"{head} lines before the header are not used")
+    if units:
+        stated.append("the line below the header is taken as units")
+    else:
+        units = tuple(_unit(match["unit"]) if (match := _UNIT.search(cell)) else "" for cell in header)
+    if separator == " " or decimal == ",":
+        words = {" ": "blanks", "\t": "tabs", ";": "semicolons", ",": "commas"}
+        stated.append(
+            f"cells are separated by {words[separator]}, with decimal {'commas' * (decimal == ',') or 'points'}"
         )
-    raise empty(path, "no header and no rows")
-
-
-def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> _Dialect:
-    cells = [cell for text in body for cell in _cells(text, separator)]
-    comma = separator != "," and any(DECIMAL_COMMA.fullmatch(cell) for cell in cells)
     named = tuple(cell or f"column {k}" for k, cell in enumerate(header, 1))
-    return _Dialect(separator, "," if comma else ".", named, lines, start)
+    return _Dialect(separator, decimal, named, start, offset + sum(map(len, lines[:start])), units, tuple(stated))
 
 
-def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
-    """The separator that splits header and first rows into equal numbers of cells, and the header's cells."""
+def _without_header(
+    texts: list[str], first: int, rows: list[list[str]], separator: str, width: int, stated: list[str]
+) -> tuple[list[str], int]:
+    """Names of the columns of rows without a header, from a comment or by number, and the line at which rows start."""
+    commented = next((k for k in reversed(range(first)) if COMMENT.match(texts[k]) and texts[k].strip("#% \t")), None)
+    if commented is not None:
+        cells = _cells(COMMENT.sub("", texts[commented], count=1), separator)
+        if len(cells) == width and not all(_number(cell, ".") for cell in cells):
+            return cells, first
+    counted = [cell for cell in rows[0] if cell.isdecimal()]
+    if len(rows) > 1 and width > 1 and counted == rows[0] and [int(c) for c in counted] == list(range(width)):
+        stated.append("the first line counts the columns from 0: it is taken as the header")
+        return rows[0], first + 1
+    stated.append(f"there is no header: columns are named column[1..{width}]")
+    return [f"column[{k}]" for k in range(1, width + 1)], first
 
-    def quality(separator: str) -> tuple[bool, int, int]:
-        count = len(_cells(header, separator))
-        return count > 1, sum(len(_cells(text, separator)) == count for text in body), count
 
-    separator = max(reversed(SEPARATORS), key=quality)
-    return separator, _cells(header, separator)
+def _separator(texts: list[str]) -> tuple[str, str]:
+    """The separator and the decimal mark by which the lines have most numbers, in rows of one width."""
+
+    def numbers(choice: tuple[str, str]) -> tuple[bool, int]:
+        separator, decimal = choice
+        rows = [_cells(text, separator) for text in texts]
+        width = _width(rows, decimal)
+        first = next((k for k, row in enumerate(rows) if _is_row(row, width, decimal)), len(rows))
+        found = sum(_number(cell, decimal) for row in rows if len(row) == width for cell in row)
+        headed = first == 0 or len(rows[first - 1]) == width
+        return headed and found > 0, found * (2 if width > 1 else 1)
+
+    choices = [(separator, decimal) for separator in SEPARATORS for decimal in ".," if separator + decimal != ",,"]
+    return max(choices, key=numbers)
+
+
+def _width(rows: list[list[str]], decimal: str) -> int:
+    """The usual number of cells of the lines with numbers; of the header where there are none."""
+    counts = Counter(len(row) for row in rows[1:] or rows if any(_number(cell, decimal) for cell in row))
+    return counts.most_common(1)[0][0] if counts else len(rows[0])
+
+
+def _is_row(row: list[str], width: int, decimal: str) -> bool:
+    """Whether a line holds samples: numbers in most of its cells that are not empty, or in as many as usual."""
+    filled = [cell for cell in row if cell not in MISSING]
+    found = sum(_number(cell, decimal) for cell in filled)
+    return len(row) == width and (2 * found > len(filled) or (found > 0 and 2 * found == len(filled)) or not filled)
+
+
+def _number(cell: str, decimal: str) -> bool:
+    if decimal == ",":
+        return "." not in cell and bool(_NUMBER.fullmatch(cell.replace(",", ".", 1)))
+    return bool(_NUMBER.fullmatch(cell))
+
+
+def _are_units(cells: list[str]) -> bool:
+    """Whether the cells of a line are units: at least half are known, and none is a number."""
+    known = sum(known_unit(_unit(cell)) is not None for cell in cells)
+    return 2 * known >= len(cells) and not any(_number(cell, ".") for cell in cells)
+
+
+def _unit(cell: str) -> str:
+    return cell.strip().strip("[](){}").strip()
 
 
 def _cells(text: str, separator: str) -> list[str]:
     """Cells of a line; none where one of them is too long for a number or a name."""
+    if separator == " ":
+        text = " ".join(text.split())
     with suppress(csv.Error):
         return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
     return []
+
+
+class _Collapsed(io.RawIOBase):
+    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file, self.rest = file, b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, out: Any) -> int:
+        while not self.rest:
+            block = self.file.read(BLOCK_BYTES)
+            if not block:
+                return 0
+            block += self.file.readline()
+            runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
+            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+        count = min(len(out), len(self.rest))
+        out[:count], self.rest = self.rest[:count], self.rest[count:]
+        return count
 
 
 def _row_bound(path: Path, dialect: _Dialect) -> int:
@@ -181,7 +283,8 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError |
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
     with path.open(encoding="utf-8", errors="replace", newline="") as file:
-        rows = csv.reader(file, delimiter=dialect.separator)
+        blanks = dialect.separator == " "
+        rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)
         while True:
             first = rows.line_num + 1
             try:

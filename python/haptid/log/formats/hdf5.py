@@ -103,6 +103,8 @@ def _flat(dataset: Any) -> str:
 
 def _numbers(dataset: Any) -> bool:
     matlab = dataset.attrs.get("MATLAB_class")
+    if "MATLAB_object_decode" in dataset.attrs:
+        return False  # a reference to an object, see `haptid.log.formats.mat`
     return numeric(dataset.dtype) and (matlab is None or bytes(matlab) not in MATLAB_OTHER)
 
 

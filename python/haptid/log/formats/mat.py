@@ -1,7 +1,12 @@
-"""MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points."""
+"""MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points.
+
+Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. Of other
+objects (timeseries) the arrays in their properties are channels.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import struct
 import warnings
 import zlib
@@ -9,9 +14,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from scipy import io
 
+from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats import hdf5
 from haptid.log.formats.sniff import (
     Budget,
@@ -19,6 +26,7 @@ from haptid.log.formats.sniff import (
     addresses,
     check_members,
     collect,
+    content,
     corrupt,
     not_numeric,
     numeric,
@@ -32,11 +40,20 @@ MI_COMPRESSED = 15
 
 
 def names(path: Path) -> list[str]:
-    """Names of the channels of all arrays of numbers, in structs too."""
+    """Names of the channels of all arrays of numbers, in structs and objects too."""
     if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
-        return hdf5.names(path)
-    leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
-    return [channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)]
+        found = hdf5.names(path)
+    else:
+        leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
+        found = [channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)]
+    if not _has_objects(path):
+        return found
+    try:
+        return [*found, *_objects(path)]
+    except MissingDependencyError:
+        if not found:
+            raise
+        return found
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -44,10 +61,78 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 
     Raises:
         LogFileError: a wanted variable holds texts, cells or complex numbers, or declares far more than is stored.
+        MissingDependencyError: one is not found among the arrays, and the file has objects.
     """
-    if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
-        return hdf5.columns(path, wanted)
-    return collect(wanted, _columns(path, wanted))
+    plain = require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") == "MAT 5"
+    with_objects = _has_objects(path)
+    try:
+        found = collect(wanted, _columns(path, wanted)) if plain else hdf5.columns(path, wanted)
+    except LogFileError:
+        if not with_objects:  # the arrays of an object look like others
+            raise
+        found = {}
+    if with_objects and not found.keys() >= set(wanted):
+        found |= _objects(path)
+    return {name: found[name] for name in wanted if name in found}
+
+
+def _has_objects(path: Path) -> bool:
+    """Whether the file has a subsystem, in which MATLAB stores tables and other objects."""
+    if content(path) == "MAT 5":
+        with path.open("rb") as file:
+            return file.read(HEADER_BYTES)[116:124] not in (b"\0" * 8, b" " * 8)
+    with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
+        return "#subsystem#" in file
+
+
+def _objects(path: Path) -> dict[str, RawChannel]:
+    """Channels of tables, timetables and other objects."""
+    if importlib.util.find_spec("matio") is None:
+        raise MissingDependencyError(
+            f"{path}: it has tables or other objects of MATLAB, which need a package that is not installed.",
+            where="mat-io",
+            advice='Install it with `pip install "haptid[lab]"`, or save plain arrays (table2array).',
+        )
+    found: dict[str, RawChannel] = {}
+    with opened_file(path, _KIND):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # units and formats of tables, options of pandas: not about the samples
+            import matio
+
+            loaded = matio.load_from_mat(str(path))
+        for name, value in loaded.items():
+            if type(value) is np.ndarray and value.dtype.kind != "M":
+                continue  # read as a plain array
+            for leaf, array in _inner(str(name), value, 0):
+                if numeric(array.dtype):
+                    found |= {channel: array[at] for channel, at in addresses(leaf, array.shape).items()}
+    return found
+
+
+def _inner(name: str, value: Any, depth: int) -> Iterator[tuple[str, RawChannel]]:
+    """Arrays in a table or in the properties of an object, with their full names."""
+    if depth > 8:
+        return
+    if hasattr(value, "columns") and hasattr(value, "index"):
+        if value.index.dtype.kind in "mM":
+            yield f"{name}.{value.index.name or 'Time'}", _nanoseconds(value.index.to_numpy())
+        for column in value.columns:
+            array = value[column].to_numpy()
+            if array.dtype == object and array.size and np.ndim(array[0]) == 1:
+                array = np.stack(list(array))
+            yield f"{name}.{column}", _nanoseconds(array) if array.dtype.kind in "mM" else array
+    elif hasattr(value, "properties") and isinstance(value.properties, dict):
+        for key, inner in value.properties.items():
+            yield from _inner(f"{name}.{key}", inner, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.names is not None and value.size == 1:
+        for key in value.dtype.names:
+            yield from _inner(f"{name}.{key}", value.flat[0][key], depth + 1)
+    elif isinstance(value, np.ndarray):
+        yield name, _nanoseconds(value) if value.dtype.kind in "mM" else value
+
+
+def _nanoseconds(times: RawChannel) -> RawChannel:
+    return times.astype("M8[ns]" if times.dtype.kind == "M" else "m8[ns]").astype(np.int64)
 
 
 def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:

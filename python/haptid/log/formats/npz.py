@@ -1,7 +1,12 @@
-"""NumPy archives: an array of numbers for each channel or set of channels; pickles are refused."""
+"""NumPy arrays (.npy) and archives of them (.npz): one for each channel or set of channels; pickles are refused.
+
+An archive of MuJoCo's system identification has the names of its signals in `signal_mapping`; its channels are then
+`data[shoulder_pos]`, with numbers from 1 where a signal has several.
+"""
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -26,6 +31,9 @@ from haptid.log.formats.sniff import (
 )
 
 _KIND = "NPZ"
+ARRAY = "a single NumPy array"
+DATA = "data"
+_MOST_MAPPING = 2**24
 
 
 def names(path: Path) -> list[str]:
@@ -34,10 +42,12 @@ def names(path: Path) -> list[str]:
     Raises:
         LogFileError: all arrays hold Python objects.
     """
-    require(path, _KIND, "a ZIP archive")
+    if require(path, _KIND, "a ZIP archive", ARRAY) == ARRAY:
+        return list(_single(path))
     found: list[str] = []
     pickled: list[str] = []
     with opened_file(path, _KIND), zipfile.ZipFile(path) as archive:
+        signals = _signals(path, archive)
         for name, info in _members(path, archive).items():
             with archive.open(info) as member:
                 shape, dtype, _ = _header(member)
@@ -45,6 +55,7 @@ def names(path: Path) -> list[str]:
                 pickled.append(name)
             elif numeric(dtype):
                 found.extend(addresses(name, shape))
+                found.extend(signals if name == DATA else ())
     if pickled and not found:
         raise _pickled(path, pickled[0])
     return found
@@ -57,9 +68,51 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         LogFileError: a wanted array holds Python objects, texts, booleans or records, or declares far more than is
             stored of it.
     """
-    require(path, _KIND, "a ZIP archive")
+    if require(path, _KIND, "a ZIP archive", ARRAY) == ARRAY:
+        found = _single(path)
+        return collect(wanted, ((name, found[name]) for name in wanted if name in found))
     with opened_file(path, _KIND), zipfile.ZipFile(path) as archive:
-        return collect(wanted, _columns(path, archive, wanted))
+        signals = _signals(path, archive)
+        plain = {name: f"{DATA}[{signals[name] + 1}]" if name in signals else name for name in wanted}
+        read = collect([*dict.fromkeys(plain.values())], _columns(path, archive, [*plain.values()]))
+    return {name: read[inner] for name, inner in plain.items() if inner in read}
+
+
+def _single(path: Path) -> dict[str, RawChannel]:
+    """Channels of a single array: `data[1..n]`, or the fields of its records, mapped into memory."""
+    with opened_file(path, _KIND):
+        with path.open("rb") as file:
+            _, dtype, _ = _header(file)
+        if dtype.hasobject:
+            raise _pickled(path, DATA)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        found: dict[str, RawChannel] = {}
+        for name in dtype.names or (DATA,):
+            inner = array[name] if dtype.names else array
+            if numeric(inner.dtype):
+                found |= {channel: np.asarray(inner[at]) for channel, at in addresses(name, inner.shape).items()}
+    return found
+
+
+def _signals(path: Path, archive: zipfile.ZipFile) -> dict[str, int]:
+    """Columns of `data` by the names in `signal_mapping`, from 0; none where the archive has no such mapping.
+
+    Source: mujoco.sysid, `TimeSeries.save_to_disk`.
+    """
+    info = _members(path, archive).get("signal_mapping")
+    if info is None or info.file_size > _MOST_MAPPING:
+        return {}
+    with archive.open(info) as member:
+        _, dtype, _ = _header(member)
+        if dtype.kind != "U":
+            return {}
+        told = json.loads(member.read().decode("utf-32-le" if dtype.byteorder != ">" else "utf-32-be").rstrip("\0"))
+    found: dict[str, int] = {}
+    for name, signal in told.items() if isinstance(told, dict) else ():
+        indices: list[int] = list(signal[-1])
+        for k, column in enumerate(indices, 1):
+            found[f"{DATA}[{name}]" if len(indices) == 1 else f"{DATA}[{name}.{k}]"] = int(column)
+    return found
 
 
 def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:

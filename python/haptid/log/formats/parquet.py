@@ -1,18 +1,20 @@
-"""Parquet logs: a column of numbers for each channel."""
+"""Parquet logs: columns of numbers and stamps, fields of structs, elements of lists."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import parquet, types
+from pyarrow import compute, parquet, types
 
 from haptid._internal.arrays import Array
 from haptid.log.formats.sniff import (
+    MOST_CHANNELS,
     Budget,
     RawChannel,
     check_members,
@@ -25,6 +27,8 @@ from haptid.log.formats.sniff import (
 
 _KIND = "Parquet"
 BATCH_ROWS = 2**16
+# Rows that tell the length of a list.
+_TOLD = 1000
 # Options of opening: bytes are read as they are needed.
 SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
 # Row groups that are cached: those at both ends of a segment of rows, of positions and of torques.
@@ -32,17 +36,20 @@ GROUPS_HELD = 4
 
 
 def names(path: Path) -> list[str]:
-    """Names of the columns of numbers."""
+    """Names of the columns of numbers, fields of structs with points, elements of lists with numbers from 1."""
     require(path, _KIND, "Parquet")
     with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
-        return [field.name for field in _schema(path, file) if _numeric(field.type)]
+        _schema(path, file)
+        return list(_channels(file))
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,), read one after the other; a null is NaN.
 
+    Stamps are whole nanoseconds. A list that is shorter than the first one is NaN in the elements that it lacks.
+
     Raises:
-        LogFileError: a wanted column holds texts, dates or lists, or declares far more rows than its bytes can hold.
+        LogFileError: a wanted column holds texts, or declares far more rows than its bytes can hold.
     """
     require(path, _KIND, "Parquet")
     with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
@@ -65,28 +72,103 @@ def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawCh
 def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[RawChannel]:
     """Columns of one row group; the file's modification time, ns, is part of the cache key."""
     with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
-        table = file.read_row_group(k, columns=list(wanted), use_threads=False)
-    kinds = (table.schema.field(name).type for name in wanted)
-    columns = [
-        table[name].cast(pa.float64()) if types.is_decimal(kind) else table[name]
-        for name, kind in zip(wanted, kinds, strict=True)
-    ]
-    return [column.to_numpy() for column in columns]
+        channels = _channels(file)
+        places = [channels[name] for name in wanted]
+        table = file.read_row_group(k, columns=list(dict.fromkeys(p.column for p in places)), use_threads=False)
+    found = [_taken(table[place.column].combine_chunks(), place) for place in places]
+    return [column.to_numpy(zero_copy_only=False) for column in found]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A channel: its column, the fields of structs that lead to it, its element in a list, and its type."""
+
+    column: str
+    fields: tuple[str, ...]
+    element: int | None
+    kind: pa.DataType
+
+
+def _channels(file: parquet.ParquetFile) -> dict[str, _Place]:
+    """Every channel; the lengths of lists are those of the first row that has one."""
+    found: dict[str, _Place] = {}
+    for field in file.schema_arrow:
+        for fields, kind in _fields(field.type, ()):
+            name = ".".join((field.name, *fields))
+            if _numeric(kind):
+                found.setdefault(name, _Place(field.name, fields, None, kind))
+            elif _is_list(kind) and _numeric(kind.value_type):
+                for k in range(_length(file, field.name, fields, kind)):
+                    found.setdefault(f"{name}[{k + 1}]", _Place(field.name, fields, k, kind.value_type))
+    return found
+
+
+def _fields(kind: pa.DataType, outer: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], pa.DataType]]:
+    if types.is_struct(kind) and len(outer) < 8:
+        for k in range(kind.num_fields):
+            yield from _fields(kind.field(k).type, (*outer, kind.field(k).name))
+    else:
+        yield outer, kind
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+
+
+def _length(file: parquet.ParquetFile, column: str, fields: tuple[str, ...], kind: pa.DataType) -> int:
+    """Elements of a list column; 0 where they are too many for channels."""
+    if types.is_fixed_size_list(kind):
+        length = int(kind.list_size)
+    else:
+        length = 0
+        for batch in file.iter_batches(batch_size=_TOLD, columns=[column], use_threads=False):
+            lengths = compute.drop_null(compute.list_value_length(_inner(batch.column(0), fields)))
+            length = lengths[0].as_py() if len(lengths) else 0
+            break
+    return length if 0 < length <= MOST_CHANNELS else 0
+
+
+def _inner(values: pa.Array, fields: tuple[str, ...]) -> pa.Array:
+    for field in fields:
+        values = compute.struct_field(values, field)
+    return values
+
+
+def _taken(values: pa.Array, place: _Place) -> pa.Array:
+    """A channel of a column's values."""
+    values = _inner(values, place.fields)
+    if place.element is not None:
+        lengths = compute.list_value_length(values)
+        short = compute.less_equal(lengths, place.element)
+        if compute.any(short).as_py():
+            values = pa.array(
+                [None if s else v for v, s in zip(values.to_pylist(), short.to_pylist(), strict=True)], values.type
+            )
+        values = compute.list_element(values, place.element)
+    if types.is_timestamp(place.kind):
+        return values.cast(pa.timestamp("ns", place.kind.tz)).cast(pa.int64())
+    return values.cast(pa.float64()) if types.is_decimal(place.kind) else values
 
 
 def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     # The size of a single column is not queried: with a damaged footer pyarrow aborts the process there.
     schema, budget, count = _schema(path, file), Budget(path), file.metadata.num_rows
-    there = [name for name in dict.fromkeys(wanted) if name in schema.names]
-    room: Array | None = None
-    for k, name in enumerate(there):
-        if schema.names.count(name) > 1:
-            raise repeated_name(path, name)
-        if not _numeric(schema.field(name).type):
-            raise not_numeric(path, name, str(schema.field(name).type))
+    channels = _channels(file)
+    there = [name for name in dict.fromkeys(wanted) if name in channels]
+    for name in wanted:
+        if name in schema.names and name not in channels:
+            raise not_numeric(path, name, str(schema.field(schema.names.index(name)).type))
+    columns: dict[str, list[str]] = {}
+    for name in there:
+        place = channels[name]
+        if schema.names.count(place.column) > 1:
+            raise repeated_name(path, place.column)
         budget.take(f"column {name!r}", 8 * count)
-        room = np.empty((len(there), count)) if room is None else room
-        yield name, _column(file, name, schema.field(name).type, room[k])
+        columns.setdefault(place.column, []).append(name)
+    room = np.empty((len(there), count)) if there else np.empty((0, 0))
+    for inner in columns.values():
+        rooms = [room[there.index(name)] for name in inner]
+        yield from zip(inner, _read(file, [channels[name] for name in inner], rooms), strict=True)
 
 
 def _schema(path: Path, file: parquet.ParquetFile) -> pa.Schema:
@@ -95,17 +177,19 @@ def _schema(path: Path, file: parquet.ParquetFile) -> pa.Schema:
 
 
 def _numeric(kind: pa.DataType) -> bool:
-    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_timestamp(kind))
 
 
-def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> RawChannel:
-    """One column, batch by batch, (n,), in its row of `room`; integers stay integers unless one of them is null."""
-    column: RawChannel = np.empty(room.size, np.int64) if types.is_integer(kind) else room
+def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array]) -> list[RawChannel]:
+    """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null."""
+    whole = [types.is_integer(place.kind) or types.is_timestamp(place.kind) for place in places]
+    out: list[RawChannel] = [np.empty(r.size, np.int64) if w else r for r, w in zip(rooms, whole, strict=True)]
     row = 0
-    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):
-        values = batch.column(0).cast(pa.float64()) if types.is_decimal(kind) else batch.column(0)
-        if values.null_count and column.dtype != np.float64:
-            column = column.astype(np.float64)
-        column[row : row + len(values)] = values.to_numpy(zero_copy_only=False)
-        row += len(values)
-    return column[:row]
+    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[places[0].column], use_threads=False):
+        for k, place in enumerate(places):
+            values = _taken(batch.column(0), place)
+            if values.null_count and out[k].dtype != np.float64:
+                out[k] = out[k].astype(np.float64)
+            out[k][row : row + len(values)] = values.to_numpy(zero_copy_only=False)
+        row += batch.num_rows
+    return [column[:row] for column in out]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
-from haptid.errors import LogChannelError, LogError, LogFileError
+from haptid.errors import HaptidError, LogChannelError, LogFileError
+from haptid.log import units
 from haptid.log.log import Channels, Signal
 
 RawChannel: TypeAlias = NDArray[Any]
@@ -31,6 +32,10 @@ MAGIC = (
     (b"MATLAB 5.0", "MAT 5"),
     (b"MATLAB 7.3", "MAT 7.3"),
     (b"\x93NUMPY", "a single NumPy array"),
+    (b"TDSm", "TDMS"),
+    (b"\x89MCAP", "MCAP"),
+    (b"#ROSBAG", "a ROS bag"),
+    (b"SQLite format 3", "SQLite"),
     (b"\x1f\x8b", "gzip"),
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
@@ -42,6 +47,7 @@ _NUMBER = r"_?\[?(?P<number>\d+)\]?"
 _TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
 _POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + _NUMBER, re.IGNORECASE)
 _TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + _NUMBER, re.IGNORECASE)
+_ELEMENT = re.compile(r"\[[^\[\] ]*\]$")
 _SINGLE = {"position": ("q", "pos", "position"), "torque": ("tau", "torque", "u")}
 
 
@@ -49,6 +55,8 @@ def content(path: Path) -> str:
     """Kind of content, by the first bytes."""
     with path.open("rb") as file:
         head = file.read(4096)
+    if head[124:128] in (b"\0\2IM", b"\2\0MI"):  # the version in the header; its text may say another
+        return "MAT 7.3"
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
@@ -124,7 +132,7 @@ def opened_file(path: Path, kind: str) -> Iterator[None]:
     """
     try:
         yield
-    except LogError:
+    except HaptidError:
         raise
     except MemoryError as error:
         raise corrupt(path, kind, "it requires more memory than is available") from error
@@ -166,14 +174,23 @@ def repeated_name(path: Path, name: str) -> LogFileError:
 
 
 def channel_list(names: Sequence[str], most: int = 24) -> str:
-    """The first names of a list as text, columns of one matrix as `name[1..n]`, and how many more there are."""
-    counts: dict[str, int] = {}
+    """The first names of a list as text, elements of one array together, and how many more there are.
+
+    Columns of a matrix are `name[1..n]`, named elements `name[a, b]`.
+    """
+    elements: dict[str, list[str]] = {}
     for name in names:
-        array, bracket, _ = name.rpartition("[")
-        counts[array if bracket else name] = counts.get(array, 0) + 1 if bracket else 0
-    groups = [f"{name}[1..{n}]" if n else name for name, n in counts.items()]
+        array = _ELEMENT.sub("", name)
+        elements.setdefault(array, []).extend([name[len(array) + 1 : -1]] if array != name else [])
+    groups = [f"{name}[{_elements(inner)}]" if inner else name for name, inner in elements.items()]
     shown = ", ".join(groups[:most])
     return f"{shown} and {len(groups) - most} more" if len(groups) > most else shown or "none"
+
+
+def _elements(inner: list[str]) -> str:
+    if all(element.isdecimal() for element in inner):
+        return f"1..{len(inner)}"
+    return ", ".join(inner[:12]) + (f" and {len(inner) - 12} more" if len(inner) > 12 else "")
 
 
 def numeric(dtype: np.dtype[Any]) -> bool:
@@ -244,11 +261,15 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
 
 
-def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
+def guess(path: Path, names: Sequence[str], stated: Mapping[str, str]) -> tuple[Channels, str]:
     """Channels by their names, in rad and N m at the joints, and a note of what was chosen.
 
+    Args:
+        path, names: of the file and its channels.
+        stated: units that the file states, by channel.
+
     Raises:
-        LogChannelError: there are none, or the choice is not unique.
+        LogChannelError: there are none, the choice is not unique, or the file states another unit.
     """
     times = [(name, match) for name in names if (match := _TIME.fullmatch(name))]
     if len(times) != 1:
@@ -258,6 +279,17 @@ def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
     position = _numbered(path, names, _POSITION, "position")
     torque = _numbered(path, names, _TORQUE, "torque")
     unit = (match["unit"] or "s").lower()
+    for kind, taken, chosen in (("time", unit, (time,)), ("position", "rad", position), ("torque", "N m", torque)):
+        for name in chosen:
+            told = stated.get(name)
+            if told is not None and units.closest_unit(told, kind) != taken:  # type: ignore[arg-type]
+                raise LogChannelError(
+                    f"{path}: without `channels`, {name!r} is taken in {taken}, and the file states {told}.",
+                    where=name,
+                    found=told,
+                    limit=taken,
+                    advice="Give `[channels]` with their units; `haptid channels` prints the table.",
+                )
     channels = Channels(Signal(position, "rad"), Signal(torque, "N m"), time=time, time_unit=unit)
     sentence = (
         f"channels were not given; taken: time {time} in {unit}, positions {', '.join(position)} in rad, "
@@ -297,5 +329,6 @@ def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError
         where=path,
         found=tuple(names),
         advice="Without `channels`, haptid takes t or time, q1..qn (or pos1, position1) and tau1..taun (or torque1, "
-        f"u1). Name the channels with haptid.Channels. Channels of this file: {channel_list(names)}.",
+        f"u1). Name the channels with haptid.Channels, or in `[channels]` (`haptid channels` prints the table). "
+        f"Channels of this file: {channel_list(names)}.",
     )

@@ -1,0 +1,28 @@
+"""Logs that are folders: the files of a ROS 2 bag, and of a LeRobot data set."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+BAG_SUFFIXES = (".mcap", ".bag", ".db3")
+_INFO = "meta/info.json"
+
+
+def bag_files(folder: Path) -> list[Path]:
+    """The files of a bag's folder; their numbers are counted, not spelled: bag_10 follows bag_9."""
+    files = [file for file in folder.iterdir() if file.suffix.lower() in BAG_SUFFIXES and file.is_file()]
+    return sorted(files, key=lambda file: natural(file.name))
+
+
+def data_set_files(folder: Path) -> list[Path]:
+    """The description and the tables of a data set's folder, description first; none where it is no data set."""
+    if not (folder / _INFO).is_file():
+        return []
+    tables = [file for file in (folder / "data").glob("*/*.parquet") if file.is_file()]
+    return [folder / _INFO, *sorted(tables, key=lambda file: natural(file.relative_to(folder).as_posix()))]
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Key that sorts numbers in names by their value."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

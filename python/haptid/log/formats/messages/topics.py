@@ -1,0 +1,393 @@
+"""Topics of a log as channels: joints by name, stamps in whole nanoseconds, several topics on the rows of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid.errors import LogChannelError, LogTimeError
+from haptid.log.formats.messages.containers import Container, Topic, containers
+from haptid.log.formats.messages.decoding import HEADER, Batch, Decoder, decoder_of
+from haptid.log.formats.sniff import RawChannel, channel_list, corrupt, opened_file
+from haptid.log.request import Request
+
+_KIND = "message"
+RECEIVE = "@receive"
+# Messages of a topic that are decoded together, and their bytes.
+BATCH, BATCH_BYTES = 4096, 2**22
+# Messages of each topic that tell its channels.
+TOLD = 200
+# Names of the stamp of a message, the first that it has.
+_STAMPS = ("header.stamp", "header.timestamp", "stamp", "timestamp", "time")
+# A channel of a topic that shares this share of the rows of its rarest channel is read by rows, not merged by time.
+_SHARED = 0.5
+# Longest gap over which another topic is merged, in its own usual steps.
+_LARGEST_GAP = 4.0
+
+
+@dataclass
+class TopicRows:
+    """Wanted channels of the messages of one topic.
+
+    Attributes:
+        topic: one of its channels in the container.
+        receive: stamps, ns, (n,).
+        values, present: of each channel, (n,).
+        empty: arrays without elements, and in how many messages.
+        stamps: channels that are stamps.
+        other: messages that could not be decoded.
+    """
+
+    topic: Topic
+    receive: NDArray[np.int64]
+    values: dict[str, NDArray[Any]] = field(default_factory=dict)
+    present: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    empty: dict[str, int] = field(default_factory=dict)
+    stamps: set[str] = field(default_factory=set)
+    other: int = 0
+
+    def header(self) -> str | None:
+        """The channel that is the stamp of the messages."""
+        named = [name for name in _STAMPS if name in self.stamps]
+        return next(iter([*named, *sorted(self.stamps)]), None)
+
+
+def names(path: Path) -> list[str]:
+    """Names of the channels, as the first messages of each topic have them."""
+    found: dict[str, None] = {}
+    with opened_file(path, _KIND):
+        opened = containers(path)
+        for topic, batch, _ in batches(opened, None, TOLD):
+            for name in (HEADER, RECEIVE):
+                if name == RECEIVE or batch.stamps:
+                    found[topic.name + name] = None
+            found.update(dict.fromkeys(f"{topic.name}.{name}" for name in batch.values))
+        refuse_unreadable(opened)
+    return list(found)
+
+
+def refuse_unreadable(opened: Iterable[Container]) -> None:
+    """Refuse a log of which nothing can be read."""
+    for container in opened:
+        if container.notes and not container.topics:
+            what = container.notes[0].partition(":")[0]
+            raise corrupt(container.path, "message", f"{what}, and nothing whole comes before")
+
+
+def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
+    """The wanted channels that the log has, each (n,), on the rows of the topic of the first one.
+
+    A row is a message that has all wanted channels of its topic; messages of other joints, and ones in which a value is
+    empty or NaN, are left out. Channels of other topics are merged by time, see `haptid.log.request.Merge`.
+
+    Raises:
+        LogFileError: a topic cannot be decoded.
+        LogChannelError: a channel is empty or NaN in every message; the topics have no common stamps.
+    """
+    with opened_file(path, _KIND):
+        opened = containers(path)
+        every = _topics(opened)
+        asked: dict[str, dict[str, str]] = {}
+        for name in dict.fromkeys(wanted):
+            topic = max((t for t in every if name.startswith((f"{t}.", f"{t}@"))), key=len, default=None)
+            if topic is not None:
+                asked.setdefault(topic, {})[name] = name[len(topic) :].removeprefix(".")
+        leaves = {topic: {*named.values(), HEADER} for topic, named in asked.items()}
+        rows = _collected(batches(opened, leaves), request.notes)
+        refuse_unreadable(opened)
+    for container in opened:
+        request.notes.extend(container.notes)
+    streams = [
+        s for topic, named in asked.items() if topic in rows for s in _streams(path, rows[topic], named, request)
+    ]
+    return _merged(path, streams, wanted, request) if streams else {}
+
+
+def batches(
+    opened: Iterable[Container], leaves: Mapping[str, set[str]] | None, most: int | None = None
+) -> Iterator[tuple[Topic, Batch, NDArray[np.int64]]]:
+    """Decoded messages of the topics, some thousand at a time, with their receive stamps, ns.
+
+    Args:
+        opened: the containers, one after the other.
+        leaves: wanted channels of the wanted topics; all where None.
+        most: messages of each topic; all where None.
+
+    Raises:
+        LogFileError: a wanted topic cannot be decoded; where all are wanted, such a topic is left out and noted.
+    """
+    for container in opened:
+        pending: dict[int, _Pending] = {}
+        for channel, stamps, data in container.messages(None if leaves is None else set(leaves)):
+            if channel not in pending:
+                if channel not in container.topics:
+                    continue
+                topic = container.topics[channel]
+                wanted = None if leaves is None else leaves[topic.name]
+                pending[channel] = _Pending(topic, _decoder(container, channel, leaves is not None), wanted)
+            before = container.counts.get(channel, 0)
+            container.counts[channel] = before + len(data)
+            own = pending[channel]
+            if own.decoder is None or (most is not None and before >= most):
+                continue
+            left = None if most is None else most - before
+            own.messages += data[:left]
+            own.stamps += stamps[:left]
+            own.size += sum(map(len, data))
+            if len(own.messages) >= BATCH or own.size > BATCH_BYTES:
+                yield own.flush()
+        for own in pending.values():
+            if own.messages:
+                yield own.flush()
+
+
+@dataclass
+class _Pending:
+    """Messages of a channel that are to be decoded together."""
+
+    topic: Topic
+    decoder: Decoder | None
+    wanted: set[str] | None
+    messages: list[bytes] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    size: int = 0
+
+    def flush(self) -> tuple[Topic, Batch, NDArray[np.int64]]:
+        assert self.decoder is not None
+        batch = self.decoder.decode(self.messages, self.wanted)
+        stamps = np.array([min(stamp, 2**63 - 1) for stamp in self.stamps], np.int64)
+        self.messages, self.stamps, self.size = [], [], 0
+        return self.topic, batch, stamps
+
+
+def _decoder(container: Container, channel: int, wanted: bool) -> Decoder | None:
+    topic = container.topics[channel]
+    try:
+        return decoder_of(topic)
+    except (ValueError, RecursionError) as error:
+        if not wanted:
+            return None
+        raise LogChannelError(
+            f"{container.path}: topic {topic.name} cannot be decoded: {error}.",
+            where=topic.name,
+            found=topic.kind,
+            advice="Record it as MCAP, where definitions travel along (`ros2 bag convert`), or choose another topic.",
+        ) from error
+
+
+def _topics(opened: Iterable[Container]) -> set[str]:
+    """Names of the topics."""
+    for container in opened:
+        for _ in container.messages(()):
+            pass
+    return {topic.name for container in opened for topic in container.topics.values()}
+
+
+def _collected(found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: list[str]) -> dict[str, TopicRows]:
+    """The messages of each topic, joined and in the order of their receive stamps."""
+    parts: dict[str, list[tuple[Topic, Batch, NDArray[np.int64]]]] = {}
+    for part in found:
+        parts.setdefault(part[0].name, []).append(part)
+    rows: dict[str, TopicRows] = {}
+    for name, batches in parts.items():
+        receive = np.concatenate([stamps for _, _, stamps in batches])
+        made = rows[name] = TopicRows(batches[0][0], receive)
+        for leaf in dict.fromkeys(leaf for _, batch, _ in batches for leaf in batch.values):
+            pieces = [batch.values.pop(leaf, np.zeros(batch.count, np.int64)) for _, batch, _ in batches]
+            made.values[leaf] = np.concatenate(pieces)
+            made.present[leaf] = np.concatenate(
+                [batch.present.pop(leaf, np.zeros(batch.count, bool)) for _, batch, _ in batches]
+            )
+        for _, batch, _ in batches:
+            made.stamps |= batch.stamps
+            made.other += batch.other
+            for array, count in batch.empty.items():
+                made.empty[array] = made.empty.get(array, 0) + count
+        back = int(np.count_nonzero(np.diff(receive) < 0))
+        if back:
+            order = np.argsort(receive, kind="stable")
+            made.receive = receive[order]
+            made.values = {leaf: values[order] for leaf, values in made.values.items()}
+            made.present = {leaf: there[order] for leaf, there in made.present.items()}
+            notes.append(f"{back} messages of {name} are stored before earlier ones: sorted by receive stamps")
+        if made.other:
+            notes.append(f"{made.other} of {receive.size} messages of {name} are not of its type: left out")
+    return rows
+
+
+@dataclass
+class _Stream:
+    """Channels with common rows.
+
+    Attributes:
+        topic: name.
+        receive, header: stamps, ns; header None where the messages have none.
+        values: of each channel, by its full name.
+    """
+
+    topic: str
+    receive: NDArray[np.int64]
+    header: NDArray[np.int64] | None
+    values: dict[str, NDArray[Any]]
+
+
+def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Request) -> list[_Stream]:
+    """The wanted channels of a topic, as one stream where they come in the same messages."""
+    topic, count = rows.topic.name, rows.receive.size
+    there: dict[str, NDArray[np.bool_]] = {}
+    for full, leaf in named.items():
+        if leaf in (RECEIVE, HEADER):
+            continue
+        if leaf not in rows.values:
+            array = leaf.rpartition("[")[0]
+            if rows.empty.get(array):
+                raise _useless(path, full, f"{array} is empty in {rows.empty[array]} of {count} messages of {topic}")
+            continue
+        present = rows.present[leaf]
+        if rows.values[leaf].dtype.kind == "f":
+            nan = np.isnan(rows.values[leaf]) & present
+            if nan.any() and np.array_equal(nan, present):
+                raise _useless(path, full, f"it is NaN in all {int(nan.sum())} messages of {topic} that have it")
+            if nan.any():
+                present = present & ~nan
+        there[full] = present
+    groups = _groups(there)
+    header = rows.header()
+    streams = []
+    for full_names, keep in groups or [([], np.ones(count, bool))]:
+        stamps = rows.receive[keep], None if header is None else rows.values[header][keep]
+        if header is not None and not rows.present[header][keep].all():
+            stamps = stamps[0], None
+        streams.append(
+            _Stream(topic, stamps[0], stamps[1], {full: rows.values[named[full]][keep] for full in full_names})
+        )
+        left = count - int(keep.sum())
+        if left:
+            what = ", ".join(f"{n} without {a}" for a, n in rows.empty.items() if any(a in f for f in full_names))
+            request.notes.append(
+                f"{left} of {count} messages of {topic} have not all of {channel_list(full_names, 8)}"
+                + (f" ({what})" if what else " (other joints, empty or NaN)")
+                + ": left out"
+            )
+    return streams
+
+
+def _groups(there: Mapping[str, NDArray[np.bool_]]) -> list[tuple[list[str], NDArray[np.bool_]]]:
+    """Channels that are read by common rows."""
+    if not there:
+        return []
+    common = np.logical_and.reduce(list(there.values()))
+    if common.sum() >= _SHARED * min(present.sum() for present in there.values()):
+        return [(list(there), common)]
+    groups: list[tuple[list[str], NDArray[np.bool_]]] = []
+    for name, present in there.items():
+        for members, rows in groups:
+            if np.array_equal(rows, present):
+                members.append(name)
+                break
+        else:
+            groups.append(([name], present))
+    return groups
+
+
+def _useless(path: Path, name: str, what: str) -> LogChannelError:
+    return LogChannelError(
+        f"{path}: channel {name!r} holds nothing: {what}.",
+        where=name,
+        found=what,
+        advice="The driver does not publish it. Record the topic that has it (currents, torques of the controller); "
+        "`haptid channels` lists what a log has.",
+    )
+
+
+def _merged(path: Path, streams: list[_Stream], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
+    """All streams on the rows of the first wanted channel's topic."""
+    first = wanted[0]
+    timed = first.endswith((HEADER, RECEIVE))
+    topic = first.rpartition("@")[0] if timed else None
+    base = next((s for s in streams if first in s.values or s.topic == topic), streams[0])
+    if topic is not None:  # a channel of the topic that has the most rows, where they are not common
+        base = max((s for s in streams if s.topic == topic), key=lambda s: s.receive.size, default=base)
+    by_header = first.endswith(HEADER) or (not timed and base.header is not None and _all_headers(streams))
+    if by_header:
+        _check_headers(path, streams, first)
+    stamps = base.header if by_header else base.receive
+    assert stamps is not None
+    out: dict[str, RawChannel] = dict(base.values)
+    keep = np.ones(stamps.size, bool)
+    for stream in streams:
+        if stream is not base and stream.values:
+            own = stream.header if by_header else stream.receive
+            assert own is not None
+            found, usable, sentence = _at(request, stamps, own, stream)
+            out |= found
+            keep &= usable
+            request.notes.append(sentence)
+    if not keep.all():
+        out = {name: values[keep] for name, values in out.items()}
+    if timed:
+        out[first] = stamps[keep]
+    return {name: out[name] for name in wanted if name in out}
+
+
+def _all_headers(streams: list[_Stream]) -> bool:
+    return all(stream.header is not None for stream in streams)
+
+
+def _check_headers(path: Path, streams: list[_Stream], first: str) -> None:
+    for stream in streams:
+        if stream.header is None or (stream.header.size and not stream.header.any()):
+            why = "have no stamp" if stream.header is None else "have the stamp 0"
+            raise LogTimeError(
+                f"{path}: messages of {stream.topic} {why} in their header, and {first!r} is wanted.",
+                where=stream.topic,
+                advice='Give `stamp = "receive"`: the times at which the recorder received the messages.',
+            )
+
+
+def _at(
+    request: Request, stamps: NDArray[np.int64], own: NDArray[np.int64], stream: _Stream
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_], str]:
+    """Channels of another stream at given stamps, where they are known, and a sentence."""
+    method = request.merge.method
+    if own.size and np.any(np.diff(own) < 0):
+        order = np.argsort(own, kind="stable")
+        own = own[order]
+        stream.values = {name: values[order] for name, values in stream.values.items()}
+    steps = np.diff(own)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    limit = _LARGEST_GAP * usual if request.merge.largest_gap is None else 1e9 * request.merge.largest_gap
+    after = np.searchsorted(own, stamps, "left" if method == "linear" else "right")
+    before = np.clip(after - 1, 0, max(own.size - 1, 0))
+    after = np.clip(after, 0, max(own.size - 1, 0))
+    behind, ahead = (stamps - own[before]).astype(np.float64), (own[after] - stamps).astype(np.float64)
+    if method == "hold":
+        found = {name: values[before] for name, values in stream.values.items()}
+        usable, age = (behind >= 0) & (behind <= limit), behind
+    elif method == "nearest":
+        closer = np.where(np.abs(behind) <= np.abs(ahead), before, after)
+        found = {name: values[closer] for name, values in stream.values.items()}
+        age = np.abs((stamps - own[closer]).astype(np.float64))
+        usable = age <= limit
+    else:
+        span = behind + ahead
+        exact = ahead == 0
+        weight = np.where(exact, 1.0, behind / np.where(span > 0, span, 1.0))
+        found = {
+            name: values[before] + weight * (values[after] - values[before]) for name, values in stream.values.items()
+        }
+        usable, age = exact | ((behind >= 0) & (ahead >= 0) & (span <= limit)), np.where(exact, 0.0, behind)
+    lost = int(np.count_nonzero(~usable))
+    typical = float(np.median(age[usable])) if usable.any() else float("nan")
+    sentence = (
+        f"{channel_list(list(stream.values), 8)} merged by time ({method}): {own.size} messages on {stamps.size} rows, "
+        f"usual step {1e-6 * usual:.4g} ms, median age {1e-6 * typical:.3g} ms"
+    )
+    if lost:
+        sentence += f"; {lost} rows without a value within {1e-6 * limit:.4g} ms are left out"
+    return found, usable, sentence

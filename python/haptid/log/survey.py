@@ -1,0 +1,472 @@
+"""What a log contains: topics, rates, joints, empty fields, stamps, and a `[channels]` table to begin with.
+
+Quantities and units are guessed from names, stated units, types and ranges. A guess is printed with its reason, for a
+person to check; nothing is read by it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid.errors import LogFileError
+from haptid.log.formats import lerobot
+from haptid.log.formats.messages.containers import Topic, containers
+from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
+from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
+from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
+from haptid.log.request import Request
+from haptid.log.units import known_unit
+
+Quantity = Literal["time", "position", "velocity", "torque", "other"]
+# Channels of a topic or table that are looked at, and columns of a table that are read together.
+_MOST, _TOGETHER = 400, 16
+# Words of channels' names, after the last point and without digits and units.
+_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
+    ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
+    ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "u", "current", "currents", "moment", "load",
+                          "force", "i", "amps", "iq"})),
+    ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "theta", "joint", "state", "enc",
+                            "encoder", "phi"})),
+)  # fmt: skip
+_CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
+# Less likely to be measured: the wanted value, and not the motion.
+_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
+_TIME = re.compile(r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE)
+_SPLIT = re.compile(r"[^a-z]+")
+_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
+# Positions beyond this, rad, and counts beyond that, are not radians.
+_RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Currents beyond this are in mA.
+_AMPERES = 200.0
+
+
+@dataclass(frozen=True)
+class ChannelSurvey:
+    """One channel.
+
+    Attributes:
+        name: in the file.
+        count: samples that have it.
+        missing: messages without it (empty, of other joints), and samples that are NaN.
+        low, high: range of the others; NaN where there are none.
+        whole: whether all are whole numbers.
+        quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
+    """
+
+    name: str
+    count: int
+    missing: int
+    low: float
+    high: float
+    whole: bool
+    quantity: Quantity = "other"
+    unit: str = ""
+    reason: str = ""
+
+    @property
+    def usable(self) -> bool:
+        """Whether it holds numbers that change."""
+        return self.count > 0 and self.high > self.low
+
+
+@dataclass(frozen=True)
+class TopicSurvey:
+    """One topic of a log of messages, or the table that a file is.
+
+    Attributes:
+        name: of the topic; empty for a table.
+        kind: type of the messages; of a table its format.
+        count: messages or rows.
+        rate_hz: of the messages; 0 where not known.
+        joints: names of the elements, in order of appearance.
+        empty: arrays without elements, and in how many messages.
+        channels: in order of appearance.
+        header: the stamp of the messages; empty where they have none.
+        late_ms: median of receive stamp minus header stamp, ms; NaN where there is no header.
+        why_not: why it is not decoded; empty where it is.
+    """
+
+    name: str
+    kind: str
+    count: int
+    rate_hz: float = 0.0
+    joints: tuple[str, ...] = ()
+    empty: dict[str, int] = field(default_factory=dict)
+    channels: tuple[ChannelSurvey, ...] = ()
+    header: str = ""
+    late_ms: float = math.nan
+    why_not: str = ""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A log's contents.
+
+    Attributes:
+        path: of the file or folder.
+        format: name.
+        notes: dialect, repairs, losses.
+        topics: those of a log of messages, or one for a table.
+        table: `[channels]` in TOML, units and choices marked as guesses; empty where no positions were found.
+    """
+
+    path: Path
+    format: str
+    notes: tuple[str, ...]
+    topics: tuple[TopicSurvey, ...]
+    table: str
+
+    def to_json(self) -> str:
+        """The same as JSON; NaN is null."""
+        told = asdict(replace(self, path=Path(self.path.name)))
+        return json.dumps(_plain(told | {"path": str(self.path)}), indent=2) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def survey(path: str | Path) -> Survey:
+    """Look through a log.
+
+    Raises:
+        LogFileError: it cannot be read.
+    """
+    path = Path(path)
+    kind, notes = format_of(path), list[str]()
+    topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes)]
+    return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind))
+
+
+@dataclass
+class _Range:
+    """Running count and range of a channel."""
+
+    count: int = 0
+    nan: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+    whole: bool = True
+
+    def add(self, values: RawChannel) -> None:
+        if values.dtype.kind == "f":
+            good = values[np.isfinite(values)]
+            self.whole = self.whole and bool(np.array_equal(good, np.rint(good)))
+        else:
+            good = values
+        self.count += good.size
+        self.nan += values.size - good.size
+        if good.size:
+            self.low, self.high = min(self.low, float(good.min())), max(self.high, float(good.max()))
+
+    def channel(self, name: str, rows: int) -> ChannelSurvey:
+        low, high = (self.low, self.high) if self.count else (math.nan, math.nan)
+        return ChannelSurvey(name, self.count, rows - self.count, low, high, self.whole)
+
+
+def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
+    ranges: dict[str, dict[str, _Range]] = {}
+    rows: dict[str, TopicRows] = {}
+    stamps: dict[str, list[NDArray[np.int64]]] = {}
+    late: dict[str, list[NDArray[np.int64]]] = {}
+    with opened_file(path, "message"):
+        opened = containers(path)
+        for topic, batch, receive in batches(opened, None):
+            own = rows.setdefault(topic.name, TopicRows(topic, receive[:0]))
+            own.stamps |= batch.stamps
+            own.other += batch.other
+            for array, count in batch.empty.items():
+                own.empty[array] = own.empty.get(array, 0) + count
+            stamps.setdefault(topic.name, []).append(receive)
+            found = ranges.setdefault(topic.name, {})
+            for name, values in batch.values.items():
+                if name in found or len(found) < _MOST:
+                    found.setdefault(name, _Range()).add(values[batch.present[name]])
+            header = own.header()
+            if header is not None and header in batch.values:
+                there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
+                late.setdefault(topic.name, []).append(receive[there] - batch.values[header][there])
+        refuse_unreadable(opened)
+        counted: dict[str, tuple[Topic, int]] = {}
+        for container in opened:
+            notes.extend(container.notes)
+            for channel, topic in container.topics.items():
+                before = counted.get(topic.name, (topic, 0))[1]
+                counted[topic.name] = topic, before + container.counts.get(channel, 0)
+    return [
+        _topic(topic, count, rows.get(name), ranges.get(name, {}), stamps.get(name, []), late.get(name, []))
+        for name, (topic, count) in sorted(counted.items())
+    ]
+
+
+def _topic(
+    topic: Topic,
+    count: int,
+    rows: TopicRows | None,
+    ranges: dict[str, _Range],
+    stamps: Sequence[NDArray[np.int64]],
+    late: Sequence[NDArray[np.int64]],
+) -> TopicSurvey:
+    if rows is None:
+        why = "no messages" if not count else f"{topic.encoding} {topic.schema} is not decoded"
+        return TopicSurvey(topic.name, topic.kind, count, why_not=why)
+    received = np.sort(np.concatenate(stamps))
+    span = float(received[-1] - received[0]) * 1e-9
+    behind = np.concatenate([np.empty(0, np.int64), *late])
+    header = (rows.header() or "") if behind.size else ""
+    ros = topic.kind.endswith("/JointState")
+    channels = [
+        _guessed(found.channel(name, received.size), name, "rosjoint" if ros else "", "", _words(topic.name))
+        for name, found in ranges.items()
+        if name not in rows.stamps
+    ]
+    joints = dict.fromkeys(m["element"] for name in ranges if (m := _ELEMENT.match(name)))
+    delay = float(np.median(behind)) * 1e-6 if behind.size else math.nan
+    rate = (received.size - 1) / span if span > 0 else 0.0
+    empty = dict(rows.empty)
+    return TopicSurvey(
+        topic.name, topic.kind, received.size, rate, tuple(joints), empty, tuple(channels), header, delay
+    )
+
+
+def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
+    names, stated = kind.names(path), kind.units(path)
+    channels: list[ChannelSurvey] = []
+    count, rate = 0, 0.0
+    for k in range(0, len(names[:_MOST]), _TOGETHER):
+        request = Request()
+        columns = _columns(path, kind, names[k : min(k + _TOGETHER, _MOST)], request)
+        notes.extend(request.notes if k == 0 else (note for note in request.notes if note not in notes))
+        for name, column in columns.items():
+            count = max(count, column.size)
+            found = _Range()
+            found.add(column)
+            channel = found.channel(name, column.size)
+            if _TIME.fullmatch(name.split(" [")[0].split(" (")[0]) or name.endswith("@time"):
+                channel, own = _timed(channel, column, stated.get(name, ""))
+                rate = rate or own
+            else:
+                channel = _guessed(channel, name, "lerobot" if kind is LEROBOT else "", stated.get(name, ""))
+            channels.append(channel)
+    named = (m["element"] for c in channels if (m := _ELEMENT.match(c.name)) and not _UNIT_LIKE.search(c.name))
+    joints = dict.fromkeys(element for element in named if not element.isdecimal())
+    rate = lerobot.describe(path).fps if kind is LEROBOT else rate
+    return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels))
+
+
+def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -> dict[str, RawChannel]:
+    """Columns of numbers; those that are none are noted."""
+    try:
+        return kind.columns(path, names, request)
+    except LogFileError as error:
+        if not isinstance(error.where, tuple) or len(names) == 1:
+            raise
+    found: dict[str, RawChannel] = {}
+    for name in names:
+        try:
+            found |= kind.columns(path, [name])
+        except LogFileError as error:
+            request.notes.append(f"{name} is not a channel: {str(error).partition(': ')[2].partition('. ')[0]}")
+    if not found:
+        raise corrupt(path, kind.name, request.notes[-1])
+    return found
+
+
+def _timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[ChannelSurvey, float]:
+    """A channel that is called a time, with its unit, and the rate; no time where it does not grow."""
+    steps = np.diff(column[: 2**16].astype(np.float64) if column.dtype.kind == "f" else column[: 2**16])
+    step = float(np.median(steps)) if steps.size else 0.0
+    if not (steps.size and np.isfinite(steps).all() and step > 0 and (steps >= 0).mean() > 0.99):
+        return channel, 0.0
+    scales = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    known = known_unit(stated) if stated else None
+    suffix = channel.name.rpartition("_")[2]
+    if known is not None and known[0] == "time":
+        unit, reason = known[1], f"the file states {stated}"
+    elif suffix in scales and "_" in channel.name:
+        unit, reason = suffix, "by its name"
+    elif channel.name.endswith("@time"):
+        unit, reason = "ns", "as stamps of a waveform are read"
+    elif column.dtype.kind in "iu" and channel.low > 1e17:
+        unit, reason = "ns", "whole numbers of that size are nanoseconds since 1970"
+    else:
+        fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2] or ["s"]
+        unit, reason = fits[0], f"its usual step is {step:.4g}"
+    return replace(channel, quantity="time", unit=unit, reason=reason), 1.0 / (step * scales[unit])
+
+
+def _guessed(
+    channel: ChannelSurvey, name: str, source: str, stated: str, topic: frozenset[str] = frozenset()
+) -> ChannelSurvey:
+    """What a channel is, by its name and that of its topic, its stated unit and its range."""
+    base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
+    words = _words(base) or _words(name)
+    quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
+    if quantity == "other" and topic and base == "data":
+        words, quantity = topic, next((q for q, known in _WORDS if topic & known), "other")
+    elif quantity == "other" and (m := _ELEMENT.match(name)):
+        words = _words(m["element"])
+        quantity = next((q for q, known in _WORDS if words & known), "other")
+    elif source == "lerobot" and (m := _ELEMENT.match(name)):  # joint.pos, joint.torque in one list
+        inner = _words(m["element"].rpartition(".")[2])
+        quantity = next((q for q, known in _WORDS if inner & known), quantity)
+    known = known_unit(stated) if stated else None
+    if known is not None and known[0] != "time":
+        if quantity == "other" and known[0] in ("position", "torque"):
+            quantity = known[0]
+        return replace(channel, quantity=quantity, unit=known[1], reason=f"the file states {stated}")
+    suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
+    if suffix is not None and suffix[0] == quantity and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
+        return replace(channel, quantity=quantity, unit=suffix[1], reason="by its name")
+    largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
+    unit, reason = _unit(quantity, words | topic, largest, channel, source)
+    return replace(channel, quantity=quantity, unit=unit, reason=reason)
+
+
+def _unit(
+    quantity: Quantity, words: frozenset[str], largest: float, channel: ChannelSurvey, source: str
+) -> tuple[str, str]:
+    if quantity == "position":
+        if channel.whole and largest > _COUNTS:
+            return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
+        if largest > _RADIANS:
+            more = (
+                "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
+            )
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}"
+        more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
+        return "rad", f"{more}, and its range of {largest:.3g} fits"
+    if quantity == "torque":
+        if words & _CURRENT:
+            return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}"
+        more = (
+            "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else "no unit is stated"
+        )
+        return "N m", f"{more}; up to {largest:.4g}"
+    return "", ""
+
+
+def _words(name: str) -> frozenset[str]:
+    return frozenset(_SPLIT.split(name.lower())) - {""}
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Channels of one quantity that belong together, in order."""
+
+    topic: TopicSurvey
+    array: str
+    channels: tuple[ChannelSurvey, ...]
+
+    @property
+    def rank(self) -> tuple[bool, bool, int, int]:
+        """Usable ones first, then measured ones, then many, then long ones."""
+        words = _words(f"{self.topic.name} {self.array}")
+        usable = sum(channel.usable for channel in self.channels)
+        return usable > 0, not words & _WANTED, usable, min(channel.count for channel in self.channels)
+
+    @property
+    def prefix(self) -> str:
+        """Name before the last point."""
+        return self.array.rpartition(".")[0]
+
+    def ordered(self, other: _Family) -> _Family:
+        """The channels in the order of another family that has the same elements."""
+        own = {m["element"]: c for c in self.channels if (m := _ELEMENT.match(c.name))}
+        wanted = [m["element"] for c in other.channels if (m := _ELEMENT.match(c.name))]
+        if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels):
+            return replace(self, channels=tuple(own[element] for element in wanted))
+        return self
+
+
+def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
+    """Order of pairs: both usable, equally many, of one group or topic, then their own ranks."""
+    same = position.topic is torque.topic and position.prefix == torque.prefix
+    equal = len(position.channels) == len(torque.channels)
+    return position.rank[0], torque.rank[0], equal, position.rank[1], torque.rank[1], same, position.rank, torque.rank
+
+
+def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family]:
+    found: list[_Family] = []
+    for topic in topics:
+        arrays: dict[str, list[ChannelSurvey]] = {}
+        for channel in topic.channels:
+            if channel.quantity == quantity:
+                element = _ELEMENT.match(channel.name)
+                array = element["array"] if element and not _UNIT_LIKE.search(channel.name) else ""
+                arrays.setdefault(array or re.sub(r"\d+", "#", channel.name), []).append(channel)
+        found.extend(_Family(topic, array, tuple(channels)) for array, channels in arrays.items())
+    return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+_UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
+
+
+def _toml(topics: Sequence[TopicSurvey], kind: Format) -> str:
+    """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
+    positions, torques = _families(topics, "position"), _families(topics, "torque")
+    if not positions:
+        return ""
+    pairs = [(p, t.ordered(p)) for p in positions for t in torques]
+    position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
+    lines = ["[channels]  # units and choices are guesses: check each of them"]
+    lines.append(_time_line(position, torque, kind))
+    lines.append(_signal_line("position", position))
+    if torque is None:
+        lines.append("# torque = ...  # no channel of torques, currents or commands was found")
+    else:
+        lines.append(_signal_line("torque", torque))
+        if torque.topic is not position.topic:
+            lines.append('merge = { onto = "position", method = "linear" }  # two topics, merged by time')
+    return "\n".join(lines) + "\n"
+
+
+def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
+    if kind is MESSAGES:
+        headers = all(f.topic.header for f in (position, torque) if f is not None)
+        stamp = "header" if headers else "receive"
+        why = "" if headers else "  # not every topic has stamps in its messages"
+        return f"time = {{ topic = {_text(position.topic.name)}, stamp = {_text(stamp)} }}{why}"
+    if kind is LEROBOT:
+        return f"time = {_text(lerobot.TIME)}  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes"
+    times = [channel for channel in position.topic.channels if channel.quantity == "time"]
+    if not times:
+        return "rate_hz = 1000.0  # no channel of times was found: write the rate at which the log was sampled"
+    time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
+    return f"time = {_text(time.name)}\ntime_unit = {_text(time.unit)}  # guess: {time.reason}"
+
+
+def _signal_line(key: str, family: _Family) -> str:
+    units = dict.fromkeys(channel.unit for channel in family.channels)
+    reasons = dict.fromkeys(channel.reason for channel in family.channels)
+    elements = [m["element"] for channel in family.channels if (m := _ELEMENT.match(channel.name))]
+    if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
+        topic = f"topic = {_text(family.topic.name)}, " if family.topic.name else ""
+        joints = ", ".join(e if e.isdecimal() else _text(e) for e in elements)
+        where = f"{topic}field = {_text(family.array)}, joints = [{joints}]"
+    else:
+        prefix = f"{family.topic.name}." if family.topic.name else ""
+        where = "channels = [" + ", ".join(_text(prefix + channel.name) for channel in family.channels) + "]"
+    reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 else "")
+    still = [channel.name for channel in family.channels if not channel.usable]
+    if still:
+        reason += f"; without a change: {', '.join(still[:6])}"
+    return f"{key} = {{ {where}, unit = {_text(next(iter(units)))} }}  # guess: {reason}"
+
+
+def _text(text: str) -> str:
+    """A TOML string."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

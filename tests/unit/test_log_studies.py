@@ -1,0 +1,196 @@
+"""One recording in several formats, from the log to the result: the estimate is the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import recorders
+import small_study
+from haptid import errors
+from haptid.cli import app
+from haptid.log.survey import survey
+from haptid.study import read_study
+from haptid.study.identify import identify
+
+JOINTS = ("arm/upper", "arm/lower")
+KIND = "sensor_msgs/msg/JointState"
+CHANNELS = {
+    "mcap": """
+time = { topic = "/joint_states", stamp = "header" }
+position = { topic = "/joint_states", field = "position", joints = ["arm/upper", "arm/lower"], unit = "rad" }
+torque = { topic = "/joint_states", field = "effort", joints = ["arm/upper", "arm/lower"], unit = "N m" }
+""",
+    "merged": """
+time = { stamp = "receive" }
+merge = { onto = "position", method = "nearest", largest_gap = 0.001 }
+position = { topic = "/joint_states", field = "position", joints = ["arm/upper", "arm/lower"], unit = "rad" }
+torque = { topic = "/commands", field = "data", joints = [2, 1], unit = "N m" }
+""",
+    "lerobot": """
+time = "time"
+position = { field = "observation.state", joints = ["arm/upper.pos", "arm/lower.pos"], unit = "rad" }
+torque = { field = "observation.state", joints = ["arm/upper.torque", "arm/lower.torque"], unit = "N m" }
+""",
+}
+
+
+def recorded(folder: Path, kind: str) -> Path:
+    """The small study with its logs in another format."""
+    small_study.write_study(folder)
+    text, names = small_study.STUDY, []
+    for seed, name in ((1, "log"), (2, "check")):
+        log = small_study.columns(seed)
+        q, tau = (np.column_stack([log[f"{what}{k}"] for k in (1, 2)]) for what in ("q", "tau"))
+        names.append(name)
+        if kind == "lerobot":
+            state = {"observation.state": np.hstack([q, tau])}
+            elements = [f"{joint}.{what}" for what in ("pos", "torque") for joint in JOINTS]
+            recorders.lerobot(folder / name, [state], {"observation.state": elements}, 500.0)
+        else:
+            recorders.ros2(folder / f"{name}.bag", messages(q, tau, kind == "merged"))
+        text = text.replace(f'"{name}.csv"', f'"{name}"' if kind == "lerobot" else f'"{name}.bag"')
+    head, _, rest = text.partition("[channels]")
+    study = folder / "study.toml"
+    study.write_text(f"{head}[channels]{CHANNELS[kind]}{rest[rest.index('[[logs]]') :]}")
+    return study
+
+
+def messages(q: np.ndarray, tau: np.ndarray, apart: bool) -> list[recorders.Said]:
+    """Joint states in changing order; torques in the same messages, or in an array of another topic, lower first."""
+    rng, sent, types = np.random.default_rng(3), [], recorders.STORE.types
+    for k in range(len(q)):
+        stamp, order = recorders.START + 2_000_000 * k, rng.permutation(2)
+        names = [JOINTS[i] for i in order]
+        state = recorders.joint_state(stamp, names, q[k, order], () if apart else tau[k, order])
+        sent.append(("/joint_states", stamp, KIND, state))
+        if apart:
+            layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+            command = types["std_msgs/msg/Float64MultiArray"](layout=layout, data=np.ascontiguousarray(tau[k, ::-1]))
+            sent.append(("/commands", stamp + 300_000, "std_msgs/msg/Float64MultiArray", command))
+    return sent
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    study = small_study.write_study(tmp_path_factory.mktemp("csv"))
+    return np.asarray(identify(read_study(study)).estimate.beta)
+
+
+@pytest.mark.parametrize("kind", CHANNELS)
+def test_the_estimate_does_not_depend_on_the_format(tmp_path: Path, kind: str, expected: np.ndarray) -> None:
+    found = np.asarray(identify(read_study(recorded(tmp_path, kind))).estimate.beta)
+    # Stamps in ns, and times of frames, differ from those of the text by rounding only.
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_printed_table_is_a_study(tmp_path: Path, expected: np.ndarray) -> None:
+    """What `haptid channels` prints of a log in rad and N m can be pasted, and gives the same estimate."""
+    study = recorded(tmp_path, "mcap")
+    result = CliRunner().invoke(app, ["channels", str(tmp_path / "log.bag"), "--toml"])
+    assert result.exit_code == 0
+    ordered = result.stdout.replace('["arm/lower", "arm/upper"]', '["arm/upper", "arm/lower"]')
+    head, _, rest = study.read_text().partition("[channels]")
+    study.write_text(head + ordered + rest[rest.index("[[logs]]") :])
+    found = np.asarray(identify(read_study(study)).estimate.beta)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_episodes_of_one_data_set_have_their_own_roles(tmp_path: Path) -> None:
+    study = recorded(tmp_path, "lerobot")
+    text = study.read_text()
+    head, _, rest = text.partition("[[logs]]")
+    entries = '[[logs]]\npath = "log"\nepisodes = [0]\n[[logs]]\npath = "log"\nrole = "validate"\nepisodes = [{k}]\n'
+    tail = rest[rest.index("[treatment]") :]
+    study.write_text(head + entries.replace("{k}", "1") + tail)
+    assert [entry.episodes for entry in read_study(study).logs] == [(0,), (1,)]
+    study.write_text(head + entries.replace("{k}", "0") + tail)
+    with pytest.raises(errors.StudyFileError, match="named twice"):
+        read_study(study)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('topic = "/joint_states", stamp', "stamp", None),
+        (
+            'time = { topic = "/joint_states", stamp = "header" }',
+            'time = { stamp = "header" }\ntime_unit = "s"',
+            "time_unit",
+        ),
+        ('field = "position", ', "", "channels.position"),
+        ('field = "position", ', 'field = "position", channels = ["q"], ', "channels.position"),
+        ('stamp = "header"', 'stamp = "sender"', "stamp"),
+    ],
+)
+def test_keys_of_channels(tmp_path: Path, old: str, new: str, key: str | None) -> None:
+    study = tmp_path / "study.toml"
+    text = f'schema = 1\nname = "x"\ndevice = "d.toml"\n[channels]{CHANNELS["mcap"]}[[logs]]\npath = "log.mcap"\n'
+    assert old in text
+    study.write_text(text.replace(old, new))
+    if key is None:
+        assert read_study(study).logs[0].channels.time == "/joint_states@header"
+        return
+    with pytest.raises(errors.StudyFileError) as raised:
+        read_study(study)
+    assert key in str(raised.value)
+
+
+def test_survey_of_messages(tmp_path: Path) -> None:
+    """Rates, joints, empty fields and offsets of stamps as they were written; currents are not called torques."""
+    stamps, q, tau = recorders.arm(600, 200.0, 2)
+    sent = []
+    for k, stamp in enumerate(stamps):
+        at = recorders.START + int(stamp)
+        state = recorders.joint_state(at, JOINTS, np.rad2deg(q[k]) * 5, np.full(2, np.nan) if k % 2 else ())
+        sent.append(("/arm/joint_states", at + 1_500_000, KIND, state))
+        sent.append(("/motor_currents", at + 2_000_000, KIND, recorders.joint_state(0, JOINTS[::-1], [], 900 * tau[k])))
+    found = survey(recorders.ros2(tmp_path / "run", sent))
+    arm, currents = found.topics
+    assert (arm.name, arm.count, arm.joints) == ("/arm/joint_states", 600, JOINTS)
+    assert arm.rate_hz == pytest.approx(200)
+    assert arm.late_ms == pytest.approx(1.5)
+    assert arm.empty == {"velocity": 600, "effort": 300}
+    assert currents.header == ""
+    assert {channel.unit for channel in currents.channels} == {"mA"}
+    effort = next(channel for channel in arm.channels if channel.name == "effort[arm/upper]")
+    assert (effort.count, effort.missing) == (0, 600)
+    assert 'stamp = "receive"' in found.table
+    assert 'field = "position", joints = ["arm/upper", "arm/lower"], unit = "deg"' in found.table
+    assert (
+        'topic = "/motor_currents", field = "effort", joints = ["arm/upper", "arm/lower"], unit = "mA"' in found.table
+    )
+    assert json.loads(found.to_json())["topics"][1]["late_ms"] is None
+
+
+@pytest.mark.parametrize(
+    ("header", "scale", "unit", "why"),
+    [
+        ("time_ms,q0,q1,i0,i1", 1e3, "ms", "by its name"),
+        ("stamp,q0,q1,i0,i1", 1e6, "us", "usual step"),
+        ("Time [s],q0 [deg],q1 [deg],i0 [mA],i1 [mA]", 1.0, "s", "the file states s"),
+    ],
+)
+def test_survey_of_a_table(tmp_path: Path, header: str, scale: float, unit: str, why: str) -> None:
+    stamps, q, tau = recorders.arm(300, 1000.0, 2)
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([stamps * 1e-9 * scale, q, tau]), delimiter=",", header=header, comments="")
+    found = survey(path)
+    time = found.topics[0].channels[0]
+    assert (time.quantity, time.unit) == ("time", unit)
+    assert why in time.reason
+    assert found.topics[0].rate_hz == pytest.approx(1000)
+    units = [channel.unit for channel in found.topics[0].channels[1:]]
+    assert units == (["deg", "deg", "mA", "mA"] if "deg" in header else ["rad", "rad", "A", "A"])
+    assert f"unit = {json.dumps(units[0])}" in found.table
+
+
+def test_channels_of_what_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
+    for path in (tmp_path / "log.mcap", tmp_path):
+        result = CliRunner().invoke(app, ["channels", str(path)])
+        assert result.exit_code == 2

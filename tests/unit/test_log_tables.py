@@ -1,0 +1,248 @@
+"""Dialects of text, list columns, timetables, TDMS, data sets, arrays: what labs bring besides plain tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import nptdms
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+import recorders
+from haptid import errors
+from haptid.log import Channels, Signal, read_log
+from haptid.log.read import format_of
+from haptid.log.request import Request
+
+N = 120
+T = np.arange(N) * 0.01
+DATA = np.column_stack([T, np.sin(2 * T), np.cos(3 * T)])
+
+
+def read(path: Path, wanted: list[str], **more: Any) -> tuple[dict[str, np.ndarray], list[str]]:
+    request = Request(**more)
+    return format_of(path).columns(path, wanted, request), request.notes
+
+
+def rows(separator: str, decimal: str = ".", end: str = "\n") -> str:
+    return end.join(separator.join(f"{v:.6f}".replace(".", decimal) for v in row) for row in DATA) + end
+
+
+DIALECTS = {
+    "blanks": ("t q1 tau1\n", rows(" "), "blanks"),
+    "runs of blanks": ("   t    q1  tau1\n", "  " + rows("   "), "blanks"),
+    "blanks, decimal comma": ("t q1 tau1\n", rows(" ", ","), "decimal commas"),
+    "semicolons, decimal comma": ("t;q1;tau1\n", rows(";", ","), "semicolons"),
+    "tabs, decimal comma": ("t\tq1\ttau1\n", rows("\t", ","), "tabs"),
+    "commas and blanks": ("t, q1, tau1\n", rows(", "), ""),
+    "Windows, byte order mark": ("\ufefft q1 tau1\r\n", rows(" ", end="\r\n"), "blanks"),
+    "units below": ("t,q1,tau1\ns,deg,mN m\n", rows(","), "units"),
+    "units below, in brackets": ("t;q1;tau1\n[s];[deg];[Nm]\n", rows(";"), "units"),
+    "lines before": ("Robot: R2 D2\nDate;2026-11-22\n\nt,q1,tau1\n", rows(","), "2 lines before"),
+    "comments": ("# made by hand\n% 1, 2\nt,q1,tau1\n", rows(","), ""),
+    "header in a comment": ("# t,q1,tau1\n", rows(","), ""),
+}
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_dialects_are_sniffed_and_said(tmp_path: Path, name: str) -> None:
+    head, body, said = DIALECTS[name]
+    path = tmp_path / "log.csv"
+    path.write_bytes((head + body).encode())
+    found, notes = read(path, ["t", "q1", "tau1"])
+    np.testing.assert_allclose(np.column_stack([*found.values()]), DATA, rtol=0, atol=6e-7)
+    assert list(found) == ["t", "q1", "tau1"]
+    assert said in "; ".join(notes)
+    assert bool(notes) == bool(said)
+
+
+def test_columns_without_a_header_or_counted_from_0(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(rows(" "))
+    found, notes = read(path, ["column[1]", "column[3]"])
+    np.testing.assert_allclose(found["column[3]"], DATA[:, 2], atol=6e-7)
+    assert "no header" in notes[0]
+    path.write_text("0,1,2\n" + rows(","))
+    found, notes = read(path, ["0", "2"])
+    np.testing.assert_allclose(found["2"], DATA[:, 2], atol=6e-7)
+    assert "from 0" in notes[0]
+
+
+def test_a_header_with_units_is_not_taken_in_others(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1,tau1\ns,deg,N m\n" + rows(","))
+    with pytest.raises(errors.LogChannelError, match="the file states deg") as raised:
+        read_log(path)
+    assert raised.value.where == "q1"
+    path.write_text("t [s],q1 [deg],tau1 [N m]\n" + rows(","))
+    assert format_of(path).units(path) == {"t [s]": "s", "q1 [deg]": "deg", "tau1 [N m]": "N m"}
+    log = read_log(path, Channels(Signal("q1 [deg]", "deg"), Signal("tau1 [N m]", "N m"), time="t [s]"))
+    np.testing.assert_allclose(log.position[:, 0], np.deg2rad(DATA[:, 1]), atol=2e-8)
+
+
+def test_ur_rtde(tmp_path: Path) -> None:
+    """The recorder of UR RTDE writes blanks, joints counted from 0, and seconds since the robot was started."""
+    names = ["timestamp", *(f"{a}_{k}" for a in ("actual_q", "actual_current") for k in range(2)), "robot_mode"]
+    path = tmp_path / "robot_data.csv"
+    lines = [" ".join(names)]
+    for k in range(N):
+        lines.append(f"{4711.002 + 0.002 * k:.3f} {np.sin(k / 9)} {np.cos(k / 7)} {np.cos(k / 9)} {np.sin(k / 8)} 7")
+    path.write_text("\n".join(lines) + "\n")
+    q, i = (tuple(f"{a}_{k}" for k in range(2)) for a in ("actual_q", "actual_current"))
+    log = read_log(path, Channels(Signal(q, "rad"), Signal(i, "A"), time="timestamp"))
+    np.testing.assert_allclose(log.position[:, 1], np.cos(np.arange(N) / 7))
+    assert log.rate_hz == pytest.approx(500)
+
+
+def test_parquet_lists_structs_and_stamps(tmp_path: Path) -> None:
+    flat = pa.array(DATA[:, 1:].ravel())
+    table = pa.table(
+        {
+            "fixed": pa.FixedSizeListArray.from_arrays(flat, 2),
+            "free": pa.array(DATA[:, 1:].tolist()),
+            "ragged": pa.array([row[: 1 + (k != 7)] for k, row in enumerate(DATA[:, 1:].tolist())]),
+            "arm": pa.StructArray.from_arrays([pa.array(DATA[:, 1]), pa.array(DATA[:, 1:].tolist())], ["q", "all"]),
+            "when": pa.array((1_700_000_000_000_000 + np.arange(N)), pa.timestamp("us", "UTC")),
+        }
+    )
+    path = tmp_path / "log.parquet"
+    parquet.write_table(table, path)
+    wanted = ["fixed[2]", "free[1]", "ragged[2]", "arm.q", "arm.all[2]", "when"]
+    assert set(wanted) <= set(format_of(path).names(path))
+    found, _ = read(path, wanted)
+    for name, column in (("fixed[2]", 2), ("free[1]", 1), ("arm.q", 1), ("arm.all[2]", 2)):
+        np.testing.assert_array_equal(found[name], DATA[:, column])
+    assert np.flatnonzero(np.isnan(found["ragged[2]"])).tolist() == [7]
+    np.testing.assert_array_equal(found["when"], 1000 * (1_700_000_000_000_000 + np.arange(N)))
+    some = format_of(path).rows(path, wanted, 10, 20)
+    np.testing.assert_array_equal(some[0], DATA[10:20, 2])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_lerobot_data_sets(tmp_path: Path, version: int) -> None:
+    """Episodes are segments; elements have the names of the description; the stored times begin again each time."""
+    names = ["shoulder.pos", "elbow.pos"]
+    rng = np.random.default_rng(version)
+    episodes = [{"observation.state": np.cumsum(rng.normal(size=(n, 2)), 0).astype(np.float32)} for n in (80, 90, 70)]
+    for episode in episodes:
+        episode["action"] = episode["observation.state"][:, ::-1] ** 2
+    features = {"observation.state": names, "action": names}
+    folder = recorders.lerobot(tmp_path / "set", episodes, features, 50.0, version)
+    mapping = Channels(
+        Signal(tuple(f"observation.state[{n}]" for n in names), "deg"),
+        Signal(("action[elbow.pos]", "action[2]")[:1], "A"),
+        time="time",
+    )
+    log = read_log(folder, mapping, episodes=[0, 2])
+    assert log.segments == ((0, 80), (80, 150))
+    assert log.rate_hz == pytest.approx(50)
+    want = np.concatenate([episodes[0]["observation.state"], episodes[2]["observation.state"]])
+    np.testing.assert_allclose(log.position, np.deg2rad(want.astype(float)))
+    np.testing.assert_array_equal(log.torque[:80, 0], episodes[0]["action"][:, 1])
+    whole = read_log(folder, mapping)
+    assert len(whole.segments) == 3
+    assert whole.sha256 == log.sha256
+    with pytest.raises(errors.LogFileError, match="no episode 7"):
+        read_log(folder, mapping, episodes=[7])
+
+
+def test_tdms(tmp_path: Path) -> None:
+    path = tmp_path / "run.tdms"
+    about = {"wf_increment": 0.001, "wf_start_time": np.datetime64("2026-01-01T00:00:00.25"), "unit_string": "deg"}
+    with nptdms.TdmsWriter(path) as writer:
+        for part in np.array_split(DATA, 4):
+            writer.write_segment([nptdms.ChannelObject("arm", f"c{k}", part[:, k], properties=about) for k in range(3)])
+    found, notes = read(path, ["arm.c1", "arm.c2", "arm.c1@time"])
+    np.testing.assert_array_equal(found["arm.c2"], DATA[:, 2])
+    start = np.datetime64("2026-01-01T00:00:00.25", "ns").astype(np.int64)
+    np.testing.assert_array_equal(found["arm.c1@time"] - start, np.arange(N) * 1_000_000)
+    assert notes == []
+    assert format_of(path).units(path)["arm.c1"] == "deg"
+    raw = path.read_bytes()
+    path.write_bytes(raw[:-300])
+    found, notes = read(path, ["arm.c1", "arm.c2"])
+    count = found["arm.c1"].size
+    assert 0.5 * N < count < N
+    np.testing.assert_array_equal(found["arm.c1"], DATA[:count, 1])
+    assert "not closed" in notes[0]
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")
+def test_tables_and_timetables_of_matlab(tmp_path: Path, version: str) -> None:
+    import matio
+    import pandas as pd
+
+    stamps = pd.TimedeltaIndex((np.arange(N) * 500).astype("m8[us]"), name="Time")
+    timed = pd.DataFrame({"q1": DATA[:, 1], "tau1": DATA[:, 2]}, index=stamps)
+    plain = pd.DataFrame({"t": DATA[:, 0], "q1": DATA[:, 1]})
+    path = tmp_path / "run.mat"
+    matio.save_to_mat(str(path), {"run": timed, "other": plain, "array": DATA}, version=version)
+    found, _ = read(path, ["run.Time", "run.q1", "run.tau1", "other.t", "array[2]"])
+    np.testing.assert_array_equal(found["run.Time"], np.arange(N) * 500_000)
+    np.testing.assert_array_equal(found["run.tau1"], DATA[:, 2])
+    np.testing.assert_array_equal(found["other.t"], DATA[:, 0])
+    np.testing.assert_array_equal(np.ravel(found["array[2]"]), DATA[:, 1])
+    log = read_log(path, Channels(Signal("run.q1", "rad"), Signal("run.tau1", "N m"), time="run.Time", time_unit="ns"))
+    assert log.rate_hz == pytest.approx(2000)
+
+
+def test_single_arrays_and_the_mapping_of_mujoco(tmp_path: Path) -> None:
+    from mujoco.sysid._src import timeseries
+
+    np.save(tmp_path / "log.npy", DATA)
+    found, _ = read(tmp_path / "log.npy", ["data[1]", "data[3]"])
+    np.testing.assert_array_equal(found["data[3]"], DATA[:, 2])
+    records = np.rec.fromarrays(DATA.T, names="t,q,tau")
+    np.save(tmp_path / "records.npy", records)
+    found, _ = read(tmp_path / "records.npy", ["t", "tau"])
+    np.testing.assert_array_equal(found["tau"], DATA[:, 2])
+    sensor = timeseries.SignalType.MjSensor
+    series = timeseries.TimeSeries(T, DATA, {"pos": (sensor, np.array([1])), "both": (sensor, np.array([2, 0]))})
+    series.save_to_disk(tmp_path / "series.npz")
+    found, _ = read(tmp_path / "series.npz", ["times", "data[pos]", "data[both.1]"])
+    np.testing.assert_array_equal(found["data[pos]"], DATA[:, 1])
+    np.testing.assert_array_equal(found["data[both.1]"], DATA[:, 2])
+
+
+def made(folder: Path, kind: str) -> tuple[Path, list[str]]:
+    """A small file of each kind, and channels of it."""
+    folder.mkdir()
+    path = folder / f"log.{kind}"
+    if kind == "tdms":
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment(
+                [nptdms.ChannelObject("g", "a", DATA[:, 1]), nptdms.ChannelObject("g", "b", DATA[:, 2])]
+            )
+        return path, ["g.a", "g.b"]
+    if kind == "npy":
+        np.save(path, DATA)
+        return path, ["data[1]"]
+    if kind == "csv":
+        path.write_text("t q1;tau1\n" + rows(" "))
+        return path, ["column[1]", "t"]
+    if kind == "parquet":
+        parquet.write_table(pa.table({"a": pa.array(DATA.tolist()), "b": T}), path)
+        return path, ["a[1]", "b"]
+    path = recorders.lerobot(folder / "set", [{"q": DATA}], {"q": ["a", "b", "c"]}, 50.0)
+    return path, ["time", "q[a]"]
+
+
+@pytest.mark.parametrize("kind", ["tdms", "npy", "csv", "parquet", "lerobot"])
+def test_mutated_tables_are_read_or_refused(tmp_path: Path, kind: str) -> None:
+    path, wanted = made(tmp_path / "files", kind)
+    target = path / "meta" / "info.json" if kind == "lerobot" else path
+    raw, rng = target.read_bytes(), np.random.default_rng(6)
+    for _ in range(100):
+        changed = bytearray(raw)
+        for at in rng.integers(0, len(raw), rng.integers(1, 6)):
+            changed[at] = rng.integers(256)
+        target.write_bytes(changed[: rng.integers(1, len(raw)) if rng.random() < 0.3 else len(raw)])
+        try:
+            format_of(path).names(path)
+            format_of(path).columns(path, wanted, Request())
+        except errors.LogError:
+            continue
