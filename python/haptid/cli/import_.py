@@ -103,5 +103,7 @@ def _number(option: str, name: str, text: str) -> float:
     except ValueError:
         value = float("nan")
     if not abs(value) < float("inf"):
-        raise OptionError(f"{option} {name}={text} is not a number.", where=option, found=text, advice="Write a number.")
+        raise OptionError(
+            f"{option} {name}={text} is not a number.", where=option, found=text, advice="Write a number."
+        )
     return value

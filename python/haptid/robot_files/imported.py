@@ -136,13 +136,17 @@ def import_robot(
     except DeviceError as error:
         error.add_note(f"{path} was read; the device that it describes cannot be built.")
         raise
-    if ask:
-        done = replace(done, others=ask_others(Path(path), of, states))
     snapped = None
     if snap > 0:
         exact = reduced(read_robot(path, **given), root, tip, hold)
         torques = [tree_torque(x, states.q, states.qd, states.qdd) for x in (of, exact)]
         snapped = float(np.abs(torques[0] - torques[1]).max() / (np.abs(torques[1]).max() or 1.0))
+    if ask and snap > 0:  # other programs do not snap
+        unsnapped = device_text(exact)
+        _, states = check(exact, device_from(unsnapped.text), unsnapped.names)
+        done = replace(done, others=ask_others(Path(path), exact, states))
+    elif ask:
+        done = replace(done, others=ask_others(Path(path), of, states))
     if not priors:
         made = device_text(of, priors=False)
         device = device_from(made.text, str(path))

@@ -293,5 +293,3 @@ def gaps_at(of: Reduced, poses: Mapping[str, tuple[Array, Array]]) -> Array:
             gap = np.maximum(gap, np.linalg.norm(np.cross(za, zb), axis=1))
         made.append(gap)
     return np.array(made)
-
-

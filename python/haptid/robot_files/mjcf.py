@@ -132,7 +132,17 @@ class _Walk:
         if kind == "tendon":
             tags = ("fixed", "spatial")
         if kind == "actuator":
-            tags = ("motor", "position", "velocity", "general", "intvelocity", "damper", "cylinder", "muscle", "adhesion")
+            tags = (
+                "motor",
+                "position",
+                "velocity",
+                "general",
+                "intvelocity",
+                "damper",
+                "cylinder",
+                "muscle",
+                "adhesion",
+            )
         return next((self.lines[tag, name] for tag in tags if (tag, name) in self.lines), None)
 
     def _bodies(self, driven: set[int], armature: Array, damping: Array) -> None:
@@ -259,7 +269,9 @@ class _Walk:
             if how == "tendon":
                 factors = self._tendon(target)
             name, line = self._name("actuator", k), self._line("actuator", k)
-            if factors is None or any(self.enums["joint"][int(self.x["jnt_type"][j])] in ("ball", "free") for j in factors):
+            if factors is None or any(
+                self.enums["joint"][int(self.x["jnt_type"][j])] in ("ball", "free") for j in factors
+            ):
                 self.notes.append(Note("left out", f"actuator {name}, which acts on a {how}", line))
             elif how == "tendon":
                 text = f"actuator {name} pulls several joints; their torques are taken as measured one by one"
@@ -353,7 +365,9 @@ class _Walk:
     def _left_out(self) -> None:
         for t in range(len(self.x["tendon_adr"])):
             has = [
-                key for key in ("stiffness", "damping", "armature", "frictionloss") if np.any(self.x[f"tendon_{key}"][t])
+                key
+                for key in ("stiffness", "damping", "armature", "frictionloss")
+                if np.any(self.x[f"tendon_{key}"][t])
             ]
             if has:
                 text = f"{' and '.join(has)} of tendon {self._name('tendon', t)}"
@@ -362,4 +376,3 @@ class _Walk:
             self.notes.append(Note("left out", "forces of the medium (option density, viscosity)"))
         if self.of["flexes"]:
             self.notes.append(Note("left out", f"{self.of['flexes']} flexible bodies"))
-

@@ -89,9 +89,7 @@ def _set(model: Any, name: str, value: float, q: Array) -> None:
 def _own(of: Reduced, states: States) -> Array:
     """Torque of armatures and springs, (moving, n), which Pinocchio does not read."""
     joints = [one.joint for one in of.moving]
-    return np.array(
-        [x.armature * states.qdd[x.name] + x.stiffness * (states.q[x.name] - x.rest) for x in joints]
-    )
+    return np.array([x.armature * states.qdd[x.name] + x.stiffness * (states.q[x.name] - x.rest) for x in joints])
 
 
 def mujoco_torque(mujoco: Any, path: Path, of: Reduced, states: States) -> Array:
@@ -110,9 +108,7 @@ def mujoco_model_torque(mujoco: Any, model: Any, of: Reduced, states: States) ->
     if model.ntendon:
         model.tendon_stiffness[:] = model.tendon_damping[:] = model.tendon_armature[:] = 0.0
     data = mujoco.MjData(model)
-    index: Mapping[str, int] = {
-        model.joint(j).name or f"joint {j}": j for j in range(model.njnt)
-    }
+    index: Mapping[str, int] = {model.joint(j).name or f"joint {j}": j for j in range(model.njnt)}
     names = [one.joint.name for one in of.moving]
     made = np.zeros((len(names), len(states.rows)))
     for k in range(len(states.rows)):
@@ -129,5 +125,3 @@ def mujoco_model_torque(mujoco: Any, model: Any, of: Reduced, states: States) ->
         mujoco.mj_inverse(model, data)
         made[:, k] = [data.qfrc_inverse[model.jnt_dofadr[index[name]]] for name in names]
     return made
-
-

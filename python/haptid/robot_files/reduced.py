@@ -132,7 +132,11 @@ def reduced(
         if cut not in closing
     ]
     notes += [
-        Note("approximate", f"link {one.joint.child}: the source has no inertia of it; its body is unknown", one.joint.line)
+        Note(
+            "approximate",
+            f"link {one.joint.child}: the source has no inertia of it; its body is unknown",
+            one.joint.line,
+        )
         for one in made
         if one.body is None and not one.massless
     ]
@@ -145,7 +149,9 @@ def _only_root(tree: RobotTree, roots: Sequence[str], joints: Sequence[TreeJoint
     if len(with_joints) == 1:
         return with_joints[0]
     names = ", ".join(repr(name) for name in (with_joints or roots)[:5])
-    raise refused(tree.file, f"it has {len(with_joints or roots)} root links, such as {names}", "Choose one as the root.")
+    raise refused(
+        tree.file, f"it has {len(with_joints or roots)} root links, such as {names}", "Choose one as the root."
+    )
 
 
 def _chain(tree: RobotTree, root: str, tip: str, above: Mapping[str, TreeJoint]) -> set[str]:

@@ -242,7 +242,13 @@ class _Model:
         ends = [np.eye(4) if link == WORLD else self.pose_of(link) for link in (joint.parent, joint.child)]
         frames = [inverse(end) @ at @ onto for end in ends]
         return ClosingJoint(
-            joint.name, joint.kind, joint.parent, frames[0], joint.child, frames[1], line=element.line  # type: ignore[arg-type]
+            joint.name,
+            joint.kind,
+            joint.parent,
+            frames[0],
+            joint.child,
+            frames[1],
+            line=element.line,  # type: ignore[arg-type]
         )
 
     def _mimic(self, element: Element, name: str) -> list[Follows]:

@@ -101,16 +101,16 @@ class _Par:
         try:
             return number(text.replace("Pi", "pi"), self.given, Place(self.file, what))
         except DeviceFileError as error:
-            raise refused(self.file, f"its {what} is {text[:60]!r}, which is no number ({error.found})", "Correct it.") from None
+            raise refused(
+                self.file, f"its {what} is {text[:60]!r}, which is no number ({error.found})", "Correct it."
+            ) from None
 
     def tree(self) -> RobotTree:
         """The tree."""
         frames = self.frame_count
         ant, sigma = self._list("Ant" if "Ant" in self.values else "ant", frames), None
         sigma = self._list("Sigma" if "Sigma" in self.values else "sigma", frames)
-        columns = {
-            key: self._list(key if key in self.values else key.capitalize(), frames, "0") for key in _KEYS
-        }
+        columns = {key: self._list(key if key in self.values else key.capitalize(), frames, "0") for key in _KEYS}
         above = [self._parent(text, k) for k, text in enumerate(ant)]
         placed = [self._frame(k, columns, sigma[k]) for k in range(frames)]
         gravity = [self._gravity(text) for text in self._list("G", 3, "0")[:3]]
@@ -211,9 +211,7 @@ class _Par:
     def _open(self, key: str, moving: list[str]) -> tuple[str, ...]:
         values = self._list(key, self.bodies, "0")
         return tuple(
-            str(k + 1)
-            for k in range(self.bodies)
-            if _WORD.search(values[k]) and (key != "IA" or moving[k] == "1")
+            str(k + 1) for k in range(self.bodies) if _WORD.search(values[k]) and (key != "IA" or moving[k] == "1")
         )
 
     def _loop(

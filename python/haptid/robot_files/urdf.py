@@ -139,9 +139,7 @@ def _joint(element: Element, snap: float, notes: list[Note]) -> TreeJoint:
     )
 
 
-def _limits(
-    element: Element, given: str, kind: Kind
-) -> tuple[tuple[float, float] | None, float | None, float | None]:
+def _limits(element: Element, given: str, kind: Kind) -> tuple[tuple[float, float] | None, float | None, float | None]:
     limit = element.first("limit")
     if limit is None or kind not in ("revolute", "prismatic"):
         return None, None, None
@@ -182,12 +180,11 @@ def _transmissions(root: Element, joints: list[TreeJoint], notes: list[Note]) ->
             else:
                 rows, gears = ({a: 1.0}, {a: 1.0, b: nb}), (ga * na, gb)
             titles = [x.attributes.get("name", f"motor {k + 1}") for k, x in enumerate(motors)]
-            made = [
-                Drive(title, row, gear, element.line)
-                for title, row, gear in zip(titles, rows, gears, strict=True)
-            ]
+            made = [Drive(title, row, gear, element.line) for title, row, gear in zip(titles, rows, gears, strict=True)]
         else:
-            text = f"transmission {_label(element)} of type {form or 'unknown'}: its joints are taken as driven directly"
+            text = (
+                f"transmission {_label(element)} of type {form or 'unknown'}: its joints are taken as driven directly"
+            )
             notes.append(Note("left out", text, element.line))
             continue
         drives += made
@@ -225,8 +222,16 @@ def _gazebo(root: Element, notes: list[Note]) -> None:
             if child.tag == "joint":
                 text = f"joint {child.attributes.get('name', '')} in <gazebo>, which closes a loop for simulators"
                 notes.append(Note("left out", text, child.line))
-            elif child.tag in ("springStiffness", "springReference", "implicitSpringDamper", "gravity", "turnGravityOff"):
-                notes.append(Note("left out", f"{child.tag} of {element.attributes.get('reference', 'gazebo')}", child.line))
+            elif child.tag in (
+                "springStiffness",
+                "springReference",
+                "implicitSpringDamper",
+                "gravity",
+                "turnGravityOff",
+            ):
+                notes.append(
+                    Note("left out", f"{child.tag} of {element.attributes.get('reference', 'gazebo')}", child.line)
+                )
 
 
 def _label(element: Element) -> str:

@@ -1,10 +1,19 @@
-"""MJCF through MuJoCo's own compiler, in a child process: defaults, includes, frames and inertias as MuJoCo has them."""
+"""The child process of `limited.py`: foreign parsers under limits. It is run as a script, and imports nothing of haptid.
+
+It limits itself before it imports anything else, reads a request as JSON, opens no file outside the allowed folders, and
+writes its answer as JSON.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
+from collections.abc import Sequence
 from typing import Any
 
+# Processor time, s, and memory, bytes.
+CPU_SECONDS, MEMORY = 40, 6 * 2**30
 # Arrays of the compiled model that a tree is made of.
 _ARRAYS = (
     "body_parentid body_pos body_quat body_mass body_inertia body_ipos body_iquat body_jntadr body_jntnum body_gravcomp "
@@ -18,7 +27,69 @@ _ARRAYS = (
 _NAMED = ("body", "joint", "equality", "tendon", "actuator", "site")
 
 
-def prepare_child() -> None:
+def _limit() -> None:
+    try:
+        import resource
+    except ImportError:  # no such limits on Windows: the time limit of the parent holds
+        return
+    for what, most in ((resource.RLIMIT_CPU, CPU_SECONDS), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 2**24)):
+        resource.setrlimit(what, (most, most))
+    if sys.platform == "linux":
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+class OutsideError(Exception):
+    """The child was asked to open what it may not."""
+
+
+def _guard(folders: Sequence[str]) -> None:
+    """Refuse to open files outside these folders and Python's own, and to start processes or connections."""
+    own = [*sys.path, sys.prefix, sys.base_prefix, os.getcwd(), os.path.dirname(os.__file__)]
+    roots = [os.path.realpath(folder) for folder in (*folders, *own) if folder]
+
+    def audit(event: str, arguments: tuple[Any, ...]) -> None:
+        if event.startswith(("subprocess.", "socket.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "ctypes.")):
+            raise OutsideError(f"it tries to call {event}")
+        if event in ("open", "os.listdir", "os.scandir") and isinstance(arguments[0], str | bytes):
+            path = os.path.realpath(os.fsdecode(arguments[0]))
+            if path != os.devnull and not any(path == root or path.startswith(root + os.sep) for root in roots):
+                raise OutsideError(f"it reads {os.fsdecode(arguments[0])}, outside its folder and the packages stated")
+
+    sys.addaudithook(audit)
+
+
+def prepare_xacro() -> None:
+    """Import what opens Python's own files, before the child is guarded."""
+    import encodings.idna  # noqa: F401
+    import xml.dom.minidom  # noqa: F401
+
+    import xacro  # noqa: F401
+    import yaml  # noqa: F401
+
+
+def run_xacro(request: dict[str, Any]) -> dict[str, Any]:
+    """Expand a file, in the child."""
+    import xacro
+    from xacro import substitution_args
+
+    packages = request["packages"]
+
+    def find(name: str, *_: object) -> str:
+        if name not in packages:
+            raise ValueError(f"package {name!r} is not known: state --package {name}=FOLDER")
+        return str(packages[name])
+
+    def no_environment(name: str, *_: object) -> str:
+        raise ValueError(f"$(env {name}) and $(optenv {name}) are not read")
+
+    substitution_args._eval_find = find
+    substitution_args._eval_env = substitution_args._eval_optenv = no_environment
+    os.environ.clear()
+    document = xacro.process_file(request["path"], mappings=request["arguments"])
+    return {"text": document.toprettyxml(indent=" ")}
+
+
+def prepare_mjcf() -> None:
     """Import MuJoCo, before the child is guarded."""
     import mujoco
     import numpy
@@ -27,7 +98,7 @@ def prepare_child() -> None:
     numpy.zeros(1)
 
 
-def run_child(request: dict[str, Any]) -> dict[str, Any]:
+def run_mjcf(request: dict[str, Any]) -> dict[str, Any]:
     """The compiled model of a file: arrays, names, and bodies whose inertia is computed from shapes."""
     import mujoco
 
@@ -117,8 +188,39 @@ def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> set[Any]:
 
 
 def _expect_inside(path: str, folders: list[str]) -> None:
-    from haptid.robot_files.limited import OutsideError
-
     real = os.path.realpath(path)
     if not any(real.startswith(os.path.realpath(folder) + os.sep) for folder in folders):
         raise OutsideError(f"it needs the mesh {path}, outside its folder and the packages stated")
+
+
+_TASKS = {"xacro": (prepare_xacro, run_xacro), "mjcf": (prepare_mjcf, run_mjcf)}
+
+
+def main() -> None:
+    """Run the task that is asked for on standard input, and write the answer on standard output."""
+    _limit()
+    asked = json.load(sys.stdin)
+    out, sys.stdout = sys.stdout, sys.stderr  # libraries print
+    try:
+        prepare, run = _TASKS[asked["task"]]
+        prepare()
+        _guard(asked["folders"])
+        answer = {"result": run(asked["request"])}
+    except ImportError as error:
+        answer = {"missing": error.name or str(error)}
+    except MemoryError:
+        answer = {"error": f"reading it takes more than {MEMORY // 2**30} GiB of memory"}
+    except OutsideError as error:
+        advice = "If you trust it, state a folder that holds what it reads: --package NAME=FOLDER."
+        answer = {"error": str(error), "advice": advice}
+    except RecursionError:
+        answer = {"error": "it is nested too deeply"}
+    except Exception as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        answer = {"error": f"its parser says: {text[:400].rstrip('.')}"}
+    json.dump(answer, out)
+    out.flush()
+
+
+if __name__ == "__main__":
+    main()
