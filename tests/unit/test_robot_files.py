@@ -92,7 +92,11 @@ def test_snapping_removes_parameters_that_rounding_invents(tmp_path: Path) -> No
     """3.14159 is not pi: the shoulder of this arm has a slanted axis, which lets gravity act on it."""
     rounded, snapped = (imported(tmp_path, ARM, snap=snap) for snap in (0.0, 1e-4))
     counts = [len(haptid.DynamicModel(x.device).base) for x in (rounded, snapped)]
+    models = [haptid.DynamicModel(x.device) for x in (rounded, snapped)]
     assert counts[1] < counts[0]
+    assert len(models[0].only_by_rounding) == counts[0] - counts[1]
+    assert set(models[1].base.names).isdisjoint(models[0].only_by_rounding)
+    assert models[1].only_by_rounding == ()
     assert rounded.snapped is None
     assert snapped.snapped is not None
     assert 0 < snapped.snapped < 1e-4

@@ -169,7 +169,8 @@ class _Walk:
             if mass > 0:
                 local = self._frame(self.x["body_ipos"][b], self.x["body_iquat"][b], snap=0.0)
                 body = Inertial(mass, np.zeros(3), np.diag(self.x["body_inertia"][b]), b in guessed)
-                self.links[above] = Link(above, body.moved(frame @ local), line=self._line("body", b))
+                line = self._line("body", b)
+                self.links[above] = Link(above, body.moved(frame @ local), line=line, own_frame=frame)
                 told += [name] if b in guessed else []
             self.body_links.append((above, frame))
             if self.x["body_gravcomp"][b]:
@@ -211,6 +212,8 @@ class _Walk:
             friction=0.0 if off["frictionloss"] else float(self.x["dof_frictionloss"][dof]),
             armature=float(self.x["dof_armature"][dof]) + float(armature[j]),
             stiffness=0.0 if off["spring"] else float(self.x["jnt_stiffness"][j]),
+            motor_armature=float(armature[j]),
+            motor_damping=0.0 if off["damper"] else float(damping[j]),
             rest=float(self.x["qpos_spring"][at]),
             reference=ref,
             actuated=j in driven,

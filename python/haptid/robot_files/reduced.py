@@ -67,6 +67,11 @@ class Reduced:
     follows: tuple[Follows, ...]
     closing: tuple[ClosingJoint, ...]
 
+    def with_bodies(self, bodies: Mapping[str, Inertial]) -> Reduced:
+        """The same tree with these bodies by link, and no others."""
+        links = {name: replace(link, inertial=bodies.get(name)) for name, link in self.tree.links.items()}
+        return replace(self, tree=replace(self.tree, links=links))
+
 
 def reduced(
     tree: RobotTree, root: str | None = None, tip: str | None = None, hold: Mapping[str, float] | None = None

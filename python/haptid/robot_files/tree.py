@@ -90,12 +90,14 @@ class Link:
         inertial: None if the source says nothing of its mass.
         massless: it is no body of the source: a frame between two joints of one body.
         line: of the source.
+        own_frame: pose in the link's frame of the frame in which the source gives its inertia, (4, 4).
     """
 
     name: str
     inertial: Inertial | None = None
     massless: bool = False
     line: int | None = None
+    own_frame: Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +116,7 @@ class TreeJoint:
         damping, friction, armature, stiffness: N m s/rad, N m, kg m^2, N m/rad or the same for sliding.
         rest: position where the spring has no torque.
         reference: position at which the source draws the robot and closes its loops.
+        motor_armature, motor_damping: the parts of armature and damping that the source gives with a motor.
         actuated: whether the source has a motor for it; None if it does not say.
         keys: of modified Denavit-Hartenberg as text or numbers, where the source gives them.
         line: of the source.
@@ -132,6 +135,8 @@ class TreeJoint:
     friction: float = 0.0
     armature: float = 0.0
     stiffness: float = 0.0
+    motor_armature: float = 0.0
+    motor_damping: float = 0.0
     rest: float = 0.0
     reference: float = 0.0
     actuated: bool | None = None
