@@ -18,8 +18,9 @@ from haptid.robot_files.loops import gaps_at
 from haptid.robot_files.newton_euler import link_poses, tree_torque
 from haptid.robot_files.reduced import Reduced
 
-# Largest difference of torques relative to the greatest torque, and largest gap of a loop, m.
-LARGEST_ERROR, LARGEST_GAP = 1e-9, 1e-9
+# Largest difference of torques relative to the greatest torque, and largest gap of a loop, m. Rounding alone makes 1e-9
+# where parameters exist only through the rounding of angles; a wrong import makes a millionth at least.
+LARGEST_ERROR, LARGEST_GAP = 1e-8, 1e-9
 _STATES = 30
 
 

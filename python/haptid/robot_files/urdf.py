@@ -199,7 +199,7 @@ def _reduction(element: Element, owner: Element) -> float:
     own = element.first("mechanicalReduction") or owner.first("mechanicalReduction")
     if own is None:
         return 1.0
-    value = own.numbers_of("mechanicalReduction", own.text, 1)[0]
+    value = own.numbers_of("mechanicalReduction", own.text or "1", 1)[0]
     if value == 0:
         own.refuse("is zero", "Write the gear ratio.")
     return value

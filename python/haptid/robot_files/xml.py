@@ -167,7 +167,7 @@ class _Parser:
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self.content = b""
+        self.content, self.ahead, self.lines_ahead = b"", 0, 0
         self.root: Element | None = None
         self.stack: list[Element] = []
         self.count = 0
@@ -181,12 +181,16 @@ class _Parser:
         parser.StartDoctypeDeclHandler = self._doctype
 
     def run(self, content: bytes) -> Element:
-        self.content = content
+        # Blanks before the XML declaration are an error to expat, and to nobody else.
+        text = content.lstrip() if content.lstrip()[:5] == b"<?xml" else content
+        self.content, self.ahead = content, len(content) - len(text)
+        self.lines_ahead = content[: self.ahead].count(b"\n")
         try:
-            self.parser.Parse(content, True)
+            self.parser.Parse(text, True)
         except expat.ExpatError as error:
             reason = expat.errors.messages.get(error.code, str(error))
-            raise refused(self.file, f"not XML: {reason}", "Correct the file there.", error.lineno) from None
+            line = error.lineno + self.lines_ahead
+            raise refused(self.file, f"not XML: {reason}", "Correct the file there.", line) from None
         except (ValueError, LookupError) as error:  # an encoding that Python does not know
             raise refused(self.file, f"not XML: {error}", "Save the file as UTF-8.") from None
         if self.root is None:
@@ -196,19 +200,19 @@ class _Parser:
     def _opened(self) -> None:
         """The start tag before this event ends here."""
         if self.waiting is not None:
-            self.waiting.open_end = self.parser.CurrentByteIndex
+            self.waiting.open_end = self.parser.CurrentByteIndex + self.ahead
             self.waiting = None
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._opened()
-        line = self.parser.CurrentLineNumber
+        line = self.parser.CurrentLineNumber + self.lines_ahead
         self.count += 1
         if len(self.stack) >= DEEPEST or self.count > MOST_ELEMENTS:
             found, limit = "elements are nested deeper", DEEPEST
             if self.count > MOST_ELEMENTS:
                 found, limit = "it has more elements", MOST_ELEMENTS
             raise refused(self.file, f"{found} than {limit}", "No robot needs that: correct the file.", line)
-        element = Element(tag, attributes, self.file, line, self.parser.CurrentByteIndex)
+        element = Element(tag, attributes, self.file, line, self.parser.CurrentByteIndex + self.ahead)
         if self.stack:
             self.stack[-1].children.append(element)
         else:
@@ -217,7 +221,7 @@ class _Parser:
         self.waiting = element
 
     def _end(self, _tag: str) -> None:
-        at = self.parser.CurrentByteIndex
+        at = self.parser.CurrentByteIndex + self.ahead
         element = self.stack.pop()
         closed = self.waiting is element and self.content[at - 2 : at] == b"/>"
         self._opened()
@@ -232,6 +236,6 @@ class _Parser:
         self._opened()
 
     def _doctype(self, *_: object) -> None:
-        line = self.parser.CurrentLineNumber
+        line = self.parser.CurrentLineNumber + self.lines_ahead
         advice = "Remove <!DOCTYPE ...>, and write out what its entities stand for."
         raise refused(self.file, "it has a DTD, which can define entities and read other files", advice, line)
