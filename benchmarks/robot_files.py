@@ -1,10 +1,10 @@
 """Import every URDF and MJCF of some packages: share exact, approximate and refused, and differences from peers.
 
-    python benchmarks/robot_files.py FOLDER --out results.csv [--package NAME=FOLDER]
+    python benchmarks/robot_files.py FOLDER --out results.csv [--every N]
 
-FOLDER is where the packages are installed (`pip install --no-deps --target FOLDER example-robot-data robosuite dm-control
-gymnasium-robotics pybullet dexmate-urdf hello-robot-stretch-urdf openarm-mujoco`); these are too large for the test suite.
-Every file is read in a process of its own, so that a crash or a hang is counted and ends nothing else.
+FOLDER is where the packages are installed (`pip install --no-deps --target FOLDER example-robot-data robosuite
+dm-control gymnasium-robotics pybullet dexmate-urdf hello-robot-stretch-urdf openarm-mujoco`); these are too large for
+the test suite. Every file is read in a process of its own, so that a crash or a hang is counted and ends nothing else.
 """
 
 from __future__ import annotations

@@ -60,12 +60,13 @@ HARD = """<mujoco model="hard"><compiler angle="degree" eulerseq="ZYX" autolimit
 </default>
 <worldbody>
  <frame pos="0.1 0.2 0.3" euler="10 20 30">
-  <body name="two joints" pos="0 0 1" quat="0.9 0.1 -0.3 0.2"><inertial pos="0.1 0 0.05" mass="2" fullinertia="0.04 0.05 0.06
-    0.001 0.002 0.003"/>
+  <body name="two joints" pos="0 0 1" quat="0.9 0.1 -0.3 0.2">
+   <inertial pos="0.1 0 0.05" mass="2" fullinertia="0.04 0.05 0.06 0.001 0.002 0.003"/>
    <joint name="turn" axis="1 1 0" pos="0.05 0.02 0" ref="15" range="-90 90"/>
    <joint name="slide" type="slide" axis="0 0.6 0.8" ref="0.1" class="stiff" frictionloss="0.2"/>
    <body name="geoms" pos="0.3 0 0"><joint name="last" axis="0 0 1" pos="0.1 0 0"/>
-     <geom type="capsule" size="0.03" fromto="0 0 0 0.2 0.1 0"/><geom type="box" size="0.1 0.05 0.02" pos="0.1 0 0.1" mass="0.7"/>
+     <geom type="capsule" size="0.03" fromto="0 0 0 0.2 0.1 0"/>
+     <geom type="box" size="0.1 0.05 0.02" pos="0.1 0 0.1" mass="0.7"/>
    </body>
    <body name="follower" pos="0 0.2 0"><joint name="follows" axis="0 1 0" ref="5"/>
      <inertial pos="0 0 0.1" mass="0.4" diaginertia="0.01 0.01 0.004"/></body>
@@ -78,7 +79,7 @@ HARD = """<mujoco model="hard"><compiler angle="degree" eulerseq="ZYX" autolimit
 
 
 def test_mjcf_with_what_mujoco_has_and_others_have_not(tmp_path: Path) -> None:
-    """Frames, degrees, defaults, several joints of a body away from its origin, ref, springref, shapes, tilted gravity."""
+    """Frames, degrees, defaults, several joints of a body beside its origin, ref, springref, shapes, tilted gravity."""
     path = tmp_path / "hard.xml"
     path.write_text(HARD)
     robot = import_robot(path, ask=True)
@@ -118,14 +119,14 @@ def test_mjcf_with_a_loop(tmp_path: Path, spatial: bool) -> None:
 
 def test_mjcf_that_would_harm(tmp_path: Path) -> None:
     """A million replicates, includes from elsewhere, deep nesting: one error each, before MuJoCo sees the file."""
-    body = '<body><joint/><geom size="0.1"/>{}</body>'
+    body = '<body><joint/><geom size="0.1"/></body>'
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "other.xml").write_text("<mujoco/>")
     inside = tmp_path / "inside"
     inside.mkdir()
     (inside / "link.xml").symlink_to(tmp_path / "elsewhere" / "other.xml")
     hostile = {
-        "copies": f"<mujoco><worldbody><replicate count='1000000' euler='0 0 1'>{body.format('')}</replicate></worldbody></mujoco>",
+        "copies": f"<mujoco><worldbody><replicate count='1000000'>{body}</replicate></worldbody></mujoco>",
         "DTD": '<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>',
         "nested": "<mujoco><worldbody>" + "<body>" * 20_000 + "</body>" * 20_000 + "</worldbody></mujoco>",
         "outside": '<mujoco><include file="../elsewhere/other.xml"/></mujoco>',
@@ -144,8 +145,10 @@ def test_mjcf_that_would_harm(tmp_path: Path) -> None:
 
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="mass" default="1"/>
 <link name="base"/>{include}
-<link name="a"><inertial><mass value="$(arg mass)"/><inertia ixx="${{0.1 * 2}}" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
-</inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="a"/><origin xyz="{where} 0 0"/></joint></robot>
+<link name="a"><inertial><mass value="$(arg mass)"/>
+<inertia ixx="${{0.1 * 2}}" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="a"/>
+<origin xyz="{where} 0 0"/></joint></robot>
 """
 
 

@@ -41,7 +41,8 @@ ARM = """<?xml version="1.0"?>
   </joint>
   <joint name="mount" type="fixed"><parent link="fore"/><child link="tool"/><origin xyz="0.2 0 0" rpy="0 0 1"/></joint>
   <joint name="rail" type="prismatic">
-    <parent link="fore"/><child link="slider"/><origin rpy="0 0 0.5"/><limit lower="-1" upper="1" effort="9" velocity="1"/><mimic joint="elbow" multiplier="-0.1" offset="0.2"/>
+    <parent link="fore"/><child link="slider"/><origin rpy="0 0 0.5"/>
+    <limit lower="-1" upper="1" effort="9" velocity="1"/><mimic joint="elbow" multiplier="-0.1" offset="0.2"/>
   </joint>
   <transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="elbow"/>
     <actuator name="m"><mechanicalReduction>50</mechanicalReduction><motorInertia>1e-5</motorInertia></actuator>

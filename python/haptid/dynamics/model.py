@@ -108,7 +108,7 @@ class DynamicModel:
 
     @cached_property
     def only_by_rounding(self) -> tuple[str, ...]:
-        """Base parameters that vanish if nearly special axes are exactly so: the description's rounding invents them."""
+        """Base parameters that vanish if nearly special axes are exactly so: rounded angles invent them."""
         from haptid.dynamics.near_special import special_geometry
 
         device = special_geometry(self.device)

@@ -1,8 +1,8 @@
 """Base parameters that exist only because the geometry is nearly, but not exactly, special.
 
-An axis at 1.5708 rad to the next is not at a right angle, and a base axis at 3.14159 rad to gravity is not vertical: each
-invents parameters whose torque is a millionth of the others'. The columns are independent, so no rank shows it; the base
-parameters of the geometry that was meant do.
+An axis at 1.5708 rad to the next is not at a right angle, and a base axis at 3.14159 rad to gravity is not vertical:
+each invents parameters whose torque is a millionth of the others'. The columns are independent, so no rank shows it;
+the base parameters of the geometry that was meant do.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ NEAR_LENGTH, EXACT_LENGTH = 1e-5, 1e-12
 def special_geometry(device: Device) -> Device | None:
     """The device with nearly parallel, perpendicular and intersecting axes exactly so; None if it is that already.
 
-    Each joint is compared with the one that carries it, and a first joint with gravity. Mechanisms with loops whose rates
-    vary with the pose are left alone: their loops would not close.
+    Each joint is compared with the one that carries it, and a first joint with gravity. Mechanisms with loops whose
+    rates vary with the pose are left alone: their loops would not close.
     """
     if device.varying.any():
         return None

@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from haptid.device.toml.summary import summary_lines
-from haptid.dynamics.near_special import NEAR_ANGLE
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.near_special import NEAR_ANGLE
 from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import RegroupingError
 from haptid.estimation import Parameter

@@ -1,7 +1,7 @@
-"""The child process of `limited.py`: foreign parsers under limits. It is run as a script, and imports nothing of haptid.
+"""The child process of `limited.py`: foreign parsers under limits; a script that imports nothing of haptid.
 
-It limits itself before it imports anything else, reads a request as JSON, opens no file outside the allowed folders, and
-writes its answer as JSON.
+It limits itself before it imports anything else, reads a request as JSON, opens no file outside the allowed folders,
+and writes its answer as JSON.
 """
 
 from __future__ import annotations
@@ -16,14 +16,65 @@ from typing import Any
 CPU_SECONDS, MEMORY = 40, 6 * 2**30
 # Arrays of the compiled model that a tree is made of.
 _ARRAYS = (
-    "body_parentid body_pos body_quat body_mass body_inertia body_ipos body_iquat body_jntadr body_jntnum body_gravcomp "
-    "body_mocapid jnt_type jnt_axis jnt_pos jnt_qposadr jnt_dofadr jnt_bodyid jnt_limited jnt_range jnt_stiffness "
-    "jnt_stiffnesspoly jnt_actfrclimited jnt_actfrcrange dof_damping dof_dampingpoly dof_armature dof_frictionloss "
-    "qpos0 qpos_spring eq_type eq_obj1id eq_obj2id eq_objtype eq_active0 eq_data tendon_adr tendon_num tendon_stiffness "
-    "tendon_damping tendon_armature tendon_frictionloss tendon_length0 wrap_type wrap_objid wrap_prm actuator_trntype "
-    "actuator_trnid actuator_gear actuator_gaintype actuator_gainprm actuator_biastype actuator_armature "
-    "actuator_damping actuator_forcelimited actuator_forcerange site_bodyid site_pos site_quat"
-).split()
+    "body_parentid",
+    "body_pos",
+    "body_quat",
+    "body_mass",
+    "body_inertia",
+    "body_ipos",
+    "body_iquat",
+    "body_jntadr",
+    "body_jntnum",
+    "body_gravcomp",
+    "body_mocapid",
+    "jnt_type",
+    "jnt_axis",
+    "jnt_pos",
+    "jnt_qposadr",
+    "jnt_dofadr",
+    "jnt_bodyid",
+    "jnt_limited",
+    "jnt_range",
+    "jnt_stiffness",
+    "jnt_stiffnesspoly",
+    "jnt_actfrclimited",
+    "jnt_actfrcrange",
+    "dof_damping",
+    "dof_dampingpoly",
+    "dof_armature",
+    "dof_frictionloss",
+    "qpos0",
+    "qpos_spring",
+    "eq_type",
+    "eq_obj1id",
+    "eq_obj2id",
+    "eq_objtype",
+    "eq_active0",
+    "eq_data",
+    "tendon_adr",
+    "tendon_num",
+    "tendon_stiffness",
+    "tendon_damping",
+    "tendon_armature",
+    "tendon_frictionloss",
+    "tendon_length0",
+    "wrap_type",
+    "wrap_objid",
+    "wrap_prm",
+    "actuator_trntype",
+    "actuator_trnid",
+    "actuator_gear",
+    "actuator_gaintype",
+    "actuator_gainprm",
+    "actuator_biastype",
+    "actuator_armature",
+    "actuator_damping",
+    "actuator_forcelimited",
+    "actuator_forcerange",
+    "site_bodyid",
+    "site_pos",
+    "site_quat",
+)
 _NAMED = ("body", "joint", "equality", "tendon", "actuator", "site")
 
 

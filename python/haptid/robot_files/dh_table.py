@@ -161,7 +161,7 @@ class _Table:
                     name,
                     after[parent] @ before,
                     np.array([0.0, 0.0, 1.0]),
-                    limits=self._limits(row, kind, line),
+                    limits=self._limits(row, line),
                     velocity=self._number(row, "velocity", line, None),
                     effort=self._number(row, "effort", line, None),
                     line=line,
@@ -194,7 +194,7 @@ class _Table:
             raise refused(self.file, f"the type is {text[:40]!r}", "Write revolute or prismatic.", line)
         return known[text.lower()]
 
-    def _limits(self, row: Mapping[str, str], kind: str, line: int) -> tuple[float, float] | None:
+    def _limits(self, row: Mapping[str, str], line: int) -> tuple[float, float] | None:
         low, high = (self._number(row, key, line, None) for key in ("lower", "upper"))
         if low is None or high is None:
             return None

@@ -1,8 +1,9 @@
 """Write identified parameters back into a user's own URDF or MJCF, `export_into(model, folder, file, "urdf")`.
 
-Only inertias, damping and dry friction of joints (in MJCF also armature and springs) are replaced; every other byte of the
-file stays as it is. Of all bodies with the identified base parameters, those nearest to the prior are written, which for
-an imported device are the file's own. A link that moves takes the whole body of all links fixed to it, which lose theirs.
+Only inertias, damping and dry friction of joints (in MJCF also armature and springs) are replaced; every other byte of
+the file stays as it is. Of all bodies with the identified base parameters, those nearest to the prior are written,
+which for an imported device are the file's own. A link that moves takes the whole body of all links fixed to it, which
+lose theirs.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def export_into(
     absent = [name for name, j in index.items() if name not in moving and model.device.joints[j].body]
     if absent:
         raise _cannot(path, f"it has no moving joint {absent[0]!r}", "Give the file that the device was imported from.")
-    of = reduced(tree, hold={name: 0.0 for name in sorted(moving - set(index))})
+    of = reduced(tree, hold=dict.fromkeys(sorted(moving - set(index)), 0.0))
     apart = _geometry(of, model.device, index)
     if apart > SNAPPED_GEOMETRY:
         found = f"its placements differ from the device's by {apart:.1e}"
