@@ -2,15 +2,15 @@
 
 from haptid.robot_files.check import Check
 from haptid.robot_files.imported import ImportedRobot, import_robot
+from haptid.robot_files.moving_tree import Moving, MovingTree, moving_tree
 from haptid.robot_files.read import read_robot
-from haptid.robot_files.reduced import Moving, Reduced, reduced
 from haptid.robot_files.tree import (
     ClosingJoint,
     Drive,
     Follows,
     Inertial,
-    Link,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
 )
@@ -22,13 +22,13 @@ __all__ = [
     "Follows",
     "ImportedRobot",
     "Inertial",
-    "Link",
     "Moving",
+    "MovingTree",
     "Note",
-    "Reduced",
+    "RobotLink",
     "RobotTree",
     "TreeJoint",
     "import_robot",
+    "moving_tree",
     "read_robot",
-    "reduced",
 ]

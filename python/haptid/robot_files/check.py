@@ -15,8 +15,8 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoopClosureError, RobotFileError
 from haptid.robot_files.loops import gaps_at
-from haptid.robot_files.newton_euler import link_poses, tree_torque
-from haptid.robot_files.reduced import Reduced
+from haptid.robot_files.moving_tree import MovingTree
+from haptid.robot_files.newton_euler import source_link_poses, tree_torque
 
 # Largest difference of torques relative to the greatest torque, and largest gap of a loop, m. Rounding alone makes 1e-9
 # where parameters exist only through the rounding of angles; a wrong import makes a millionth at least.
@@ -42,7 +42,7 @@ class Check:
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class ComparedStates:
     """Random states of a device, its torques there, and the motion of the source's joints.
 
     Attributes:
@@ -63,7 +63,7 @@ def device_from(text: str, file: str = "device.toml") -> Device:
     return device_of(*checked_tables(tomllib.loads(text), file))
 
 
-def random_states(device: Device, names: Mapping[str, str], moving: list[str], count: int = _STATES) -> States:
+def random_states(device: Device, names: Mapping[str, str], moving: list[str], count: int = _STATES) -> ComparedStates:
     """Random states and the device's torques there.
 
     Args:
@@ -83,10 +83,10 @@ def random_states(device: Device, names: Mapping[str, str], moving: list[str], c
     torque = inverse_dynamics(model, model.base.of(np.nan_to_num(device.chi_prior)), qa, qda, qdda)
     rows = np.einsum("ra,nja->nrj", np.linalg.inv(device.row_map).T, G[:, index])
     by_name = [{name: x[k] for name, k in zip(moving, index, strict=True)} for x in (q, qd, qdd)]
-    return States(by_name[0], by_name[1], by_name[2], rows, torque)
+    return ComparedStates(by_name[0], by_name[1], by_name[2], rows, torque)
 
 
-def difference(states: States, joint_torque: Array, without_friction: Array | None = None) -> float:
+def difference(states: ComparedStates, joint_torque: Array, without_friction: Array | None = None) -> float:
     """Greatest difference of torques relative to the greatest torque, friction aside, which would hide the rest.
 
     Args:
@@ -100,7 +100,7 @@ def difference(states: States, joint_torque: Array, without_friction: Array | No
     return float(np.abs(states.torque - wanted).max(initial=0.0)) / (size or 1.0)
 
 
-def check(of: Reduced, device: Device, names: Mapping[str, str]) -> tuple[Check, States]:
+def check(of: MovingTree, device: Device, names: Mapping[str, str]) -> tuple[Check, ComparedStates]:
     """Compare a device that has its priors with the tree that it was written from.
 
     Raises:
@@ -110,7 +110,7 @@ def check(of: Reduced, device: Device, names: Mapping[str, str]) -> tuple[Check,
     states = random_states(device, names, moving)
     torques = (tree_torque(of, states.q, states.qd, states.qdd, friction) for friction in (True, False))
     torque = difference(states, *torques)
-    gap = float(gaps_at(of, link_poses(of, states.q, len(states.rows))).max(initial=0.0))
+    gap = float(gaps_at(of, source_link_poses(of, states.q, len(states.rows))).max(initial=0.0))
     if not torque < LARGEST_ERROR:
         raise RobotFileError(
             f"{of.tree.file}: the device's torques differ from the source's by {torque:.1e} of the greatest one (limit "

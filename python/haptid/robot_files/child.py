@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 # Processor time, s, and memory, bytes.
-CPU_SECONDS, MEMORY = 40, 6 * 2**30
+CPU_SECONDS, MEMORY_LIMIT = 40, 6 * 2**30
 # Arrays of the compiled model that a tree is made of.
 _ARRAYS = (
     "body_parentid",
@@ -86,7 +86,7 @@ def _limit() -> None:
     for what, most in ((resource.RLIMIT_CPU, CPU_SECONDS), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 2**24)):
         resource.setrlimit(what, (most, most))
     if sys.platform == "linux":
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
 
 
 class OutsideError(Exception):
@@ -260,7 +260,7 @@ def main() -> None:
     except ImportError as error:
         answer = {"missing": error.name or str(error)}
     except MemoryError:
-        answer = {"error": f"reading it takes more than {MEMORY // 2**30} GiB of memory"}
+        answer = {"error": f"reading it takes more than {MEMORY_LIMIT // 2**30} GiB of memory"}
     except OutsideError as error:
         advice = "If you trust it, state a folder that holds what it reads: --package NAME=FOLDER."
         answer = {"error": str(error), "advice": advice}

@@ -16,12 +16,12 @@ from haptid.device.geometry import angles, least_turn
 from haptid.device.parameters import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.device.toml.reader import BASE
-from haptid.robot_files.loops import Hinge, OpenLoops, open_loops
-from haptid.robot_files.reduced import Moving, Reduced
+from haptid.robot_files.loops import Hinge, OpenLoops, opened_loops
+from haptid.robot_files.moving_tree import Moving, MovingTree
 from haptid.robot_files.tree import Drive, Inertial, Note
 
 # Longest name that a device file allows, and longest line of a comment.
-LONGEST_NAME, _WIDTH = 40, 116
+_LONGEST_NAME, _WIDTH = 40, 116
 # Standard deviation of bodies that the source computes from shapes and a density, per cent.
 GUESSED_PERCENT = 50.0
 # Numbers below this share of a description's size are rounding.
@@ -44,14 +44,14 @@ class DeviceText:
     notes: tuple[Note, ...]
 
 
-def device_text(of: Reduced, priors: bool = True) -> DeviceText:
-    """The device file of a reduced tree.
+def device_text(of: MovingTree, priors: bool = True) -> DeviceText:
+    """The device file of what moves of a tree.
 
     Args:
         of: the tree.
         priors: whether bodies, friction and springs of the source become prior values.
     """
-    loops = open_loops(of)
+    loops = opened_loops(of)
     names = clean_names([hinge.name for hinge in loops.hinges])
     notes = (*of.tree.notes, *loops.notes, *_drive_notes(of, loops))
     writer = _Writer(of, loops, names)
@@ -71,16 +71,16 @@ def clean_names(names: Iterable[str]) -> dict[str, str]:
     taken: set[str] = set()
     stems = (*INERTIAL, *_STEMS.values())
     for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")[:LONGEST_NAME] or "joint"
+        plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")[:_LONGEST_NAME] or "joint"
         found, k = plain, 2
         while found == BASE or any(stem + found in taken for stem in stems):
-            found, k = f"{plain[: LONGEST_NAME - 4]}_{k}", k + 1
+            found, k = f"{plain[: _LONGEST_NAME - 4]}_{k}", k + 1
         taken |= {stem + found for stem in stems}
         made[name] = found
     return made
 
 
-def _heading(of: Reduced, notes: Sequence[Note]) -> list[str]:
+def _heading(of: MovingTree, notes: Sequence[Note]) -> list[str]:
     file = of.tree.file.replace("\\", "/").rpartition("/")[2]
     made = [f"# Imported from {plain_text(file)} ({of.tree.form})."]
     for grade in ("approximate", "left out", "exact"):
@@ -134,7 +134,7 @@ def _placement(frame: Array) -> list[str]:
     return made
 
 
-def _drive_notes(of: Reduced, loops: OpenLoops) -> list[Note]:
+def _drive_notes(of: MovingTree, loops: OpenLoops) -> list[Note]:
     said = []
     known = any(one.joint.actuated for one in of.moving)
     moved = loops.passive | {relation.joint for relation in of.follows}
@@ -148,7 +148,7 @@ def _drive_notes(of: Reduced, loops: OpenLoops) -> list[Note]:
 class _Writer:
     """Writes the tables of one device file."""
 
-    def __init__(self, of: Reduced, loops: OpenLoops, names: Mapping[str, str]) -> None:
+    def __init__(self, of: MovingTree, loops: OpenLoops, names: Mapping[str, str]) -> None:
         self.of, self.loops, self.names = of, loops, names
         self.moving = {one.joint.name: one for one in of.moving}
         self.dh = all(one.joint.keys is not None for one in of.moving) and not loops.notes
@@ -324,6 +324,6 @@ def _motor_names(drives: Sequence[Drive], names: Mapping[str, str]) -> list[str]
         single = len(drive.factors) == 1
         name = names[next(iter(drive.factors))] if single else next(iter(clean_names([drive.name]).values()))
         while name in made or (not single and name in names.values()):
-            name = f"{name[: LONGEST_NAME - 2]}_m"
+            name = f"{name[: _LONGEST_NAME - 2]}_m"
         made.append(name)
     return made

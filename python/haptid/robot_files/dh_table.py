@@ -18,11 +18,11 @@ from haptid.device.expressions import number
 from haptid.device.geometry import modified_dh, shift, turn_x, turn_z
 from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError, suggestion
-from haptid.robot_files.tree import Link, Note, RobotTree, TreeJoint, snapped
+from haptid.robot_files.tree import Note, RobotLink, RobotTree, TreeJoint, snapped_angle
 from haptid.robot_files.xml import refused
 
-GRAVITY = (0.0, 0.0, -9.81)
-CONVENTIONS = {
+_GRAVITY = (0.0, 0.0, -9.81)
+_CONVENTIONS = {
     "dh": "Rz(theta) Tz(d) Tx(a) Rx(alpha)",
     "craig": "Rx(alpha) Tx(a) Rz(theta) Tz(d), alpha and a of the joint before",
     "modified-dh": "Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r)",
@@ -109,8 +109,8 @@ class _Table:
             self.convention = self.rows[0]["convention"].lower()
         if not self.convention and ("r" in keys or "gamma" in keys or "b" in keys):
             self.convention = "modified-dh"
-        if self.convention not in CONVENTIONS:
-            shown = "; ".join(f"{name} is {meaning}" for name, meaning in CONVENTIONS.items())
+        if self.convention not in _CONVENTIONS:
+            shown = "; ".join(f"{name} is {meaning}" for name, meaning in _CONVENTIONS.items())
             found = f"its convention is {self.convention!r}" if self.convention else "it does not say its convention"
             raise refused(self.file, found, f"Write a first line such as `# convention: dh`: {shown}.")
         allowed = {"modified-dh": ("gamma", "b", "alpha", "d", "theta", "r")}.get(
@@ -134,7 +134,7 @@ class _Table:
 
     def tree(self) -> RobotTree:
         """The tree."""
-        links = {"base": Link("base")}
+        links = {"base": RobotLink("base")}
         joints: list[TreeJoint] = []
         carried = np.eye(4)  # standard convention: what of the row before comes after its joint
         after: dict[str, Array] = {"base": np.eye(4)}
@@ -150,9 +150,9 @@ class _Table:
             kind = self._kind(row.get("type", ""), line)
             value = {key: float(self._number(row, key, line) or 0.0) for key in (*_ANGLES, *_LENGTHS)}
             for key in _ANGLES:
-                value[key] = snapped(value[key], self.snap)
+                value[key] = snapped_angle(value[key], self.snap)
             before, carried = self._frames(value)
-            links[name] = Link(name, None, line=line)
+            links[name] = RobotLink(name, None, line=line)
             joints.append(
                 TreeJoint(
                     name,
@@ -173,10 +173,10 @@ class _Table:
             name=self.file.replace("\\", "/").rpartition("/")[2].removesuffix(".csv") or "robot",
             file=self.file,
             form="dh",
-            gravity=np.array(GRAVITY),
+            gravity=np.array(_GRAVITY),
             links=links,
             joints=tuple(joints),
-            notes=(Note("approximate", f"gravity: {' '.join(map(str, GRAVITY))} m/s^2 was taken"),),
+            notes=(Note("approximate", f"gravity: {' '.join(map(str, _GRAVITY))} m/s^2 was taken"),),
         )
 
     def _frames(self, x: Mapping[str, float]) -> tuple[Array, Array]:

@@ -15,10 +15,10 @@ from haptid.device.device import Device
 from haptid.errors import DeviceError, OutputFolderError, RobotFileError
 from haptid.robot_files.check import Check, check, device_from
 from haptid.robot_files.device_file import device_text
+from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
 from haptid.robot_files.oracles import ask_others
 from haptid.robot_files.read import read_robot
-from haptid.robot_files.reduced import Reduced, reduced
 from haptid.robot_files.tree import Note
 from haptid.robot_files.xml import refused
 
@@ -45,7 +45,7 @@ class ImportedRobot:
     names: Mapping[str, str]
     notes: tuple[Note, ...]
     check: Check
-    source: Reduced
+    source: MovingTree
     snapped: float | None
 
     @property
@@ -123,7 +123,7 @@ def import_robot(
     """
     given: dict[str, Any] = {"packages": packages, "xacro_arguments": xacro_arguments, "lengths": lengths}
     tree = read_robot(path, **given, snap=snap)
-    of = reduced(tree, root, tip, hold)
+    of = moving_tree(tree, root, tip, hold)
     if len(of.moving) > MOST_JOINTS:
         found = f"{len(of.moving)} joints move; a device has at most {MOST_JOINTS}"
         raise refused(str(path), found, "Import a part of it, with a root and a tip, or hold joints.")
@@ -138,7 +138,7 @@ def import_robot(
         raise
     snapped = None
     if snap > 0:
-        exact = reduced(read_robot(path, **given), root, tip, hold)
+        exact = moving_tree(read_robot(path, **given), root, tip, hold)
         torques = [tree_torque(x, states.q, states.qd, states.qdd) for x in (of, exact)]
         snapped = float(np.abs(torques[0] - torques[1]).max() / (np.abs(torques[1]).max() or 1.0))
     if ask and snap > 0:  # other programs do not snap

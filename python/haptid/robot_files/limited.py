@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from haptid.errors import MissingDependencyError, RobotFileError
-from haptid.robot_files.child import CPU_SECONDS, MEMORY
+from haptid.robot_files.child import CPU_SECONDS, MEMORY_LIMIT
 
 # Longest time that a child may take, s.
 WALL_SECONDS = 120
@@ -58,7 +58,9 @@ def run_limited(task: str, request: dict[str, Any], folders: Sequence[Path], fil
     answer = _answer(done.stdout)
     if answer is None:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        killed = f"stopped the reader (status {done.returncode}, limits {CPU_SECONDS} s and {MEMORY // 2**30} GiB)"
+        killed = (
+            f"stopped the reader (status {done.returncode}, limits {CPU_SECONDS} s and {MEMORY_LIMIT // 2**30} GiB)"
+        )
         raise _stopped(file, killed + (f": {last[0][:200]}" if last else ""))
     if "missing" in answer:
         raise MissingDependencyError(

@@ -1,4 +1,4 @@
-"""Loops of a reduced tree: which joints they move, and the joint at which each is cut.
+"""Loops of what moves of a tree: which joints they move, and the joint at which each is cut.
 
 A device file cuts loops at revolute and prismatic joints. A spherical joint whose loop moves in a plane is a revolute
 cut across the plane; in space it is two joints of massless links, at a right angle, and a revolute cut.
@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
-from haptid.robot_files.reduced import Reduced
+from haptid.robot_files.moving_tree import MovingTree
 from haptid.robot_files.tree import ClosingJoint, Note
 
 # Axes are parallel, and directions independent, beyond this sine or relative length.
@@ -66,7 +66,7 @@ class OpenLoops:
     notes: tuple[Note, ...]
 
 
-def open_loops(of: Reduced) -> OpenLoops:
+def opened_loops(of: MovingTree) -> OpenLoops:
     """Cuts of all loops, and which joints they move: joints without a motor first."""
     hinges = [
         Hinge(
@@ -127,7 +127,7 @@ def _way(hinges: Sequence[Hinge], body: int) -> set[int]:
     return made
 
 
-def _cut(of: Reduced, cut: ClosingJoint, hinges: list[Hinge], notes: list[Note]) -> CutLoop:
+def _cut(of: MovingTree, cut: ClosingJoint, hinges: list[Hinge], notes: list[Note]) -> CutLoop:
     (a, on_a), (b, on_b) = of.frames[cut.link_a], of.frames[cut.link_b]
     frame_a, frame_b = on_a @ cut.frame_a, on_b @ cut.frame_b
     kind: str = cut.kind
@@ -200,7 +200,7 @@ def _gaps(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], q: Array) -> tuple[A
     return np.concatenate(gaps), np.concatenate(rows)
 
 
-def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: Reduced) -> tuple[set[str], list[str]]:
+def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -> tuple[set[str], list[str]]:
     """Names of the joints that the cuts move, and of joints of massless links whose rotation nothing determines."""
     names = [hinge.name for hinge in hinges]
     start = np.array([hinge.reference for hinge in hinges])
@@ -236,7 +236,7 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: Reduced) -> t
     return passive, idle
 
 
-def _independent(names: Sequence[str], of: Reduced) -> Array:
+def _independent(names: Sequence[str], of: MovingTree) -> Array:
     """Map from joints that follow no other to all joints, (n, n); columns of followers are zero."""
     index = {name: k for k, name in enumerate(names)}
     direct = np.zeros((len(names), len(names)))
@@ -276,7 +276,7 @@ def _without(
     return made, renewed
 
 
-def gaps_at(of: Reduced, poses: Mapping[str, tuple[Array, Array]]) -> Array:
+def gaps_at(of: MovingTree, poses: Mapping[str, tuple[Array, Array]]) -> Array:
     """Distance of the two points of every closing joint, (loops, n), m, from poses of links."""
     made = []
     for cut in of.closing:

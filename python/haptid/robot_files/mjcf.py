@@ -17,9 +17,9 @@ from haptid.robot_files.tree import (
     Drive,
     Follows,
     Inertial,
-    Kind,
-    Link,
+    JointKind,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
     motion,
@@ -29,8 +29,8 @@ from haptid.robot_files.xml import Element, parse, read_bytes, refused
 
 # Most elements that <replicate> may make, and most files that are included.
 MOST_REPLICATES, MOST_INCLUDES = 20_000, 200
-WORLD = "world"
-_KINDS: Mapping[str, Kind] = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
+_WORLD = "world"
+_KINDS: Mapping[str, JointKind] = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
 
 
 def read_mjcf(path: Path, roots: Roots, snap: float = 0.0) -> RobotTree:
@@ -96,12 +96,12 @@ class _Walk:
         self.x = {name: np.array(values) for name, values in compiled["arrays"].items()}
         self.enums = {kind: {int(k): v for k, v in names.items()} for kind, names in compiled["enums"].items()}
         self.notes: list[Note] = []
-        self.links: dict[str, Link] = {WORLD: Link(WORLD)}
+        self.links: dict[str, RobotLink] = {_WORLD: RobotLink(_WORLD)}
         self.joints: list[TreeJoint] = []
         self.joint_names: dict[int, str] = {}
         self.follows: list[Follows] = []
         self.closing: list[ClosingJoint] = []
-        self.body_links: list[tuple[str, Array]] = [(WORLD, np.eye(4))]  # link of a body, and the body's frame in it
+        self.body_links: list[tuple[str, Array]] = [(_WORLD, np.eye(4))]  # link of a body, and the body's frame in it
 
     def tree(self) -> RobotTree:
         """The tree."""
@@ -157,12 +157,12 @@ class _Walk:
             for i in range(count):
                 j = first + i
                 link = name if i == count - 1 else f"{name} after {self._name('joint', j)}"
-                self.links[link] = Link(link, massless=i < count - 1)
+                self.links[link] = RobotLink(link, massless=i < count - 1)
                 pos = self.x["jnt_pos"][j]
                 self.joints.append(self._joint(j, above, link, frame @ shift(*pos), driven, armature, damping))
                 above, frame = link, shift(*(-pos))
             if not count:
-                self.links[name] = Link(name)
+                self.links[name] = RobotLink(name)
                 self.joints.append(TreeJoint(f"{name} mount", "fixed", above, name, frame, np.array([0.0, 0.0, 1.0])))
                 above, frame = name, np.eye(4)
             mass = float(self.x["body_mass"][b])
@@ -170,7 +170,7 @@ class _Walk:
                 local = self._frame(self.x["body_ipos"][b], self.x["body_iquat"][b], snap=0.0)
                 body = Inertial(mass, np.zeros(3), np.diag(self.x["body_inertia"][b]), b in guessed)
                 line = self._line("body", b)
-                self.links[above] = Link(above, body.moved(frame @ local), line=line, own_frame=frame)
+                self.links[above] = RobotLink(above, body.moved(frame @ local), line=line, own_frame=frame)
                 told += [name] if b in guessed else []
             self.body_links.append((above, frame))
             if self.x["body_gravcomp"][b]:

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.robot_files.reduced import Reduced
+from haptid.robot_files.moving_tree import MovingTree
 
 
-def link_poses(of: Reduced, q: Mapping[str, Array], samples: int) -> dict[str, tuple[Array, Array]]:
+def source_link_poses(of: MovingTree, q: Mapping[str, Array], samples: int) -> dict[str, tuple[Array, Array]]:
     """Rotation (n, 3, 3) and origin (n, 3) of every link in the base frame.
 
     Args:
@@ -25,7 +25,7 @@ def link_poses(of: Reduced, q: Mapping[str, Array], samples: int) -> dict[str, t
 
 
 def tree_torque(
-    of: Reduced, q: Mapping[str, Array], qd: Mapping[str, Array], qdd: Mapping[str, Array], friction: bool = True
+    of: MovingTree, q: Mapping[str, Array], qd: Mapping[str, Array], qdd: Mapping[str, Array], friction: bool = True
 ) -> Array:
     """Torque of every moving joint, (moving, n), N m or N: bodies, armature, springs, and damping and friction.
 
@@ -75,7 +75,7 @@ _State = tuple[Array, Array, Array, Array, Array]
 
 
 def _states(
-    of: Reduced, q: Mapping[str, Array], qd: Mapping[str, Array], qdd: Mapping[str, Array], samples: int
+    of: MovingTree, q: Mapping[str, Array], qd: Mapping[str, Array], qdd: Mapping[str, Array], samples: int
 ) -> tuple[dict[str, _State], dict[str, Array]]:
     """Rotation, origin, angular velocity and acceleration, acceleration of the origin of all links; joint axes."""
     still = np.zeros((samples, 3))

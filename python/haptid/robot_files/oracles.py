@@ -11,13 +11,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import MissingDependencyError, RobotFileError
-from haptid.robot_files.check import LARGEST_ERROR, States, difference
+from haptid.robot_files.check import LARGEST_ERROR, ComparedStates, difference
+from haptid.robot_files.moving_tree import MovingTree
 from haptid.robot_files.newton_euler import tree_torque
-from haptid.robot_files.reduced import Reduced
 from haptid.robot_files.xml import refused
 
 
-def ask_others(path: Path, of: Reduced, states: States) -> dict[str, float]:
+def ask_others(path: Path, of: MovingTree, states: ComparedStates) -> dict[str, float]:
     """Greatest relative difference of torques from another program, by its name.
 
     Raises:
@@ -57,7 +57,7 @@ def ask_others(path: Path, of: Reduced, states: States) -> dict[str, float]:
     return {module: found_difference}
 
 
-def pinocchio_torque(pin: Any, path: Path, of: Reduced, states: States) -> Array:
+def pinocchio_torque(pin: Any, path: Path, of: MovingTree, states: ComparedStates) -> Array:
     """Torque of every moving joint without friction, (moving, n), by Pinocchio's RNEA."""
     model = pin.buildModelFromUrdf(str(path))
     model.gravity.linear = np.array(of.tree.gravity)
@@ -86,19 +86,19 @@ def _set(model: Any, name: str, value: float, q: Array) -> None:
         q[joint.idx_q] = value
 
 
-def _own(of: Reduced, states: States) -> Array:
+def _own(of: MovingTree, states: ComparedStates) -> Array:
     """Torque of armatures and springs, (moving, n), which Pinocchio does not read."""
     joints = [one.joint for one in of.moving]
     return np.array([x.armature * states.qdd[x.name] + x.stiffness * (states.q[x.name] - x.rest) for x in joints])
 
 
-def mujoco_torque(mujoco: Any, path: Path, of: Reduced, states: States) -> Array:
+def mujoco_torque(mujoco: Any, path: Path, of: MovingTree, states: ComparedStates) -> Array:
     """Torque of every moving joint without friction, (moving, n), by mj_inverse with constraints off."""
     model = mujoco.MjModel.from_xml_path(str(path))
     return mujoco_model_torque(mujoco, model, of, states)
 
 
-def mujoco_model_torque(mujoco: Any, model: Any, of: Reduced, states: States) -> Array:
+def mujoco_model_torque(mujoco: Any, model: Any, of: MovingTree, states: ComparedStates) -> Array:
     """The same of a model."""
     flags = mujoco.mjtDisableBit
     for flag in (flags.mjDSBL_CONSTRAINT, flags.mjDSBL_CONTACT, flags.mjDSBL_ACTUATION, flags.mjDSBL_DAMPER):

@@ -15,7 +15,7 @@ from haptid.robot_files.urdf import read_urdf
 from haptid.robot_files.xacro import expand_xacro
 from haptid.robot_files.xml import parse, read_bytes, refused
 
-FORMATS = "URDF, xacro, MJCF, SDF, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
+_FORMATS = "URDF, xacro, MJCF, SDF, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
 _XACRO = b"http://www.ros.org/wiki/xacro"
 
 
@@ -51,7 +51,7 @@ def read_robot(
     if suffix in (".usd", ".usda", ".usdc", ".usdz"):
         raise refused(str(path), "it is USD, which is not read", "Export it as URDF or MJCF, and import that.")
     if b"<" not in content[:4096]:
-        raise refused(str(path), "it is no robot description", f"Give {FORMATS}.")
+        raise refused(str(path), "it is no robot description", f"Give {_FORMATS}.")
     root = parse(content, str(path))
     if root.tag == "mujoco":
         return read_mjcf(path, roots, snap)
@@ -61,4 +61,4 @@ def read_robot(
         return read_urdf(expand_xacro(path, roots, xacro_arguments or {}), str(path), snap)
     if root.tag == "robot":
         return read_urdf(content, str(path), snap)
-    raise refused(str(path), f"its root is <{root.tag[:60]}>", f"Give {FORMATS}.", root.line)
+    raise refused(str(path), f"its root is <{root.tag[:60]}>", f"Give {_FORMATS}.", root.line)

@@ -16,9 +16,9 @@ from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
     Inertial,
-    Kind,
-    Link,
+    JointKind,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
     checked_inertial,
@@ -29,9 +29,9 @@ from haptid.robot_files.tree import (
 )
 from haptid.robot_files.xml import Element
 
-GRAVITY = (0.0, 0.0, -9.8)
-WORLD, MODEL = "world", "__model__"
-_KINDS: Mapping[str, Kind] = {
+_GRAVITY = (0.0, 0.0, -9.8)
+_WORLD, _MODEL = "world", "__model__"
+_KINDS: Mapping[str, JointKind] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
@@ -65,9 +65,9 @@ class _Model:
         self.model, self.snap = model, snap
         self.notes: list[Note] = []
         gravity = None if world is None else world.first("gravity")
-        self.gravity = GRAVITY
+        self.gravity = _GRAVITY
         if gravity is None:
-            text = f"gravity: taken as SDF's default, {' '.join(map(str, GRAVITY))} m/s^2"
+            text = f"gravity: taken as SDF's default, {' '.join(map(str, _GRAVITY))} m/s^2"
             self.notes.append(Note("approximate", text))
         else:
             self.gravity = gravity.numbers_of("gravity", gravity.text, 3)
@@ -82,12 +82,14 @@ class _Model:
             model.refuse("has two links of one name", "Rename one of them.")
         self.joints = {element.name(): element for element in model.all("joint")}
         self.frames = {element.name(): element for element in model.all("frame")}
-        self.poses: dict[str, Array] = {MODEL: np.eye(4)}
+        self.poses: dict[str, Array] = {_MODEL: np.eye(4)}
 
     def tree(self) -> RobotTree:
         """The tree."""
-        links = {WORLD: Link(WORLD)}
-        links |= {name: Link(name, self._inertial(element), line=element.line) for name, element in self.links.items()}
+        links = {_WORLD: RobotLink(_WORLD)}
+        links |= {
+            name: RobotLink(name, self._inertial(element), line=element.line) for name, element in self.links.items()
+        }
         joints, closing, follows = [], [], []
         owned: set[str] = set()
         for name, element in self.joints.items():
@@ -104,7 +106,7 @@ class _Model:
             if np.array_equal(offset, np.eye(4)):
                 joints.append(made)
             else:  # the link's own frame is not at the joint: a frame there carries it
-                links[f"{name} frame"] = Link(f"{name} frame", massless=True)
+                links[f"{name} frame"] = RobotLink(f"{name} frame", massless=True)
                 joints.append(replace(made, child=f"{name} frame"))
                 joints.append(TreeJoint(f"{name} mount", "fixed", f"{name} frame", child, offset, made.axis))
             follows += self._mimic(element, name)
@@ -115,7 +117,7 @@ class _Model:
             file=self.model.file,
             form="sdf",
             gravity=np.array(self.gravity),
-            links={name: link for name, link in links.items() if name != WORLD or self._has_world(joints)},
+            links={name: link for name, link in links.items() if name != _WORLD or self._has_world(joints)},
             joints=tuple(joints),
             follows=tuple(follows),
             closing=tuple(closing),
@@ -124,7 +126,7 @@ class _Model:
 
     @staticmethod
     def _has_world(joints: list[TreeJoint]) -> bool:
-        return any(joint.parent == WORLD for joint in joints)
+        return any(joint.parent == _WORLD for joint in joints)
 
     @staticmethod
     def _text(element: Element | None) -> str:
@@ -159,9 +161,9 @@ class _Model:
                 above = self._text(element.first("child"))
             if not above and top in self.frames:
                 above = element.attributes.get("attached_to", "").strip()
-            above = above or MODEL
-            if above == WORLD:
-                above = MODEL
+            above = above or _MODEL
+            if above == _WORLD:
+                above = _MODEL
             if above in self.poses:
                 self.poses[top] = self.poses[above] @ self._own_pose(element)
             elif above in stack:
@@ -199,7 +201,7 @@ class _Model:
             self.notes.append(Note("approximate", text, element.line))
             kind = "fixed"
         at = self.pose_of(name)
-        base = np.eye(4) if parent == WORLD else self.pose_of(parent)
+        base = np.eye(4) if parent == _WORLD else self.pose_of(parent)
         axis, dynamics, limit = np.array([0.0, 0.0, 1.0]), None, None
         table = element.first("axis")
         if kind in ("revolute", "prismatic") and table is not None:
@@ -230,7 +232,7 @@ class _Model:
         frame = xyz.attributes.get("expressed_in", "").strip()
         old = self._text(table.first("use_parent_model_frame")) in ("1", "true")
         if frame or old:
-            R = np.eye(3) if old or frame == MODEL else self.pose_of(frame)[:3, :3]
+            R = np.eye(3) if old or frame == _MODEL else self.pose_of(frame)[:3, :3]
             axis = at[:3, :3].T @ R @ axis
         return snapped_axis(axis, self.snap)
 
@@ -239,7 +241,7 @@ class _Model:
             element.refuse("closes a loop, and is neither revolute, prismatic nor ball", "Open the loop there.")
         at = self.pose_of(joint.name)
         onto = np.eye(4) if joint.kind == "spherical" else least_turn(joint.axis)
-        ends = [np.eye(4) if link == WORLD else self.pose_of(link) for link in (joint.parent, joint.child)]
+        ends = [np.eye(4) if link == _WORLD else self.pose_of(link) for link in (joint.parent, joint.child)]
         frames = [inverse(end) @ at @ onto for end in ends]
         return ClosingJoint(
             joint.name,

@@ -20,11 +20,11 @@ from haptid.errors import DeviceFileError
 from haptid.robot_files.tree import (
     ClosingJoint,
     Inertial,
-    Link,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
-    snapped,
+    snapped_angle,
 )
 from haptid.robot_files.xml import refused
 
@@ -120,12 +120,12 @@ class _Par:
             self._refuse(f"it names the lengths {names} without a value", advice)
         moving = self._list("mu" if "mu" in self.values else "Mu", self.joint_count, "1")
         names = [str(k + 1) for k in range(self.joint_count)]
-        links = {"base": Link("base")}
+        links = {"base": RobotLink("base")}
         joints = []
         for k in range(self.bodies):
             frame, keys = placed[k]
             name = names[k]
-            links[name] = Link(name, self._body(k))
+            links[name] = RobotLink(name, self._body(k))
             if sigma[k] not in ("0", "1"):
                 self._refuse(f"joint {name} has sigma = {sigma[k]}", "0 is revolute, 1 is prismatic.")
             kind = "prismatic" if sigma[k] == "1" else "revolute"
@@ -173,7 +173,7 @@ class _Par:
             text = columns[key][k]
             own = key == variable and _WORD.fullmatch(text) is not None
             value = 0.0 if own else self._number(text, f"{key} of frame {k + 1}")
-            values[key] = snapped(value, self.snap) if key in _ANGLES else value
+            values[key] = snapped_angle(value, self.snap) if key in _ANGLES else value
             if own or (not value and not _WORD.search(text)):
                 continue
             if key in _ANGLES and not _WORD.search(text):

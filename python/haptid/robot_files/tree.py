@@ -1,6 +1,6 @@
 """The neutral tree: what a robot description says, before it is a device.
 
-Readers of all formats make one; `reduced` merges what does not move, and `device_file` writes it as a device file.
+Readers of all formats make one; `moving_tree` merges what does not move, and `device_file` writes it as a device file.
 Names are those of the source.
 """
 
@@ -21,8 +21,8 @@ from haptid.robot_files.xml import refused
 MOST_LINKS = 5_000
 # A direction shorter than this is none.
 NO_AXIS = 1e-9
-Grade = Literal["exact", "approximate", "left out"]
-Kind = Literal["revolute", "prismatic", "fixed", "spherical", "floating", "planar"]
+NoteGrade = Literal["exact", "approximate", "left out"]
+JointKind = Literal["revolute", "prismatic", "fixed", "spherical", "floating", "planar"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Note:
         line: of the source; None where there is none.
     """
 
-    grade: Grade
+    grade: NoteGrade
     text: str
     line: int | None = None
 
@@ -82,7 +82,7 @@ def merged(bodies: Sequence[Inertial]) -> Inertial:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class RobotLink:
     """A link.
 
     Attributes:
@@ -123,7 +123,7 @@ class TreeJoint:
     """
 
     name: str
-    kind: Kind
+    kind: JointKind
     parent: str
     child: str
     placement: Array
@@ -203,7 +203,7 @@ class RobotTree:
     file: str
     form: str
     gravity: Array
-    links: Mapping[str, Link]
+    links: Mapping[str, RobotLink]
     joints: tuple[TreeJoint, ...]
     follows: tuple[Follows, ...] = ()
     closing: tuple[ClosingJoint, ...] = ()
@@ -215,10 +215,10 @@ class RobotTree:
 
 def pose(xyz: Sequence[float], rpy: Sequence[float], snap: float = 0.0) -> Array:
     """A placement by position and roll, pitch, yaw about fixed axes, (4, 4); angles near quarter turns snapped."""
-    return placed(xyz, [snapped(angle, snap) for angle in rpy])
+    return placed(xyz, [snapped_angle(angle, snap) for angle in rpy])
 
 
-def snapped(angle: float, snap: float) -> float:
+def snapped_angle(angle: float, snap: float) -> float:
     """The multiple of a quarter turn that is nearer than `snap`, rad, else the angle itself."""
     quarter = round(angle / (math.pi / 2)) * math.pi / 2
     return quarter if abs(angle - quarter) < snap else angle

@@ -15,9 +15,9 @@ from haptid.robot_files.tree import (
     Drive,
     Follows,
     Inertial,
-    Kind,
-    Link,
+    JointKind,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
     checked_inertial,
@@ -28,8 +28,8 @@ from haptid.robot_files.tree import (
 from haptid.robot_files.xml import Element, parse
 
 # Where URDF says nothing of gravity, simulators have this one.
-GRAVITY = (0.0, 0.0, -9.81)
-_KINDS: Mapping[str, Kind] = {
+_GRAVITY = (0.0, 0.0, -9.81)
+_KINDS: Mapping[str, JointKind] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
@@ -54,13 +54,13 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
     root = parse(content, file)
     if root.tag != "robot":
         root.refuse("is not the root of a URDF, which is <robot>", "Give a URDF, MJCF or SDF.")
-    notes = [Note("approximate", f"gravity: URDF has none; {' '.join(map(str, GRAVITY))} m/s^2 was taken")]
-    links: dict[str, Link] = {}
+    notes = [Note("approximate", f"gravity: URDF has none; {' '.join(map(str, _GRAVITY))} m/s^2 was taken")]
+    links: dict[str, RobotLink] = {}
     for element in root.all("link"):
         name = element.name()
         if name in links:
             element.refuse("has the name of an earlier link", "Rename one of them.")
-        links[name] = Link(name, _inertial(element, snap, notes), line=element.line)
+        links[name] = RobotLink(name, _inertial(element, snap, notes), line=element.line)
     if not links:
         root.refuse("has no <link>", "Give the URDF of a robot.")
     joints = [_joint(element, snap, notes) for element in root.all("joint")]
@@ -72,7 +72,7 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
         name=root.attributes.get("name", "robot").strip() or "robot",
         file=file,
         form="urdf",
-        gravity=np.array(GRAVITY),
+        gravity=np.array(_GRAVITY),
         links=links,
         joints=tuple(joints),
         follows=tuple(follows),
@@ -139,7 +139,9 @@ def _joint(element: Element, snap: float, notes: list[Note]) -> TreeJoint:
     )
 
 
-def _limits(element: Element, given: str, kind: Kind) -> tuple[tuple[float, float] | None, float | None, float | None]:
+def _limits(
+    element: Element, given: str, kind: JointKind
+) -> tuple[tuple[float, float] | None, float | None, float | None]:
     limit = element.first("limit")
     if limit is None or kind not in ("revolute", "prismatic"):
         return None, None, None

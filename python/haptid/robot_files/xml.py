@@ -17,7 +17,7 @@ from xml.parsers import expat
 from haptid.errors import RobotFileError
 
 # A robot description has some hundred kilobytes at most; beyond this it is something else.
-LARGEST_FILE = 30_000_000
+LARGEST_DESCRIPTION = 30_000_000
 # Deepest nesting of elements: bodies of a chain are nested in MJCF.
 DEEPEST = 400
 # Most elements of one file.
@@ -143,12 +143,12 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         with path.open("rb") as stream:
-            content = stream.read(LARGEST_FILE + 1)
+            content = stream.read(LARGEST_DESCRIPTION + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise refused(str(path), f"cannot be opened ({reason})", "Give the path of a robot description.") from None
-    if len(content) > LARGEST_FILE:
-        found = f"has more than {LARGEST_FILE} bytes"
+    if len(content) > LARGEST_DESCRIPTION:
+        found = f"has more than {LARGEST_DESCRIPTION} bytes"
         raise refused(str(path), found, "A robot description is smaller: is this a mesh or a log?")
     return content
 

@@ -25,9 +25,9 @@ from haptid.experiment.bench.mjcf import numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, write
 from haptid.export.provenance import ExportSource, provenance
+from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
 from haptid.robot_files.read import read_robot
-from haptid.robot_files.reduced import Reduced, reduced
 from haptid.robot_files.tree import Inertial
 from haptid.robot_files.xml import Element, parse, read_bytes
 
@@ -69,7 +69,7 @@ def export_into(
     absent = [name for name, j in index.items() if name not in moving and model.device.joints[j].body]
     if absent:
         raise _cannot(path, f"it has no moving joint {absent[0]!r}", "Give the file that the device was imported from.")
-    of = reduced(tree, hold=dict.fromkeys(sorted(moving - set(index)), 0.0))
+    of = moving_tree(tree, hold=dict.fromkeys(sorted(moving - set(index)), 0.0))
     apart = _geometry(of, model.device, index)
     if apart > SNAPPED_GEOMETRY:
         found = f"its placements differ from the device's by {apart:.1e}"
@@ -102,7 +102,7 @@ def _file_frame(device: Device, j: int) -> Array:
     return made
 
 
-def _geometry(of: Reduced, device: Device, index: Mapping[str, int]) -> float:
+def _geometry(of: MovingTree, device: Device, index: Mapping[str, int]) -> float:
     """Greatest difference of a placement between file and device; first joints are placed on bases of their own."""
     worst = 0.0
     for one in of.moving:
@@ -150,7 +150,7 @@ class _Edit:
 class _Editor:
     """Collects edits of a file's bytes."""
 
-    def __init__(self, root: Element, content: bytes, of: Reduced, index: Mapping[str, int], form: str) -> None:
+    def __init__(self, root: Element, content: bytes, of: MovingTree, index: Mapping[str, int], form: str) -> None:
         self.root, self.content, self.of, self.index, self.form = root, content, of, index, form
         self.edits: list[_Edit] = []
         self.notes: list[str] = []
@@ -270,7 +270,7 @@ def _mjcf_inertial(body: Inertial) -> str:
 
 
 def _verify(
-    model: DynamicModel, chi: Array, made: Sequence[SimulatedBody], of: Reduced, index: Mapping[str, int], path: Path
+    model: DynamicModel, chi: Array, made: Sequence[SimulatedBody], of: MovingTree, index: Mapping[str, int], path: Path
 ) -> None:
     """Compare torques of the written bodies with those of the model's links at random states.
 

@@ -13,8 +13,8 @@ from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
     Inertial,
-    Link,
     Note,
+    RobotLink,
     RobotTree,
     TreeJoint,
     merged,
@@ -44,7 +44,7 @@ class Moving:
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class MovingTree:
     """What moves of a tree.
 
     Attributes:
@@ -67,15 +67,15 @@ class Reduced:
     follows: tuple[Follows, ...]
     closing: tuple[ClosingJoint, ...]
 
-    def with_bodies(self, bodies: Mapping[str, Inertial]) -> Reduced:
+    def with_bodies(self, bodies: Mapping[str, Inertial]) -> MovingTree:
         """The same tree with these bodies by link, and no others."""
         links = {name: replace(link, inertial=bodies.get(name)) for name, link in self.tree.links.items()}
         return replace(self, tree=replace(self.tree, links=links))
 
 
-def reduced(
+def moving_tree(
     tree: RobotTree, root: str | None = None, tip: str | None = None, hold: Mapping[str, float] | None = None
-) -> Reduced:
+) -> MovingTree:
     """What moves below a root link, and on the way to a tip link.
 
     Args:
@@ -107,7 +107,7 @@ def reduced(
     base = _pose_of(root, above, held)
     moving: list[Moving] = []
     frames: dict[str, tuple[int, Array]] = {root: (-1, np.eye(4))}
-    fixed: list[list[Link]] = []
+    fixed: list[list[RobotLink]] = []
     for joint in joints:
         if joint.parent not in frames or joint.child == root:
             continue
@@ -145,7 +145,9 @@ def reduced(
         for one in made
         if one.body is None and not one.massless
     ]
-    return Reduced(replace(tree, joints=joints, notes=tuple(notes)), root, base, made, held, frames, follows, closing)
+    return MovingTree(
+        replace(tree, joints=joints, notes=tuple(notes)), root, base, made, held, frames, follows, closing
+    )
 
 
 def _only_root(tree: RobotTree, roots: Sequence[str], joints: Sequence[TreeJoint]) -> str:
@@ -218,7 +220,7 @@ def _pose_of(link: str, above: Mapping[str, TreeJoint], held: Mapping[str, float
     return made
 
 
-def _with_body(one: Moving, links: Sequence[Link], frames: Mapping[str, tuple[int, Array]]) -> Moving:
+def _with_body(one: Moving, links: Sequence[RobotLink], frames: Mapping[str, tuple[int, Array]]) -> Moving:
     bodies = [link.inertial.moved(frames[link.name][1]) for link in links if link.inertial is not None]
     bodies = [body for body in bodies if body.mass > 0 or body.inertia.any()]
     return replace(one, body=merged(bodies) if bodies else None, massless=all(link.massless for link in links))
