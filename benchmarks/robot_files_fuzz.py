@@ -2,8 +2,8 @@
 
     python benchmarks/robot_files_fuzz.py FILE... --tries 20000
 
-The test suite runs a few such tries; here each file is mutated `--tries` times. MJCF and xacro start a child process for
-each try and take a second or so.
+The test suite runs a few such tries; here each file is mutated `--tries` times. MJCF and xacro start a child process
+for each try and take a second or so.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from haptid.errors import HaptidError
 from haptid.robot_files import import_robot
 
-WORDS = (b"nan", b"-1", b"1e308", b"0", b"", b'"', b"<", b">", b"base", b"&amp;", b"1e-320", b"\xff", b"\0", b"../", b"{")
+WORDS = (b"nan", b"-1", b"1e308", b"0", b"", b'"', b"<", b">", b"base", b"&amp;", b"1e-320", b"\xff", b"\0", b"../")
 
 
 def mutated(content: bytes, rng: np.random.Generator) -> bytes:
