@@ -125,7 +125,7 @@ def _without_rounding(values: Array, size: float) -> Array:
 
 
 def _placement(frame: Array) -> list[str]:
-    made = []
+    made: list[str] = []
     if frame[:3, 3].any():
         made.append(f"xyz = {_vector(frame[:3, 3])}")
     rpy = angles(_without_rounding(frame[:3, :3], 1.0))
@@ -135,7 +135,7 @@ def _placement(frame: Array) -> list[str]:
 
 
 def _drive_notes(of: MovingTree, loops: OpenLoops) -> list[Note]:
-    said = []
+    said: list[Note] = []
     known = any(one.joint.actuated for one in of.moving)
     moved = loops.passive | {relation.joint for relation in of.follows}
     idle = [x.joint.name for x in of.moving if known and not x.joint.actuated and x.joint.name not in moved]
@@ -171,7 +171,7 @@ class _Writer:
 
     def joints(self) -> list[str]:
         """[[joints]]."""
-        made = []
+        made: list[str] = []
         for hinge in self.loops.hinges:
             made += [*self._joint(hinge, self.moving.get(hinge.name)), ""]
         return made
@@ -190,7 +190,7 @@ class _Writer:
             made += [*_placement(hinge.placement), f"axis = {_vector(_without_rounding(hinge.axis, 1.0))}"]
         if one is None or one.massless:
             made.append("body = false")
-        limits = []
+        limits: list[str] = []
         if one is not None:
             if one.joint.limits is not None:
                 limits.append(f"position = {_vector(one.joint.limits)}")
@@ -206,7 +206,7 @@ class _Writer:
 
     def relations(self) -> list[str]:
         """[[loops]] of joints that follow others."""
-        made = []
+        made: list[str] = []
         for relation in self.of.follows:
             terms = [f"{_number(factor)}*q{self.names[name]}" for name, factor in relation.factors.items()]
             terms += [_number(relation.offset)] if relation.offset or not terms else []
@@ -216,7 +216,7 @@ class _Writer:
 
     def cuts(self) -> list[str]:
         """[[loops]] with cuts."""
-        made = []
+        made: list[str] = []
         at = {
             hinge.name: hinge.reference
             for hinge in self.loops.hinges
@@ -246,7 +246,7 @@ class _Writer:
         active = [hinge.name for hinge in self.loops.hinges if hinge.name not in self.passive]
         drives += [Drive(name, {name: 1.0}) for name in active if name not in driven]
         names = _motor_names(drives, self.names)
-        made = []
+        made: list[str] = []
         for drive, name in zip(drives, names, strict=True):
             made += ["[[motors]]", f'name = "{name}"']
             factors = ", ".join(f"{self.names[joint]} = {_number(x)}" for joint, x in drive.factors.items())
@@ -260,7 +260,7 @@ class _Writer:
 
     def terms(self) -> list[str]:
         """[[terms]]: what the source has values for, and friction of the active joints, which every robot has."""
-        made = []
+        made: list[str] = []
         symoro = self.of.tree.form == "symoro"
         for key, kind in (("armature", "rotor-inertia"), ("damping", "viscous"), ("friction", "coulomb")):
             joints = [x for x in self.moving if getattr(self.moving[x].joint, key)]
@@ -284,7 +284,7 @@ class _Writer:
             for name, one in self.moving.items()
             if getattr(one.joint, key)
         }
-        bodies = []
+        bodies: list[str] = []
         for name, one in self.moving.items():
             if one.body is None or one.massless:
                 continue

@@ -18,7 +18,7 @@ from haptid.device.expressions import number
 from haptid.device.geometry import modified_dh, shift, turn_x, turn_z
 from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError, suggestion
-from haptid.robot_files.tree import Note, RobotLink, RobotTree, TreeJoint, snapped_angle
+from haptid.robot_files.tree import JointKind, Note, RobotLink, RobotTree, TreeJoint, snapped_angle
 from haptid.robot_files.xml import refused
 
 _GRAVITY = (0.0, 0.0, -9.81)
@@ -156,7 +156,7 @@ class _Table:
             joints.append(
                 TreeJoint(
                     name,
-                    kind,  # type: ignore[arg-type]
+                    kind,
                     parent,
                     name,
                     after[parent] @ before,
@@ -187,9 +187,9 @@ class _Table:
             return modified_dh(0.0, 0.0, x["alpha"], x["a"], x["theta"], x["d"]), np.eye(4)
         return turn_z(x["theta"]) @ shift(z=x["d"]), shift(x=x["a"]) @ turn_x(x["alpha"])
 
-    def _kind(self, text: str, line: int) -> str:
-        known = {"": "revolute", "0": "revolute", "r": "revolute", "revolute": "revolute", "1": "prismatic"}
-        known |= {"p": "prismatic", "prismatic": "prismatic"}
+    def _kind(self, text: str, line: int) -> JointKind:
+        known: dict[str, JointKind] = dict.fromkeys(("", "0", "r", "revolute"), "revolute")
+        known.update(dict.fromkeys(("1", "p", "prismatic"), "prismatic"))
         if text.lower() not in known:
             raise refused(self.file, f"the type is {text[:40]!r}", "Write revolute or prismatic.", line)
         return known[text.lower()]

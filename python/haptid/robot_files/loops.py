@@ -120,7 +120,7 @@ def _at(poses: Sequence[Array], body: int, frame: Array) -> Array:
 
 def _way(hinges: Sequence[Hinge], body: int) -> set[int]:
     """Indices of the joints that carry a link."""
-    made = set()
+    made: set[int] = set()
     while body >= 0:
         made.add(body)
         body = hinges[body].parent
@@ -182,7 +182,8 @@ def _gaps(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], q: Array) -> tuple[A
     """Gaps of all cuts, (m,), and their Jacobian, (m, hinges)."""
     poses = _poses(hinges, q)
     axes = [pose[:3, :3] @ hinge.axis for hinge, pose in zip(hinges, poses, strict=True)]
-    gaps, rows = [], []
+    gaps: list[Array] = []
+    rows: list[Array] = []
     for cut in cuts:
         A, B = _at(poses, cut.body_a, cut.frame_a), _at(poses, cut.body_b, cut.frame_b)
         za, zb = A[:3, 2], B[:3, 2]

@@ -54,7 +54,7 @@ def read_mjcf(path: Path, roots: Roots, snap: float = 0.0) -> RobotTree:
 def _scan(path: Path, roots: Roots) -> dict[tuple[str, str], int]:
     """Lines of named elements of the main file; refuses includes outside the roots, and replicates that explode."""
     lines: dict[tuple[str, str], int] = {}
-    waiting, seen = [path.resolve()], set()
+    waiting, seen = [path.resolve()], set[Path]()
     while waiting:
         file = waiting.pop()
         if file in seen:
@@ -147,7 +147,7 @@ class _Walk:
 
     def _bodies(self, driven: set[int], armature: Array, damping: Array) -> None:
         guessed = set(self.of["guessed"])
-        told = []
+        told: list[str] = []
         for b in range(1, len(self.x["body_parentid"])):
             above, at = self.body_links[self.x["body_parentid"][b]]
             frame = at @ self._frame(self.x["body_pos"][b], self.x["body_quat"][b])
@@ -263,7 +263,7 @@ class _Walk:
 
     def _drives(self) -> list[Drive]:
         """Plain motors with gears. Gears of position servos and of tendons that are not fixed say nothing of torque."""
-        made = []
+        made: list[Drive] = []
         fixed, none = self.of["plain_gain"]
         for k, kind in enumerate(self.x["actuator_trntype"]):
             plain = self.x["actuator_gaintype"][k] == fixed and self.x["actuator_biastype"][k] == none

@@ -163,7 +163,8 @@ def _only_root(tree: RobotTree, roots: Sequence[str], joints: Sequence[TreeJoint
 
 def _chain(tree: RobotTree, root: str, tip: str, above: Mapping[str, TreeJoint]) -> set[str]:
     """Names of the joints from the root to the tip."""
-    made, link = set(), tip
+    made: set[str] = set()
+    link = tip
     while link != root:
         joint = above.get(link)
         if joint is None:
@@ -230,7 +231,8 @@ def _relations(
     follows: Sequence[Follows], kept: set[str], held: Mapping[str, float]
 ) -> tuple[tuple[Follows, ...], list[Note]]:
     """Relations of moving joints, held ones as constants."""
-    made, notes = [], []
+    made: list[Follows] = []
+    notes: list[Note] = []
     for relation in follows:
         if relation.joint in held and any(name in kept for name in relation.factors):
             if relation.joint in kept or not all(name in held for name in relation.factors):

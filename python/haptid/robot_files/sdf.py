@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -37,6 +38,11 @@ _KINDS: Mapping[str, JointKind] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
     "ball": "spherical",
+}
+_CLOSING: Mapping[str, Literal["revolute", "prismatic", "spherical"]] = {
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "spherical": "spherical",
 }
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -90,7 +96,9 @@ class _Model:
         links |= {
             name: RobotLink(name, self._inertial(element), line=element.line) for name, element in self.links.items()
         }
-        joints, closing, follows = [], [], []
+        joints: list[TreeJoint] = []
+        closing: list[ClosingJoint] = []
+        follows: list[Follows] = []
         owned: set[str] = set()
         for name, element in self.joints.items():
             parent, child = (self._text(element.only(role)) for role in ("parent", "child"))
@@ -191,7 +199,7 @@ class _Model:
         xx, xy, xz, yy, yz, zz = (entries[key] for key in _TENSOR)
         value = 1.0 if mass is None else mass.numbers_of("mass", mass.text, 1)[0]
         J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return checked_inertial(value, np.zeros(3), J, element.refuse).moved(self._own_pose(element))
+        return checked_inertial(value, np.zeros(3), J, element).moved(self._own_pose(element))
 
     def _joint(self, element: Element, name: str, parent: str, child: str) -> TreeJoint:
         given = element.name("type")
@@ -237,7 +245,8 @@ class _Model:
         return snapped_axis(axis, self.snap)
 
     def _closing(self, element: Element, joint: TreeJoint) -> ClosingJoint:
-        if joint.kind not in ("revolute", "prismatic", "spherical"):
+        kind = _CLOSING.get(joint.kind)
+        if kind is None:
             element.refuse("closes a loop, and is neither revolute, prismatic nor ball", "Open the loop there.")
         at = self.pose_of(joint.name)
         onto = np.eye(4) if joint.kind == "spherical" else least_turn(joint.axis)
@@ -245,12 +254,12 @@ class _Model:
         frames = [inverse(end) @ at @ onto for end in ends]
         return ClosingJoint(
             joint.name,
-            joint.kind,
+            kind,
             joint.parent,
             frames[0],
             joint.child,
             frames[1],
-            line=element.line,  # type: ignore[arg-type]
+            line=element.line,
         )
 
     def _mimic(self, element: Element, name: str) -> list[Follows]:

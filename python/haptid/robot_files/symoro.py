@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import Literal, NoReturn
 
 import numpy as np
 
@@ -72,7 +73,7 @@ class _Par:
         self.missing: set[str] = set()
         self.notes: list[Note] = []
 
-    def _refuse(self, found: str, advice: str) -> None:
+    def _refuse(self, found: str, advice: str) -> NoReturn:
         raise refused(self.file, found, advice)
 
     def _count(self, key: str) -> int:
@@ -108,7 +109,7 @@ class _Par:
     def tree(self) -> RobotTree:
         """The tree."""
         frames = self.frame_count
-        ant, sigma = self._list("Ant" if "Ant" in self.values else "ant", frames), None
+        ant = self._list("Ant" if "Ant" in self.values else "ant", frames)
         sigma = self._list("Sigma" if "Sigma" in self.values else "sigma", frames)
         columns = {key: self._list(key if key in self.values else key.capitalize(), frames, "0") for key in _KEYS}
         above = [self._parent(text, k) for k, text in enumerate(ant)]
@@ -128,11 +129,10 @@ class _Par:
             links[name] = RobotLink(name, self._body(k))
             if sigma[k] not in ("0", "1"):
                 self._refuse(f"joint {name} has sigma = {sigma[k]}", "0 is revolute, 1 is prismatic.")
-            kind = "prismatic" if sigma[k] == "1" else "revolute"
             joints.append(
                 TreeJoint(
                     name,
-                    kind,  # type: ignore[arg-type]
+                    "prismatic" if sigma[k] == "1" else "revolute",
                     "base" if above[k] < 0 else names[above[k]],
                     name,
                     frame,
@@ -224,5 +224,5 @@ class _Par:
     ) -> ClosingJoint:
         second = k + self.joint_count - self.bodies
         ends = ["base" if above[i] < 0 else names[above[i]] for i in (k, second)]
-        kind = "prismatic" if sigma[k] == "1" else "revolute"
-        return ClosingJoint(names[k], kind, ends[0], placed[k][0], ends[1], placed[second][0])  # type: ignore[arg-type]
+        kind: Literal["prismatic", "revolute"] = "prismatic" if sigma[k] == "1" else "revolute"
+        return ClosingJoint(names[k], kind, ends[0], placed[k][0], ends[1], placed[second][0])

@@ -15,7 +15,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.geometry import placed, shift
-from haptid.robot_files.xml import refused
+from haptid.robot_files.xml import Element, refused
 
 # Most links of a description: the longest chain that is more than a test of the reader.
 MOST_LINKS = 5_000
@@ -251,19 +251,19 @@ def motion(joint: TreeJoint, q: float) -> Array:
     return made
 
 
-def checked_inertial(mass: float, com: Array, inertia: Array, refuse: object) -> Inertial:
-    """A body, refused where its mass is negative; `refuse(found, advice)` raises."""
+def checked_inertial(mass: float, com: Array, inertia: Array, element: Element) -> Inertial:
+    """A body; refused at its element where its mass is negative."""
     if mass < 0:
-        refuse(f"has the mass {mass:g} kg", "A mass is zero or above.")  # type: ignore[operator]
+        element.refuse(f"has the mass {mass:g} kg", "A mass is zero or above.")
     return Inertial(mass, np.asarray(com, dtype=float), np.asarray(inertia, dtype=float))
 
 
-def unit_axis(axis: Sequence[float], element: object) -> Array:
-    """The direction of an axis; an element's `refuse` raises where it has none."""
+def unit_axis(axis: Sequence[float], element: Element) -> Array:
+    """The direction of an axis; refused at its element where it has none."""
     made = np.array(axis, dtype=float)
     size = float(np.linalg.norm(made))
     if not size > NO_AXIS:
-        element.refuse(f"has the axis {list(made)}", "Write a direction, such as 0 0 1.")  # type: ignore[attr-defined]
+        element.refuse(f"has the axis {list(made)}", "Write a direction, such as 0 0 1.")
     return made / size if abs(size - 1) > 1e-15 else made
 
 

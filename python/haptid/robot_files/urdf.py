@@ -109,7 +109,7 @@ def _inertial(link: Element, snap: float, notes: list[Note]) -> Inertial | None:
         entries = np.array([tensor.number(name, 0.0 if name in _TENSOR[1:5:3] else None) for name in _TENSOR])
     xx, xy, xz, yy, yz, zz = entries
     at = _pose(element.first("origin"), snap)
-    body = checked_inertial(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), element.refuse)
+    body = checked_inertial(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), element)
     return body.moved(at)
 
 

@@ -129,7 +129,7 @@ def _own(device: Device, j: int, made: Sequence[SimulatedBody]) -> Inertial:
 
 def _lost(acts: Sequence[Effect], form: str, joints: int) -> list[str]:
     """What the format cannot say of the model, in sentences."""
-    made = []
+    made: list[str] = []
     for k, act in enumerate(acts):
         lost = {"an offset": act.offset}
         if form == "urdf" or k >= joints:
@@ -217,7 +217,7 @@ class _Editor:
     def _insert(self, element: Element, text: str) -> None:
         """Add a child to an element, after its start tag."""
         line = self.content[: element.start].rpartition(b"\n")[2].decode(errors="replace")
-        indent = "\n" + re.match(r"\s*", line)[0] + "  "  # type: ignore[index]
+        indent = "\n" + line[: len(line) - len(line.lstrip())] + "  "
         tag = self.content[element.start : element.end]
         if tag.endswith(b"/>") and not element.children:
             inside = tag[:-2].decode().rstrip()
@@ -244,7 +244,8 @@ class _Editor:
         """The file with all edits, and a comment above its root."""
         at = self.root.start
         made = sorted([*self.edits, _Edit(at, at, comment + "\n")], key=lambda edit: (edit.start, edit.end))
-        parts, done = [], 0
+        parts: list[bytes] = []
+        done = 0
         for edit in made:
             parts += [self.content[done : edit.start], edit.text.encode()]
             done = edit.end
