@@ -256,7 +256,7 @@ def main() -> None:
         prepare, run = _TASKS[asked["task"]]
         prepare()
         _guard(asked["folders"])
-        answer = {"result": run(asked["request"])}
+        answer: dict[str, Any] = {"result": run(asked["request"])}
     except ImportError as error:
         answer = {"missing": error.name or str(error)}
     except MemoryError:

@@ -207,7 +207,7 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
     start = np.array([hinge.reference for hinge in hinges])
     F = _independent(names, of)
     ways = sorted(set().union(*(_way(hinges, cut.body_a) ^ _way(hinges, cut.body_b) for cut in cuts)))
-    used = np.flatnonzero(F[ways].any(axis=0))
+    used: list[int] = np.flatnonzero(F[ways].any(axis=0)).tolist()
     rng = np.random.default_rng(0)
     best, rank = np.zeros((0, len(used))), -1
     for k in range(_POSES):

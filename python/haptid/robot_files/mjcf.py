@@ -359,11 +359,10 @@ class _Walk:
             points = [(int(self.x["site_bodyid"][s]), self.x["site_pos"][s]) for s in (a, b)]
         else:
             points = [(a, data[0:3]), (b, data[3:6])]
-        ends = []
-        for body, point in points:
-            link, frame = self.body_links[body]
-            ends += [link, frame @ shift(*point)]
-        self.closing.append(ClosingJoint(name, "spherical", *ends, line=line))
+        (link_a, at_a), (link_b, at_b) = (
+            (self.body_links[body][0], self.body_links[body][1] @ shift(*point)) for body, point in points
+        )
+        self.closing.append(ClosingJoint(name, "spherical", link_a, at_a, link_b, at_b, line))
 
     def _left_out(self) -> None:
         for t in range(len(self.x["tendon_adr"])):

@@ -71,7 +71,7 @@ class _Model:
         self.model, self.snap = model, snap
         self.notes: list[Note] = []
         gravity = None if world is None else world.first("gravity")
-        self.gravity = _GRAVITY
+        self.gravity: tuple[float, ...] = _GRAVITY
         if gravity is None:
             text = f"gravity: taken as SDF's default, {' '.join(map(str, _GRAVITY))} m/s^2"
             self.notes.append(Note("approximate", text))

@@ -116,9 +116,9 @@ class _Par:
         placed = [self._frame(k, columns, sigma[k]) for k in range(frames)]
         gravity = [self._gravity(text) for text in self._list("G", 3, "0")[:3]]
         if self.missing:
-            names = ", ".join(sorted(self.missing))
+            listed = ", ".join(sorted(self.missing))
             advice = "Give each a value: " + " ".join(f"--length {name}=..." for name in sorted(self.missing)) + "."
-            self._refuse(f"it names the lengths {names} without a value", advice)
+            self._refuse(f"it names the lengths {listed} without a value", advice)
         moving = self._list("mu" if "mu" in self.values else "Mu", self.joint_count, "1")
         names = [str(k + 1) for k in range(self.joint_count)]
         links = {"base": RobotLink("base")}

@@ -296,7 +296,8 @@ def ordered(tree: RobotTree) -> tuple[TreeJoint, ...]:
     for joint in tree.joints:
         children.setdefault(joint.parent, []).append(joint)
     made: list[TreeJoint] = []
-    stack = [joint for link in reversed(tree.links) if link not in above for joint in reversed(children.get(link, []))]
+    roots = [name for name in tree.links if name not in above]
+    stack = [joint for name in reversed(roots) for joint in reversed(children.get(name, []))]
     while stack:
         joint = stack.pop()
         made.append(joint)

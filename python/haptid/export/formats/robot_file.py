@@ -28,7 +28,7 @@ from haptid.export.provenance import ExportSource, provenance
 from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
 from haptid.robot_files.read import read_robot
-from haptid.robot_files.tree import Inertial
+from haptid.robot_files.tree import Inertial, inverse
 from haptid.robot_files.xml import Element, parse, read_bytes
 
 # Largest difference of placements between device and file, m or of unit vectors, and of torques, relative.
@@ -124,7 +124,7 @@ def _geometry(of: MovingTree, device: Device, index: Mapping[str, int]) -> float
 def _own(device: Device, j: int, made: Sequence[SimulatedBody]) -> Inertial:
     """The body of a link in the file's link frame."""
     frame, body = _file_frame(device, j), made[j]
-    return Inertial(body.mass, np.asarray(body.com), np.asarray(body.inertia)).moved(np.linalg.inv(frame))
+    return Inertial(body.mass, np.asarray(body.com), np.asarray(body.inertia)).moved(inverse(frame))
 
 
 def _lost(acts: Sequence[Effect], form: str, joints: int) -> list[str]:
@@ -207,7 +207,7 @@ class _Editor:
             if self.form == "urdf":
                 return
             body = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
-        own = body.moved(np.linalg.inv(source.own_frame))
+        own = body.moved(inverse(source.own_frame))
         text = _urdf_inertial(own) if self.form == "urdf" else _mjcf_inertial(own)
         if old is not None:
             self.edits.append(_Edit(old.start, old.end, text))
