@@ -18,6 +18,7 @@ from haptid import motion as motion
 from haptid import observation as observation
 from haptid import report as report
 from haptid import results as results
+from haptid import robot_files as robot_files
 from haptid import simulation as simulation
 from haptid import study as study
 from haptid import treatment_choice as treatment_choice

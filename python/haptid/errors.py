@@ -98,6 +98,10 @@ class IncompleteDeviceError(DeviceError):
     """The device file lacks what the call requires: a handle, limits, targets or prior values."""
 
 
+class RobotFileError(DeviceError):
+    """A robot description (URDF, MJCF, SDF and others) cannot be read, or describes what no mechanism can be."""
+
+
 class LoopClosureError(DeviceError):
     """Kinematic loops do not close, or close in several assembly modes of which none is chosen."""
 

@@ -32,6 +32,7 @@ from haptid.experiment import bench
 from haptid.export import export_c
 from haptid.log import Channels, Signal, read_log
 from haptid.report import read_report
+from haptid.robot_files import import_robot
 from motions import motion, multisine, truth
 
 SENTENCES = Path(__file__).with_name("sentences.txt")
@@ -134,6 +135,12 @@ def device_file_name(_: Path) -> object:
 @case
 def device_syntax(folder: Path) -> object:
     return device(folder, DEVICE + "[[joints")
+
+
+@case
+def robot_file(folder: Path) -> object:
+    (folder / "robot.urdf").write_text('<robot name="r">\n<link name="a"/>\n<joint name="j" type="screw"/>\n</robot>')
+    return import_robot(folder / "robot.urdf")
 
 
 @case

@@ -29,6 +29,8 @@ refused. If the diagnosis finds a model unfit for a use, all files and the summa
 
 --name and --reversal-speed apply to code: c, c-single, rust and matlab.
 
+--into writes a copy of your own URDF or MJCF, in which only inertias and constants of joints are replaced.
+
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid export first-result --to c --to mjcf --out first-model
@@ -42,6 +44,9 @@ def export(
     ],
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
     folder: Annotated[Path, typer.Option("--out", help="parent of the formats' folders", show_default=False)],
+    into: Annotated[
+        Path | None, typer.Option("--into", help="a URDF or MJCF, of which a copy gets the identified parameters")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="export a failed model, with a warning")] = False,
     name: Annotated[
         str | None, typer.Option("--name", help="prefix of all names in code (default: from the device)")
@@ -58,7 +63,9 @@ def export(
 
     with errors_shown():
         read = Result.load(result)
-        made = haptid.export_model(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=force)
+        made = haptid.export_model(
+            read, folder, to, CCode(name, reversal_speed=reversal_speed), into=into, anyway=force
+        )
     if quiet:
         return
     for written in made.values():

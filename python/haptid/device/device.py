@@ -41,6 +41,7 @@ class Joint:
         torque_limit: N m or N, None if unknown.
         frame_rotation, frame_translation: the link frame of the file's convention in that of the normal form,
             (3, 3) and (3,), m; the identity for modified-dh.
+        alias: its name in the robot description that the file was imported from; empty without one.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Joint:
     torque_limit: float | None
     frame_rotation: Array
     frame_translation: Array
+    alias: str = ""
 
     def __post_init__(self) -> None:
         for name, shape in (("rotation", (3, 3)), ("frame_rotation", (3, 3))):

@@ -23,6 +23,9 @@ from haptid.device.toml.schema import (
 # Largest angle of the geometry, rad: a turn, with a margin for rounding.
 FULL_TURN = 2 * math.pi * (1 + 1e-9)
 
+# Cosine of the pitch below which it counts as a right angle.
+_LEVEL = 1e-14
+
 
 def turn_x(angle: float) -> Array:
     """Homogeneous rotation about x, (4, 4)."""
@@ -70,6 +73,18 @@ def modified_dh(gamma: float, b: float, alpha: float, d: float, theta: float, r:
 def placed(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
     """A placement as in URDF, (4, 4): roll, pitch, yaw about the fixed axes x, y, z."""
     return shift(*xyz) @ turn_z(rpy[2]) @ turn_y(rpy[1]) @ turn_x(rpy[0])
+
+
+def angles(rotation: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw about fixed axes, rad: `placed` gives the rotation back to rounding, at any pitch.
+
+    Where the pitch is a right angle, the yaw is zero.
+    """
+    R = rotation
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    yaw = float(np.arctan2(R[1, 0], R[0, 0])) if level > _LEVEL else 0.0
+    R = turn_z(-yaw)[:3, :3] @ R  # roll and pitch of what is left, so that they undo the rounding of the yaw
+    return float(np.arctan2(-R[1, 2], R[1, 1])), float(np.arctan2(-R[2, 0], R[0, 0])), yaw
 
 
 def least_turn(axis: Array) -> Array:

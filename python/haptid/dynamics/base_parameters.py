@@ -199,9 +199,10 @@ def select_independent(W: Array, order: list[int], tolerance: float) -> tuple[li
 
 def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array:
     """Coefficients of every standard parameter in the base parameters, (kept, standard)."""
-    R = Q.T @ W[:, kept]
-    coefficients = np.asarray(linalg.solve(R, Q.T @ W)) if kept else np.zeros((0, W.shape[1]))
     lengths = np.linalg.norm(W, axis=0)
+    scale = lengths[kept][:, None]
+    R = Q.T @ (W[:, kept] / scale.T)  # of unit columns: parameters of small effect do not spoil its condition
+    coefficients = np.asarray(linalg.solve(R, Q.T @ W)) / scale if kept else np.zeros((0, W.shape[1]))
     # What a coefficient changes in a column, relative to that column: below ROUNDING it is noise.
     share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
     coefficients[share < _ROUNDING] = 0.0

@@ -108,6 +108,18 @@ class DynamicModel:
         return base_parameters(self)
 
     @cached_property
+    def only_by_rounding(self) -> tuple[str, ...]:
+        """Base parameters that vanish if nearly special axes are exactly so: rounded angles invent them."""
+        from haptid.dynamics.near_special import special_geometry
+
+        device = special_geometry(self.device)
+        if device is None:
+            return ()
+        kept = set(replace(self, device=device).base.independent_columns)
+        pairs = zip(self.base.names, self.base.independent_columns, strict=True)
+        return tuple(name for name, column in pairs if column not in kept)
+
+    @cached_property
     def needed(self) -> tuple[tuple[int, ...], Array]:
         """The core's columns that base parameters depend on, and the map (columns, p) from them to base columns.
 

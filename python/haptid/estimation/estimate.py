@@ -342,6 +342,11 @@ def _status_and_notes(
     for motion in observation.motions:
         notes += motion.log.notes if motion.log else ()
     notes = list(dict.fromkeys([*notes, *observation.notes]))
+    if observation.model.only_by_rounding:
+        notes.append(
+            f"{', '.join(observation.model.only_by_rounding)}: in the model only through the rounding of the device "
+            "file's angles (`haptid model` says where). Do not quote these values."
+        )
     raw, scaled = observation.condition_without(zero)
     status = "ok"
     if scaled > WELL_CONDITIONED:

@@ -11,6 +11,7 @@ from haptid.export.formats.json import export_json
 from haptid.export.formats.latex import export_latex
 from haptid.export.formats.matlab import export_matlab
 from haptid.export.formats.mjcf import export_mjcf
+from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export
@@ -22,6 +23,7 @@ __all__ = [
     "Export",
     "Operations",
     "export_c",
+    "export_into",
     "export_json",
     "export_latex",
     "export_matlab",

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Protocol
 
 from haptid._internal.atomic_folder import publishing
-from haptid.errors import UnknownNameError, suggestion
+from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.export.formats.c import export_c
 from haptid.export.formats.json import export_json
 from haptid.export.formats.latex import export_latex
 from haptid.export.formats.matlab import export_matlab
 from haptid.export.formats.mjcf import export_mjcf
+from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export
@@ -56,6 +57,7 @@ def export_model(
     formats: Sequence[str],
     code: CCode | None = None,
     *,
+    into: str | Path | None = None,
     anyway: bool = False,
 ) -> dict[str, Export]:
     """Write a model in several formats, each in a subfolder of its name; all of them or none.
@@ -65,6 +67,7 @@ def export_model(
         folder: parent of these folders.
         formats: some of `EXPORTERS`.
         code: names and smoothing of code formats; the precision is that of the format.
+        into: a URDF or MJCF of the user, of which a copy gets the identified parameters, in place of a new one.
         anyway: export a model that fails its criterion or was not validated, with a note in the files.
 
     Raises:
@@ -77,12 +80,22 @@ def export_model(
             raise UnknownNameError(
                 f"there is no export format {name!r}.", where=name, limit=EXPORTERS, advice=suggestion(name, EXPORTERS)
             )
+    if into is not None and not set(formats) <= {"urdf", "mjcf"}:
+        raise SettingError(
+            f"a robot description to write into goes with the formats urdf and mjcf, not with {', '.join(formats)}.",
+            where="into",
+            found=list(formats),
+            limit=["urdf", "mjcf"],
+            advice="Export the other formats in a call of their own.",
+        )
     folder, code = Path(folder), code or CCode()
     made: dict[str, Export] = {}
     with publishing(folder) as scratch:
         for name in formats:
             if name in CODE:
                 written = CODE[name](identified, scratch / name, code, anyway=anyway)
+            elif into is not None:
+                written = export_into(identified, scratch / name, into, name, anyway=anyway)
             else:
                 written = _OTHERS[name](identified, scratch / name, anyway=anyway)
             made[name] = Export(folder / name, written.files, written.verdict)

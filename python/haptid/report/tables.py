@@ -11,6 +11,7 @@ from rich.text import Text
 
 from haptid.device.toml.summary import summary_lines
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.near_special import NEAR_ANGLE
 from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import RegroupingError
 from haptid.estimation import Parameter
@@ -151,6 +152,14 @@ def show_model(console: Console, model: DynamicModel) -> None:
         f"(relative, limit {base.tolerance:.0e})" + ("" if base.is_clear else "  - NOT CLEAR: check the geometry"),
         highlight=False,
     )
+    if model.only_by_rounding:
+        console.print(
+            f"\nOnly through the description's rounding: {' '.join(model.only_by_rounding)}. Axes there are within "
+            f"{NEAR_ANGLE:g} rad of parallel or of a right angle; with exact angles these parameters have no effect of "
+            "their own, and no motion determines them. Write such angles as pi/2, or import with --snap.",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def exact_regroupings(model: DynamicModel) -> Regroupings | str:
@@ -181,4 +190,5 @@ def model_values(model: DynamicModel) -> dict[str, Any]:
         "no_effect": list(base.no_effect),
         "tolerance": base.tolerance,
         "gap": list(base.gap),
+        "only_by_rounding": list(model.only_by_rounding),
     }

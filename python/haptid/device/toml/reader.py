@@ -220,6 +220,7 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
                 torque_limit=limits["torque"],
                 frame_rotation=frame[:3, :3],
                 frame_translation=frame[:3, 3],
+                alias=table.alias or "",
             )
         )
     return tuple(made)

@@ -62,6 +62,7 @@ class JointTable(_Table):
     """Keys of joints of every convention."""
 
     name: Name
+    alias: Text | None = None
     parent: Name | None = None
     type: Literal["revolute", "prismatic"] = "revolute"
     body: bool = True

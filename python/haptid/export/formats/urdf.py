@@ -16,6 +16,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Cut, Joint
+from haptid.device.geometry import angles
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
@@ -27,8 +28,6 @@ from haptid.validation.validation import Validation
 DRAKE = "http://drake.mit.edu"
 # Value of unknown limits, SI: URDF requires all limits of a joint that has any.
 UNLIMITED = 1e3
-# Cosine of the pitch below which it counts as a right angle.
-_LEVEL = 1e-9
 
 
 def export_urdf(
@@ -178,16 +177,6 @@ def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
         where = f"{act.name} (several joints)" if not single else f"joint {act.name}"
         made += [f"Not in this file: {what} of {value!r} on {where}." for what, value in lost.items() if value]
     return made
-
-
-def angles(rotation: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw about fixed axes, rad; zero yaw where the pitch is a right angle."""
-    R = rotation
-    level = float(np.hypot(R[0, 0], R[1, 0]))
-    pitch = float(np.arctan2(-R[2, 0], level))
-    if level < _LEVEL:
-        return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
-    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def upright(gravity: Array) -> Array:

@@ -1,0 +1,109 @@
+"""`haptid import`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, app, complain, errors_shown, out
+from haptid.errors import OptionError
+
+HELP = """\
+Read a robot description, and write it as a device file.
+
+FILE is a URDF, xacro, MJCF, SDF, SYMORO file (.par), or a table of Denavit-Hartenberg parameters (.csv). The device
+file says in comments what is approximate and what is left out, with lines of FILE. Its torques are compared with those
+of the description itself, link by link, and its loops must close; otherwise nothing is written.
+
+Exit status: 0 on success, 1 with --strict if anything is approximate or left out, 2 if FILE is refused.
+
+Example: haptid import panda.urdf --out panda.toml
+"""
+
+
+@app.command("import", help=HELP)
+def import_(
+    file: Annotated[Path, typer.Argument(help="a robot description", show_default=False)],
+    to: Annotated[Path, typer.Option("--out", help="the device file to write", show_default=False)],
+    root: Annotated[str | None, typer.Option("--root", help="link that is the base")] = None,
+    tip: Annotated[
+        str | None, typer.Option("--tip", help="last link of a chain; joints not on the way to it are held")
+    ] = None,
+    hold: Annotated[list[str] | None, typer.Option("--hold", help="JOINT=POSITION: a joint that does not move")] = None,
+    package: Annotated[
+        list[str] | None, typer.Option("--package", help="NAME=FOLDER: where FILE may read from besides its own folder")
+    ] = None,
+    xacro_arg: Annotated[list[str] | None, typer.Option("--xacro-arg", help="NAME=VALUE of a xacro argument")] = None,
+    length: Annotated[list[str] | None, typer.Option("--length", help="NAME=VALUE of a named length, m")] = None,
+    snap: Annotated[
+        float, typer.Option("--snap", help="make angles nearer than this to a quarter turn exact, rad", min=0, max=0.01)
+    ] = 0.0,
+    no_priors: Annotated[bool, typer.Option("--no-priors", help="leave out the description's values")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="exit status 1 if anything is not exact")] = False,
+    check: Annotated[bool, typer.Option("--check", help="compare with Pinocchio or MuJoCo too")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="the report as JSON")] = False,
+) -> None:
+    from haptid.robot_files import import_robot
+
+    with errors_shown():
+        made = import_robot(
+            file,
+            root=root,
+            tip=tip,
+            hold={name: _number("--hold", name, text) for name, text in _pairs("--hold", hold)},
+            packages=dict(_pairs("--package", package)),
+            xacro_arguments=dict(_pairs("--xacro-arg", xacro_arg)),
+            lengths={name: _number("--length", name, text) for name, text in _pairs("--length", length)},
+            snap=snap,
+            priors=not no_priors,
+            ask=check,
+        )
+        made.save(to)
+    if as_json:
+        sys.stdout.write(json.dumps(made.to_dict(), indent=1) + "\n")
+    else:
+        active = len(made.device.active)
+        out.print(f"{to}: {len(made.device.joints)} joints, {active} active", soft_wrap=True, highlight=False)
+        for note in made.notes:
+            out.print(f"  {note}", soft_wrap=True, highlight=False)
+        others = "".join(f", from {name} {size:.1e}" for name, size in made.check.others.items())
+        loops = f"; loops closed to {made.check.gap:.1e} m" if made.source.closing else ""
+        out.print(
+            f"Torques at {made.check.states} random states differ from the description's by {made.check.torque:.1e}"
+            f"{others} of the greatest{loops}.",
+            soft_wrap=True,
+            highlight=False,
+        )
+        if made.snapped is not None:
+            said = f"Snapping angles changes torques by up to {made.snapped:.1e} of the greatest."
+            out.print(said, soft_wrap=True, highlight=False)
+    if strict and not made.is_exact:
+        raise typer.Exit(EXIT_CRITERIA)
+
+
+def _pairs(option: str, texts: Sequence[str] | None) -> list[tuple[str, str]]:
+    made = []
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not equals or not name or not value:
+            complain(f"{option} {text}: write NAME=VALUE.")
+            raise typer.Exit(EXIT_ERROR)
+        made.append((name, value))
+    return made
+
+
+def _number(option: str, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < float("inf"):
+        raise OptionError(
+            f"{option} {name}={text} is not a number.", where=option, found=text, advice="Write a number."
+        )
+    return value

@@ -1,0 +1,277 @@
+"""The child process of `limited.py`: foreign parsers under limits; a script that imports nothing of haptid.
+
+It limits itself before it imports anything else, reads a request as JSON, opens no file outside the allowed folders,
+and writes its answer as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+# Processor time, s, and memory, bytes.
+CPU_SECONDS, MEMORY_LIMIT = 40, 6 * 2**30
+# Arrays of the compiled model that a tree is made of.
+_ARRAYS = (
+    "body_parentid",
+    "body_pos",
+    "body_quat",
+    "body_mass",
+    "body_inertia",
+    "body_ipos",
+    "body_iquat",
+    "body_jntadr",
+    "body_jntnum",
+    "body_gravcomp",
+    "body_mocapid",
+    "jnt_type",
+    "jnt_axis",
+    "jnt_pos",
+    "jnt_qposadr",
+    "jnt_dofadr",
+    "jnt_bodyid",
+    "jnt_limited",
+    "jnt_range",
+    "jnt_stiffness",
+    "jnt_stiffnesspoly",
+    "jnt_actfrclimited",
+    "jnt_actfrcrange",
+    "dof_damping",
+    "dof_dampingpoly",
+    "dof_armature",
+    "dof_frictionloss",
+    "qpos0",
+    "qpos_spring",
+    "eq_type",
+    "eq_obj1id",
+    "eq_obj2id",
+    "eq_objtype",
+    "eq_active0",
+    "eq_data",
+    "tendon_adr",
+    "tendon_num",
+    "tendon_stiffness",
+    "tendon_damping",
+    "tendon_armature",
+    "tendon_frictionloss",
+    "tendon_length0",
+    "wrap_type",
+    "wrap_objid",
+    "wrap_prm",
+    "actuator_trntype",
+    "actuator_trnid",
+    "actuator_gear",
+    "actuator_gaintype",
+    "actuator_gainprm",
+    "actuator_biastype",
+    "actuator_armature",
+    "actuator_damping",
+    "actuator_forcelimited",
+    "actuator_forcerange",
+    "site_bodyid",
+    "site_pos",
+    "site_quat",
+)
+_NAMED = ("body", "joint", "equality", "tendon", "actuator", "site")
+
+
+def _limit() -> None:
+    try:
+        import resource
+    except ImportError:  # no such limits on Windows: the time limit of the parent holds
+        return
+    for what, most in ((resource.RLIMIT_CPU, CPU_SECONDS), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 2**24)):
+        resource.setrlimit(what, (most, most))
+    if sys.platform == "linux":
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+
+
+class OutsideError(Exception):
+    """The child was asked to open what it may not."""
+
+
+def _guard(folders: Sequence[str]) -> None:
+    """Refuse to open files outside these folders and Python's own, and to start processes or connections."""
+    own = [*sys.path, sys.prefix, sys.base_prefix, os.getcwd(), os.path.dirname(os.__file__)]
+    roots = [os.path.realpath(folder) for folder in (*folders, *own) if folder]
+
+    def audit(event: str, arguments: tuple[Any, ...]) -> None:
+        if event.startswith(("subprocess.", "socket.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "ctypes.")):
+            raise OutsideError(f"it tries to call {event}")
+        if event in ("open", "os.listdir", "os.scandir") and isinstance(arguments[0], str | bytes):
+            path = os.path.realpath(os.fsdecode(arguments[0]))
+            if path != os.devnull and not any(path == root or path.startswith(root + os.sep) for root in roots):
+                raise OutsideError(f"it reads {os.fsdecode(arguments[0])}, outside its folder and the packages stated")
+
+    sys.addaudithook(audit)
+
+
+def prepare_xacro() -> None:
+    """Import what opens Python's own files, before the child is guarded."""
+    import encodings.idna  # noqa: F401
+    import xml.dom.minidom  # noqa: F401
+
+    import xacro  # noqa: F401
+    import yaml  # noqa: F401
+
+
+def run_xacro(request: dict[str, Any]) -> dict[str, Any]:
+    """Expand a file, in the child."""
+    import xacro
+    from xacro import substitution_args
+
+    packages = request["packages"]
+
+    def find(name: str, *_: object) -> str:
+        if name not in packages:
+            raise ValueError(f"package {name!r} is not known: state --package {name}=FOLDER")
+        return str(packages[name])
+
+    def no_environment(name: str, *_: object) -> str:
+        raise ValueError(f"$(env {name}) and $(optenv {name}) are not read")
+
+    substitution_args._eval_find = find
+    substitution_args._eval_env = substitution_args._eval_optenv = no_environment
+    os.environ.clear()
+    document = xacro.process_file(request["path"], mappings=request["arguments"])
+    return {"text": document.toprettyxml(indent=" ")}
+
+
+def prepare_mjcf() -> None:
+    """Import MuJoCo, before the child is guarded."""
+    import mujoco
+    import numpy
+
+    mujoco.MjSpec.from_string("<mujoco/>").compile()
+    numpy.zeros(1)
+
+
+def run_mjcf(request: dict[str, Any]) -> dict[str, Any]:
+    """The compiled model of a file: arrays, names, and bodies whose inertia is computed from shapes."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(request["path"])
+    guessed = _without_pictures(mujoco, spec, request["folders"])
+    model = spec.compile()
+    flags = mujoco.mjtDisableBit
+    disabled = {
+        key: bool(model.opt.disableflags & int(flag))
+        for key, flag in (
+            ("gravity", flags.mjDSBL_GRAVITY),
+            ("spring", flags.mjDSBL_SPRING),
+            ("damper", flags.mjDSBL_DAMPER),
+            ("equality", flags.mjDSBL_EQUALITY),
+            ("frictionloss", flags.mjDSBL_FRICTIONLOSS),
+        )
+    }
+    enums = {
+        "joint": {k.value: k.name.removeprefix("mjJNT_").lower() for k in _members(mujoco.mjtJoint)},
+        "equality": {k.value: k.name.removeprefix("mjEQ_").lower() for k in _members(mujoco.mjtEq)},
+        "wrap": {k.value: k.name.removeprefix("mjWRAP_").lower() for k in _members(mujoco.mjtWrap)},
+        "transmission": {k.value: k.name.removeprefix("mjTRN_").lower() for k in _members(mujoco.mjtTrn)},
+    }
+    counts = {"body": model.nbody, "joint": model.njnt, "equality": model.neq, "tendon": model.ntendon}
+    counts |= {"actuator": model.nu, "site": model.nsite}
+    objects = {kind: getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}") for kind in _NAMED}
+    return {
+        "name": spec.modelname,
+        "gravity": model.opt.gravity.tolist(),
+        "fluid": bool(model.opt.density or model.opt.viscosity),
+        "disabled": disabled,
+        "enums": {kind: {str(k): name for k, name in values.items()} for kind, values in enums.items()},
+        "names": {
+            kind: [mujoco.mj_id2name(model, int(objects[kind]), k) or "" for k in range(counts[kind])]
+            for kind in _NAMED
+        },
+        "guessed": [body.id for body in spec.bodies if body.name in guessed or id(body) in guessed],
+        "site_type": int(mujoco.mjtObj.mjOBJ_SITE),
+        "plain_gain": [int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)],
+        "flexes": model.nflex,
+        "plugins": model.nplugin,
+        "arrays": {name: getattr(model, name).tolist() for name in _ARRAYS if hasattr(model, name)},
+    }
+
+
+def _members(enum: Any) -> list[Any]:
+    return [getattr(enum, name) for name in dir(enum) if name.startswith("mj") and not name.startswith("mjN")]
+
+
+def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> set[Any]:
+    """Remove all files that no inertia depends on; names (or ids) of bodies whose inertia is computed from shapes."""
+    always = int(spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+    never = int(spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE)
+    low, high = (int(x) for x in spec.compiler.inertiagrouprange)
+    guessed: set[Any] = set()
+    needed: set[str] = set()
+    shape = mujoco.mjtGeom
+    for body in spec.bodies:
+        counted = not never and (always or not body.explicitinertial) and body.name != "world"
+        if counted:
+            guessed |= {body.name} if body.name else {id(body)}
+        for geom in body.geoms:
+            geom.material = ""
+            if int(geom.type) in (int(shape.mjGEOM_HFIELD), int(shape.mjGEOM_SDF)):
+                geom.type, geom.hfieldname, geom.size = shape.mjGEOM_PLANE, "", [1, 1, 1]
+            weightless = geom.mass == 0 or geom.density == 0 or not low <= geom.group <= high
+            if geom.meshname and counted and not weightless:
+                needed.add(geom.meshname)
+            elif geom.meshname:
+                geom.meshname, geom.type, geom.size = "", shape.mjGEOM_SPHERE, [0.01, 0, 0]
+                if counted:
+                    geom.mass = 0
+    for site in spec.sites:
+        site.material = ""
+    for tendon in spec.tendons:
+        tendon.material = ""
+    folder = os.path.join(spec.modelfiledir or "", spec.meshdir or "")
+    for mesh in list(spec.meshes):
+        if mesh.name not in needed and os.path.splitext(os.path.basename(mesh.file or ""))[0] not in needed:
+            spec.delete(mesh)
+        elif mesh.file:
+            _expect_inside(os.path.join(folder, mesh.file), folders)
+    for kind in ("skins", "materials", "textures", "hfields"):
+        for entry in list(getattr(spec, kind)):
+            spec.delete(entry)
+    return guessed
+
+
+def _expect_inside(path: str, folders: list[str]) -> None:
+    real = os.path.realpath(path)
+    if not any(real.startswith(os.path.realpath(folder) + os.sep) for folder in folders):
+        raise OutsideError(f"it needs the mesh {path}, outside its folder and the packages stated")
+
+
+_TASKS = {"xacro": (prepare_xacro, run_xacro), "mjcf": (prepare_mjcf, run_mjcf)}
+
+
+def main() -> None:
+    """Run the task that is asked for on standard input, and write the answer on standard output."""
+    _limit()
+    asked = json.load(sys.stdin)
+    out, sys.stdout = sys.stdout, sys.stderr  # libraries print
+    try:
+        prepare, run = _TASKS[asked["task"]]
+        prepare()
+        _guard(asked["folders"])
+        answer: dict[str, Any] = {"result": run(asked["request"])}
+    except ImportError as error:
+        answer = {"missing": error.name or str(error)}
+    except MemoryError:
+        answer = {"error": f"reading it takes more than {MEMORY_LIMIT // 2**30} GiB of memory"}
+    except OutsideError as error:
+        advice = "If you trust it, state a folder that holds what it reads: --package NAME=FOLDER."
+        answer = {"error": str(error), "advice": advice}
+    except RecursionError:
+        answer = {"error": "it is nested too deeply"}
+    except Exception as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        answer = {"error": f"its parser says: {text[:400].rstrip('.')}"}
+    json.dump(answer, out)
+    out.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""import_robot: a robot description as a device file, checked against the description."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptid.device.device import Device
+from haptid.errors import DeviceError, OutputFolderError, RobotFileError
+from haptid.robot_files.check import Check, check, device_from
+from haptid.robot_files.device_file import device_text
+from haptid.robot_files.moving_tree import MovingTree, moving_tree
+from haptid.robot_files.newton_euler import tree_torque
+from haptid.robot_files.oracles import ask_others
+from haptid.robot_files.read import read_robot
+from haptid.robot_files.tree import Note
+from haptid.robot_files.xml import refused
+
+# Most joints of a device.
+MOST_JOINTS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedRobot:
+    """A robot description as a device.
+
+    Attributes:
+        text: of the device file.
+        device: that it describes.
+        names: names in the device of the source's joints.
+        notes: what is approximate, left out, or written in another way.
+        check: comparison with the source.
+        source: what moves of the source.
+        snapped: change of the greatest torque by snapping angles, relative to it; None without snapping.
+    """
+
+    text: str
+    device: Device
+    names: Mapping[str, str]
+    notes: tuple[Note, ...]
+    check: Check
+    source: MovingTree
+    snapped: float | None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether nothing of the source is approximate or left out."""
+        return all(note.grade == "exact" for note in self.notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Notes, names and check as JSON values."""
+        return {
+            "source": self.source.tree.file,
+            "format": self.source.tree.form,
+            "exact": self.is_exact,
+            "joints": {name: self.names[name] for name in self.names},
+            "active": [self.device.joints[k].name for k in self.device.active],
+            "notes": [{"grade": note.grade, "text": note.text, "line": note.line} for note in self.notes],
+            "check": {
+                "states": self.check.states,
+                "torque": self.check.torque,
+                "gap_m": self.check.gap,
+                "others": dict(self.check.others),
+            },
+            "snapped": self.snapped,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the device file; an existing file is replaced in one step.
+
+        Raises:
+            OutputFolderError: it cannot be written.
+        """
+        path = Path(path)
+        try:
+            if path.is_dir():
+                raise IsADirectoryError(21, "it is a folder")
+            with tempfile.NamedTemporaryFile("w", dir=path.resolve().parent, delete=False, encoding="utf-8") as stream:
+                stream.write(self.text)
+            os.chmod(stream.name, 0o644)
+            os.replace(stream.name, path)
+        except OSError as error:
+            raise OutputFolderError(
+                f"{path}: the device file cannot be written ({error.strerror or error}).",
+                where=str(path),
+                advice="Choose a path in an existing folder that you may write to.",
+            ) from None
+
+
+def import_robot(
+    path: str | Path,
+    *,
+    root: str | None = None,
+    tip: str | None = None,
+    hold: Mapping[str, float] | None = None,
+    packages: Mapping[str, str | Path] | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+    lengths: Mapping[str, float] | None = None,
+    snap: float = 0.0,
+    priors: bool = True,
+    ask: bool = False,
+) -> ImportedRobot:
+    """A robot description as a device, compared with the description's own inverse dynamics.
+
+    Args:
+        path, packages, xacro_arguments, lengths, snap: as for `read_robot`.
+        root: link that is the base; the description's root link if None.
+        tip: last link of a chain; all joints that are not on the way to it are held.
+        hold: positions at which joints are held, by name, rad or m.
+        priors: whether bodies, friction and springs of the description become prior values.
+        ask: compare torques with MuJoCo or Pinocchio too, where they can read the file.
+
+    Raises:
+        RobotFileError: file and line, what was found and what to do; or the device differs from the description.
+        LoopClosureError, SingularityError: its loops do not close, or are singular where it is drawn.
+        MissingDependencyError: the format, or `ask`, needs an optional package.
+    """
+    given: dict[str, Any] = {"packages": packages, "xacro_arguments": xacro_arguments, "lengths": lengths}
+    tree = read_robot(path, **given, snap=snap)
+    of = moving_tree(tree, root, tip, hold)
+    if len(of.moving) > MOST_JOINTS:
+        found = f"{len(of.moving)} joints move; a device has at most {MOST_JOINTS}"
+        raise refused(str(path), found, "Import a part of it, with a root and a tip, or hold joints.")
+    made = device_text(of)
+    try:
+        device = device_from(made.text, f"{path} as a device")
+        done, states = check(of, device, made.names)
+    except RobotFileError:
+        raise
+    except DeviceError as error:
+        error.add_note(f"{path} was read; the device that it describes cannot be built.")
+        raise
+    snapped = None
+    if snap > 0:
+        exact = moving_tree(read_robot(path, **given), root, tip, hold)
+        torques = [tree_torque(x, states.q, states.qd, states.qdd) for x in (of, exact)]
+        snapped = float(np.abs(torques[0] - torques[1]).max() / (np.abs(torques[1]).max() or 1.0))
+    if ask and snap > 0:  # other programs do not snap
+        unsnapped = device_text(exact)
+        _, states = check(exact, device_from(unsnapped.text), unsnapped.names)
+        done = replace(done, others=ask_others(Path(path), exact, states))
+    elif ask:
+        done = replace(done, others=ask_others(Path(path), of, states))
+    if not priors:
+        made = device_text(of, priors=False)
+        device = device_from(made.text, str(path))
+    return ImportedRobot(made.text, device, made.names, made.notes, done, of, snapped)

@@ -1,0 +1,64 @@
+"""read_robot: a robot description of any format as a neutral tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from haptid.robot_files.dh_table import read_dh_table
+from haptid.robot_files.mjcf import read_mjcf
+from haptid.robot_files.paths import Roots
+from haptid.robot_files.sdf import read_sdf
+from haptid.robot_files.symoro import read_symoro
+from haptid.robot_files.tree import RobotTree
+from haptid.robot_files.urdf import read_urdf
+from haptid.robot_files.xacro import expand_xacro
+from haptid.robot_files.xml import parse, read_bytes, refused
+
+_FORMATS = "URDF, xacro, MJCF, SDF, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
+_XACRO = b"http://www.ros.org/wiki/xacro"
+
+
+def read_robot(
+    path: str | Path,
+    *,
+    packages: Mapping[str, str | Path] | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+    lengths: Mapping[str, float] | None = None,
+    snap: float = 0.0,
+) -> RobotTree:
+    """Read a robot description; the format is told from its content.
+
+    Args:
+        path: of the file.
+        packages: folders that it may read from besides its own, by name of the package.
+        xacro_arguments: values of a xacro file's arguments.
+        lengths: values of lengths that a SYMORO file or a table names, m.
+        snap: angles nearer than this to a quarter turn are made one, rad.
+
+    Raises:
+        RobotFileError: file and line, what was found and what to do.
+        MissingDependencyError: the format needs an optional package.
+    """
+    path = Path(path)
+    roots = Roots.of(path, packages or {})
+    content = read_bytes(path)
+    suffix = path.suffix.lower()
+    if suffix == ".par":
+        return read_symoro(content, str(path), lengths or {}, snap)
+    if suffix == ".csv":
+        return read_dh_table(content, str(path), lengths or {}, snap)
+    if suffix in (".usd", ".usda", ".usdc", ".usdz"):
+        raise refused(str(path), "it is USD, which is not read", "Export it as URDF or MJCF, and import that.")
+    if b"<" not in content[:4096]:
+        raise refused(str(path), "it is no robot description", f"Give {_FORMATS}.")
+    root = parse(content, str(path))
+    if root.tag == "mujoco":
+        return read_mjcf(path, roots, snap)
+    if root.tag == "sdf":
+        return read_sdf(root, snap)
+    if root.tag == "robot" and (suffix == ".xacro" or _XACRO in content):
+        return read_urdf(expand_xacro(path, roots, xacro_arguments or {}), str(path), snap)
+    if root.tag == "robot":
+        return read_urdf(content, str(path), snap)
+    raise refused(str(path), f"its root is <{root.tag[:60]}>", f"Give {_FORMATS}.", root.line)

@@ -1,0 +1,241 @@
+"""XML from strangers: elements with their lines and byte ranges; DTDs refused, depth and size bounded.
+
+The standard library's expat gives line and byte of every element, which an edited file needs to stay as it was, byte
+for byte, outside the edited elements. It expands no entity here: any DTD is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+from xml.parsers import expat
+
+from haptid.errors import RobotFileError
+
+# A robot description has some hundred kilobytes at most; beyond this it is something else.
+LARGEST_DESCRIPTION = 30_000_000
+# Deepest nesting of elements: bodies of a chain are nested in MJCF.
+DEEPEST = 400
+# Most elements of one file.
+MOST_ELEMENTS = 500_000
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(slots=True, eq=False)
+class Element:
+    """An element of an XML file.
+
+    Attributes:
+        tag: name, with its prefix.
+        attributes: by name.
+        file: that it is in, for errors.
+        line: of its start tag.
+        start, open_end, end: byte offsets of its start tag, of the end of that tag, and of its own end.
+        children: elements in it, in order.
+        text: directly in it.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    file: str
+    line: int
+    start: int
+    open_end: int = 0
+    end: int = 0
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def all(self, tag: str) -> list[Element]:
+        """Children of this name."""
+        return [child for child in self.children if child.tag == tag]
+
+    def first(self, tag: str) -> Element | None:
+        """The first child of this name, None without one."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def only(self, tag: str) -> Element:
+        """The child of this name.
+
+        Raises:
+            RobotFileError: there is none.
+        """
+        found = self.first(tag)
+        if found is None:
+            self.refuse(f"has no <{tag}>", f"Add <{tag}> to it.")
+        return found
+
+    def walk(self) -> Iterator[Element]:
+        """This element and all below it, in document order."""
+        stack = [self]
+        while stack:
+            element = stack.pop()
+            yield element
+            stack.extend(reversed(element.children))
+
+    def name(self, attribute: str = "name") -> str:
+        """An attribute that must be there and not be empty."""
+        value = self.attributes.get(attribute, "").strip()
+        if not value:
+            self.refuse(f"has no {attribute}", f'Write {attribute}="...".')
+        return value
+
+    def number(self, attribute: str, default: float | None = None, *, unlimited: bool = False) -> float:
+        """A finite number; with `unlimited`, inf is allowed.
+
+        Raises:
+            RobotFileError: it is missing and has no default, or is no finite number.
+        """
+        text = self.attributes.get(attribute)
+        if text is None:
+            if default is None:
+                self.refuse(f"has no {attribute}", f'Write {attribute}="..." with a number.')
+            return default
+        return self.numbers_of(attribute, text, 1, unlimited=unlimited)[0]
+
+    def triple(self, attribute: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """As many finite numbers as the default has."""
+        text = self.attributes.get(attribute)
+        return default if text is None else self.numbers_of(attribute, text, len(default))
+
+    def numbers_of(self, what: str, text: str, count: int, *, unlimited: bool = False) -> tuple[float, ...]:
+        """Finite numbers separated by spaces."""
+        words = text.split()
+        if len(words) != count:
+            wanted = "one number" if count == 1 else f"{count} numbers"
+            self.refuse(f"has {what}={_short(text)!r}", f"Write {wanted} there.")
+        return tuple(self._finite(what, word, unlimited) for word in words)
+
+    def _finite(self, what: str, word: str, unlimited: bool) -> float:
+        if unlimited and word.lower().lstrip("+-") in ("inf", "infinity"):
+            return -math.inf if word.startswith("-") else math.inf
+        value = float(word) if _NUMBER.fullmatch(word) else math.nan
+        if not math.isfinite(value):
+            self.refuse(f"has {what}={_short(word)!r}", "Write a finite number there.")
+        return value
+
+    def refuse(self, found: str, advice: str) -> NoReturn:
+        """Raise RobotFileError at this element."""
+        name = self.attributes.get("name")
+        label = f"<{self.tag}>" if name is None else f'<{self.tag} name="{_short(name)}">'
+        raise refused(self.file, f"{label} {found}", advice, self.line)
+
+
+def refused(file: str, found: str, advice: str, line: int | None = None) -> RobotFileError:
+    """The error for something in a robot description."""
+    where = f"{file}, line {line}" if line is not None else file
+    return RobotFileError(f"{where}: {found}.", where=(file, line), found=found, advice=advice)
+
+
+def _short(text: str, most: int = 60) -> str:
+    plain = " ".join(text.split())
+    return plain if len(plain) <= most else f"{plain[:most]}..."
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file of ordinary size.
+
+    Raises:
+        RobotFileError: it cannot be opened, or is larger than any robot description.
+    """
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_DESCRIPTION + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise refused(str(path), f"cannot be opened ({reason})", "Give the path of a robot description.") from None
+    if len(content) > LARGEST_DESCRIPTION:
+        found = f"has more than {LARGEST_DESCRIPTION} bytes"
+        raise refused(str(path), found, "A robot description is smaller: is this a mesh or a log?")
+    return content
+
+
+def parse(content: bytes, file: str) -> Element:
+    """The root element of an XML document.
+
+    Raises:
+        RobotFileError: it is not well-formed, has a DTD, or is nested too deeply or too large.
+    """
+    return _Parser(file).run(content)
+
+
+class _Parser:
+    """Handlers of expat, which keep a stack instead of recursing."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.content, self.ahead, self.lines_ahead = b"", 0, 0
+        self.root: Element | None = None
+        self.stack: list[Element] = []
+        self.count = 0
+        self.waiting: Element | None = None
+        self.parser = parser = expat.ParserCreate()
+        parser.buffer_text = False
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._text
+        parser.DefaultHandler = self._other
+        parser.StartDoctypeDeclHandler = self._doctype
+
+    def run(self, content: bytes) -> Element:
+        # Blanks before the XML declaration are an error to expat, and to nobody else.
+        text = content.lstrip() if content.lstrip()[:5] == b"<?xml" else content
+        self.content, self.ahead = content, len(content) - len(text)
+        self.lines_ahead = content[: self.ahead].count(b"\n")
+        try:
+            self.parser.Parse(text, True)
+        except expat.ExpatError as error:
+            reason = expat.errors.messages.get(error.code, str(error))
+            line = error.lineno + self.lines_ahead
+            raise refused(self.file, f"not XML: {reason}", "Correct the file there.", line) from None
+        except (ValueError, LookupError) as error:  # an encoding that Python does not know
+            raise refused(self.file, f"not XML: {error}", "Save the file as UTF-8.") from None
+        if self.root is None:
+            raise refused(self.file, "not XML: it has no element", "Give a robot description.")
+        return self.root
+
+    def _opened(self) -> None:
+        """The start tag before this event ends here."""
+        if self.waiting is not None:
+            self.waiting.open_end = self.parser.CurrentByteIndex + self.ahead
+            self.waiting = None
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._opened()
+        line = self.parser.CurrentLineNumber + self.lines_ahead
+        self.count += 1
+        if len(self.stack) >= DEEPEST or self.count > MOST_ELEMENTS:
+            found, limit = "elements are nested deeper", DEEPEST
+            if self.count > MOST_ELEMENTS:
+                found, limit = "it has more elements", MOST_ELEMENTS
+            raise refused(self.file, f"{found} than {limit}", "No robot needs that: correct the file.", line)
+        element = Element(tag, attributes, self.file, line, self.parser.CurrentByteIndex + self.ahead)
+        if self.stack:
+            self.stack[-1].children.append(element)
+        else:
+            self.root = element
+        self.stack.append(element)
+        self.waiting = element
+
+    def _end(self, _tag: str) -> None:
+        at = self.parser.CurrentByteIndex + self.ahead
+        element = self.stack.pop()
+        closed = self.waiting is element and self.content[at - 2 : at] == b"/>"
+        self._opened()
+        element.end = at if closed else self.content.find(b">", at) + 1
+
+    def _text(self, text: str) -> None:
+        self._opened()
+        if self.stack:
+            self.stack[-1].text += text
+
+    def _other(self, _text: str) -> None:
+        self._opened()
+
+    def _doctype(self, *_: object) -> None:
+        line = self.parser.CurrentLineNumber + self.lines_ahead
+        advice = "Remove <!DOCTYPE ...>, and write out what its entities stand for."
+        raise refused(self.file, "it has a DTD, which can define entities and read other files", advice, line)

@@ -1,0 +1,173 @@
+"""Imported robots have the torques that Pinocchio and MuJoCo compute from the same files."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from haptid.errors import HaptidError
+from haptid.robot_files import ImportedRobot, import_robot
+
+mujoco = pytest.importorskip("mujoco")
+# Of the greatest torque of the bodies.
+LARGEST = 1e-10
+
+
+def packaged(package: str, *parts: str) -> Path:
+    """A file of an installed package; the test is skipped without it."""
+    found = importlib.util.find_spec(package)
+    places = [Path(x) for x in (found.submodule_search_locations or [])] if found else []
+    places += [Path(sys.prefix), Path(sysconfig.get_path("data"))]
+    path = next((place.joinpath(*parts) for place in places if place.joinpath(*parts).is_file()), None)
+    if path is None:
+        pytest.skip(f"{package} is not installed")
+    return path
+
+
+def agrees(robot: ImportedRobot) -> None:
+    assert robot.check.torque < LARGEST
+    assert max(robot.check.others.values()) < LARGEST
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "active", "snap"),
+    [("hands/f5d6_hand/f5d6_right.urdf", 11, 6, 0.0), ("humanoid/vega_1u/vega_1u_gripper.urdf", 23, 21, 1e-4)],
+)
+def test_urdf_of_dexmate(name: str, joints: int, active: int, snap: float) -> None:
+    """Angles of the second are rounded to 1.5708: only where they are snapped are the torques those of base parameters
+    that are well determined. Pinocchio is asked about the file as it is."""
+    pytest.importorskip("pinocchio")
+    robot = import_robot(packaged("dexmate_urdf", "robots", *name.split("/")), ask=True, snap=snap)
+    assert (len(robot.device.joints), len(robot.device.active)) == (joints, active)
+    assert robot.check.torque < LARGEST
+    assert robot.check.others["pinocchio"] < (1e-9 if snap else LARGEST)
+
+
+def test_mjcf_of_openarm() -> None:
+    """Two arms on two roots, equalities of joints, armature, friction, springs."""
+    robot = import_robot(packaged("openarm_mujoco", "share", "openarm_mujoco", "v2", "openarm_bimanual.xml"), ask=True)
+    assert (len(robot.device.joints), len(robot.device.active)) == (18, 16)
+    assert robot.is_exact
+    agrees(robot)
+
+
+HARD = """<mujoco model="hard"><compiler angle="degree" eulerseq="ZYX" autolimits="true"/><option gravity="0.3 -9 2"/>
+<default><joint damping="0.4" armature="0.01"/><default class="stiff"><joint stiffness="3" springref="20"/></default>
+</default>
+<worldbody>
+ <frame pos="0.1 0.2 0.3" euler="10 20 30">
+  <body name="two joints" pos="0 0 1" quat="0.9 0.1 -0.3 0.2">
+   <inertial pos="0.1 0 0.05" mass="2" fullinertia="0.04 0.05 0.06 0.001 0.002 0.003"/>
+   <joint name="turn" axis="1 1 0" pos="0.05 0.02 0" ref="15" range="-90 90"/>
+   <joint name="slide" type="slide" axis="0 0.6 0.8" ref="0.1" class="stiff" frictionloss="0.2"/>
+   <body name="geoms" pos="0.3 0 0"><joint name="last" axis="0 0 1" pos="0.1 0 0"/>
+     <geom type="capsule" size="0.03" fromto="0 0 0 0.2 0.1 0"/>
+     <geom type="box" size="0.1 0.05 0.02" pos="0.1 0 0.1" mass="0.7"/>
+   </body>
+   <body name="follower" pos="0 0.2 0"><joint name="follows" axis="0 1 0" ref="5"/>
+     <inertial pos="0 0 0.1" mass="0.4" diaginertia="0.01 0.01 0.004"/></body>
+  </body>
+ </frame>
+</worldbody>
+<equality><joint joint1="follows" joint2="last" polycoef="0.1 -2 0 0 0"/></equality>
+<actuator><motor joint="turn" gear="30" armature="1e-4"/><motor joint="slide"/><motor joint="last"/></actuator>
+</mujoco>"""
+
+
+def test_mjcf_with_what_mujoco_has_and_others_have_not(tmp_path: Path) -> None:
+    """Frames, degrees, defaults, several joints of a body beside its origin, ref, springref, shapes, tilted gravity."""
+    path = tmp_path / "hard.xml"
+    path.write_text(HARD)
+    robot = import_robot(path, ask=True)
+    agrees(robot)
+    assert robot.device.joint_names == ("turn", "slide", "last", "follows")
+    assert [joint.body for joint in robot.device.joints] == [False, True, True, True]
+    assert robot.device.drives[0].gear_ratio == 30
+
+
+LOOP = """<mujoco><worldbody>
+ <body name="crank"><joint name="crank" axis="{axis}"/><inertial pos="0.05 0 0" mass="1" diaginertia=".01 .02 .02"/>
+  <body name="rod" pos="0.1 0 0.15"><joint name="rod" axis="{axis}"/>{more}
+   <inertial pos="0.15 0 0" mass="0.5" diaginertia=".01 .02 .02"/></body></body>
+ <body name="rocker" pos="0.4 0 0"><joint name="rocker" axis="{axis}"/>
+  <inertial pos="0 0 0.1" mass="0.8" diaginertia=".01 .02 .02"/></body></worldbody>
+ <equality><connect body1="rod" body2="rocker" anchor="0.3 0 0.1"/></equality>
+ <actuator><motor joint="crank"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("spatial", [False, True], ids=["in a plane", "in space"])
+def test_mjcf_with_a_loop(tmp_path: Path, spatial: bool) -> None:
+    """A ball that closes a plane loop is a hinge; in space it is two joints of massless links and a hinge."""
+    path = tmp_path / "loop.xml"
+    more = '<joint name="bend" axis="0.2 0.1 1"/>' if spatial else ""
+    path.write_text(
+        LOOP.format(axis="0 1 0", more=more).replace(
+            'name="rocker" axis="0 1 0"', 'name="rocker" axis="0 1 0.3"' if spatial else 'name="rocker" axis="0 1 0"'
+        )
+    )
+    robot = import_robot(path, ask=True)
+    device = robot.device
+    assert [device.joints[k].name for k in device.active] == ["crank"]
+    assert len(device.joints) == (6 if spatial else 3)
+    assert robot.check.gap < 1e-12
+    agrees(robot)
+
+
+def test_mjcf_that_would_harm(tmp_path: Path) -> None:
+    """A million replicates, includes from elsewhere, deep nesting: one error each, before MuJoCo sees the file."""
+    body = '<body><joint/><geom size="0.1"/></body>'
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "other.xml").write_text("<mujoco/>")
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "link.xml").symlink_to(tmp_path / "elsewhere" / "other.xml")
+    hostile = {
+        "copies": f"<mujoco><worldbody><replicate count='1000000'>{body}</replicate></worldbody></mujoco>",
+        "DTD": '<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>',
+        "nested": "<mujoco><worldbody>" + "<body>" * 20_000 + "</body>" * 20_000 + "</worldbody></mujoco>",
+        "outside": '<mujoco><include file="../elsewhere/other.xml"/></mujoco>',
+        "outside ": f'<mujoco><include file="{tmp_path}/elsewhere/other.xml"/></mujoco>',
+        " outside": '<mujoco><include file="link.xml"/></mujoco>',
+        "parser": "<mujoco><worldbody><body><joint axis='0 0 0'/></body></worldbody></mujoco>",
+        "no joint moves": "<mujoco><worldbody><body/></worldbody></mujoco>",
+    }
+    for said, text in hostile.items():
+        path = inside / "robot.xml"
+        path.write_text(text)
+        with pytest.raises(HaptidError, match=said.strip()) as caught:
+            import_robot(path)
+        assert len(str(caught.value)) < 600
+
+
+XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="mass" default="1"/>
+<link name="base"/>{include}
+<link name="a"><inertial><mass value="$(arg mass)"/>
+<inertia ixx="${{0.1 * 2}}" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="a"/>
+<origin xyz="{where} 0 0"/></joint></robot>
+"""
+
+
+def test_xacro(tmp_path: Path) -> None:
+    """Arguments and arithmetic work; files from elsewhere, the environment and endless arithmetic do not."""
+    pytest.importorskip("xacro")
+    path, outside = tmp_path / "in" / "robot.urdf.xacro", tmp_path / "secret.yaml"
+    path.parent.mkdir()
+    outside.write_text("key: 1")
+    plain = {"include": "", "where": "${pi}"}
+    path.write_text(XACRO.format(**plain))
+    robot = import_robot(path, xacro_arguments={"mass": "2.5"})
+    assert robot.device.prior["Mj"].value == 2.5
+    assert robot.check.torque < LARGEST
+    for change, said in (
+        ({"where": f"${{xacro.load_yaml('{outside}')['key']}}"}, "outside"),
+        ({"where": "$(env HOME)"}, "env HOME"),
+        ({"include": '<xacro:include filename="$(find elsewhere)/x"/>'}, "--package elsewhere="),
+    ):
+        path.write_text(XACRO.format(**(plain | change)))
+        with pytest.raises(HaptidError, match=said):
+            import_robot(path)
