@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
@@ -38,8 +40,10 @@ FOLDS = 5
 WEAKEST = 1e-6
 # Strength of the barrier on links without a prior: moves nothing by a thousandth of its standard error.
 BARRIER = 1e-3
-# Newton's method: largest number of steps, decrement at convergence, and the share of the predicted decrease required.
+# Newton's method: largest number of steps, decrement at convergence, and share of the predicted decrease required.
 _MOST_STEPS, _CENTRED, ARMIJO = 300, 1e-8, 0.1
+# Decrement, in units of the residual's standard deviation, below which a halt by rounding is convergence.
+_ROUNDED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -195,7 +199,7 @@ class Entropic(Wrapper):
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
         penalty = EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
         strength = self.strength or best_strength(observation, self.weights(observation) / scale, penalty)
-        x = penalty.minimiser(free.R / scale, free.beta, strength)
+        x = penalty.minimiser(free.R / scale, free.R @ free.beta / scale, strength)
         beta = cone.A @ x
         bodies = FeasibleParameters(model, beta, cone.scale * x, min(1.0, cone.margin(x)), ())
         return Constrained(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
@@ -210,6 +214,13 @@ def prior_links(model: DynamicModel) -> list[str]:
 class EntropicPenalty:
     """The divergence of scaled standard parameters from the prior.
 
+    Newton's method in square-root form: with P = L L' the divergence has the gradient E'r and the Hessian E'E, where
+    E_k = L^-1 (dP / dx_k) L^-T and r = L' P0^-1 L - 1, so that every step is a least-squares problem and no normal
+    equations are formed. The objective over the least weight is self-concordant: steps as long as 1 / (1 + decrement)
+    decrease it everywhere in the cone, so the iteration converges from any start inside.
+
+    Source: Nesterov and Nemirovskii (1994), Interior-Point Polynomial Algorithms, section 2.2.
+
     Attributes:
         cone: the conditions; its centre is the prior where there is one.
         known: which of its blocks have a prior body, (blocks,).
@@ -218,75 +229,110 @@ class EntropicPenalty:
     cone: Cone
     known: tuple[bool, ...]
 
-    def minimiser(self, R: Array, beta: Array, strength: float) -> Array:
-        """The x that minimises |R (A x - beta)|^2 / 2 + strength D, (n,).
+    @cached_property
+    def _groups(self) -> tuple[_Divergence, ...]:
+        """Links and terms, each stacked."""
+        every = list(zip(self.cone.blocks, self.known, strict=True))
+        sorts = ([one for one in every if one[0].is_link is link] for link in (True, False))
+        return tuple(_Divergence.of(sort, self.cone) for sort in sorts if sort)
+
+    def minimiser(self, R: Array, z: Array, strength: float) -> Array:
+        """The x that minimises |R A x - z|^2 / 2 + strength D, (n,).
+
+        Args:
+            R, z: of the rows, (p, p) and (p,), in units of the residual's standard deviation.
+            strength: of the regularisation.
 
         Raises:
-            ConvergenceError: Newton's method did not converge.
+            ConvergenceError: rounding stopped Newton's method.
         """
         stronger = [s for s in ENTROPIC_STRENGTHS if strength < s <= 1.0]
-        return self.path(R, beta, (strength, *stronger))[0]
+        return self.path(R, z, (strength, *stronger))[0]
 
-    def path(self, R: Array, beta: Array, strengths: Sequence[float]) -> list[Array]:
+    def path(self, R: Array, z: Array, strengths: Sequence[float]) -> list[Array]:
         """The minimisers for ascending strengths, by continuation from the strongest, which is well inside the cone.
 
         Raises:
-            ConvergenceError: Newton's method did not converge.
+            ConvergenceError: rounding stopped Newton's method.
         """
         x, minimisers = _interior_start(self.cone), []
         for strength in reversed(strengths):
-            x = self._newton(R, beta, strength, x)
+            x = self._newton(R @ self.cone.A, z, strength, x)
             minimisers.append(x)
         return minimisers[::-1]
 
-    def _newton(self, R: Array, beta: Array, strength: float, x: Array) -> Array:
+    def _newton(self, rows: Array, z: Array, strength: float, x: Array) -> Array:
         """Newton's method from x inside the cone."""
-        blocks = [
-            _BlockDivergence.of(block, self.cone, strength if known else BARRIER)
-            for block, known in zip(self.cone.blocks, self.known, strict=True)
-        ]
-        rows = R @ self.cone.A
+        weights = [np.where(group.known, strength, BARRIER) for group in self._groups]
+        least = min((float(w.min()) for w in weights), default=1.0)
+
+        def value(y: Array) -> float:
+            parts = (group.value(y, w) for group, w in zip(self._groups, weights, strict=True))
+            return 0.5 * float(np.sum((rows @ y - z) ** 2)) + sum(parts)
+
+        here = value(x)
         for _ in range(_MOST_STEPS):
-            gradient, hessian = rows.T @ (rows @ x - R @ beta), rows.T @ rows
-            for block in blocks:
-                a, B = block.derivatives(x)
-                gradient, hessian = gradient + a, hessian + B
-            size = np.sqrt(np.diag(hessian))
-            step = -np.linalg.solve(hessian / np.outer(size, size), gradient / size) / size
-            decrease = -float(gradient @ step)
-            if decrease < _CENTRED**2 * max(1.0, strength):
+            parts = [group.linearised(x, w) for group, w in zip(self._groups, weights, strict=True)]
+            E, r = np.concatenate([rows, *(E for E, _ in parts)]), np.concatenate([rows @ x - z, *(r for _, r in parts)])
+            size = np.linalg.norm(E, axis=0)
+            size[size == 0] = 1.0
+            step = -linalg.lstsq(E / size, r, lapack_driver="gelsy", check_finite=False)[0] / size
+            decrement = float(np.linalg.norm(E @ step))
+            if decrement < _CENTRED * max(1.0, np.sqrt(strength)):
                 return x
-            x = _line_search(rows, R @ beta, blocks, x, step, decrease)
+            share, damped = 1.0, 1.0 / (1.0 + decrement / np.sqrt(least))
+            while not (there := value(x + share * step)) <= here - ARMIJO * share * decrement**2:
+                if share <= 0.5 * damped:
+                    break
+                share = max(share / 2, 0.5 * damped)
+            if there >= here:  # the decrease is below the rounding of the objective
+                if decrement < _ROUNDED * max(1.0, np.sqrt(strength)):
+                    return x
+                raise unsolved("Newton's method came to a halt by rounding", _MOST_STEPS)
+            x, here = x + share * step, there
         raise unsolved("Newton's method did not converge", _MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False)
-class _BlockDivergence:
-    """Strength times the divergence of one block, up to a constant; `inverse` is that of its reference P0."""
+class _Divergence:
+    """tr(P0^-1 P) - log det P of all links, or of all terms, up to a constant.
 
-    block: ConeBlock
-    inverse: Array
-    strength: float
+    Attributes:
+        directions: P is their sum with factors x, (blocks, n, size, size).
+        inverse: of each block's reference P0, (blocks, size, size).
+        known: which blocks have a prior body, (blocks,).
+    """
+
     directions: Array
+    inverse: Array
+    known: np.ndarray
 
     @staticmethod
-    def of(block: ConeBlock, cone: Cone, strength: float) -> _BlockDivergence:
-        inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
-        directions = block.matrices(np.eye(len(cone.scale)))
-        return _BlockDivergence(block, np.asarray(inverse, dtype=np.float64), strength, directions)
+    def of(blocks: Sequence[tuple[ConeBlock, bool]], cone: Cone) -> _Divergence:
+        unit = np.eye(len(cone.scale))
+        inverse = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block, _ in blocks]
+        return _Divergence(
+            np.array([block.matrices(unit) for block, _ in blocks]), np.array(inverse), np.array([k for _, k in blocks])
+        )
 
-    def value(self, x: Array) -> float:
-        """Strength times tr(P0^-1 P) - log det P; infinite outside of the cone."""
-        P = self.block.matrix(x)
+    def value(self, x: Array, weights: Array) -> float:
+        """Sum over the blocks with their weights, (blocks,); infinite outside of the cone."""
+        P = np.einsum("bnij,n->bij", self.directions, x)
         values = np.linalg.eigvalsh(P)
-        return self.strength * float(np.sum(self.inverse * P) - np.log(values).sum()) if values[0] > 0 else np.inf
+        if not (values > 0).all():
+            return np.inf
+        return float(weights @ (np.einsum("bij,bij->b", self.inverse, P) - np.log(values).sum(axis=1)))
 
-    def derivatives(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (n,) and Hessian (n, n) of `value`."""
-        inverse = np.linalg.inv(self.block.matrix(x))
-        scaled = inverse @ self.directions
-        gradient = np.einsum("ij,kji->k", self.inverse - inverse, self.directions)
-        return self.strength * gradient, self.strength * np.einsum("aij,bji->ab", scaled, scaled)
+    def linearised(self, x: Array, weights: Array) -> tuple[Array, Array]:
+        """E, (entries, n), and r, (entries,): E'r is the gradient and E'E the Hessian of `value`."""
+        P = np.einsum("bnij,n->bij", self.directions, x)
+        values, vectors = np.linalg.eigh(P)
+        root = vectors * np.sqrt(values)[:, None, :]
+        inner = (vectors / np.sqrt(values)[:, None, :])[:, None]
+        E = np.swapaxes(inner, -1, -2) @ self.directions @ inner
+        r = np.swapaxes(root, -1, -2) @ self.inverse @ root - np.eye(P.shape[-1])
+        factor = np.sqrt(weights)[:, None, None, None]
+        return (factor * E).transpose(0, 2, 3, 1).reshape(-1, len(x)), (factor[:, 0] * r).ravel()
 
 
 def _interior_start(cone: Cone) -> Array:
@@ -296,24 +342,6 @@ def _interior_start(cone: Cone) -> Array:
     return np.asarray(x if margin > least else x + (least - margin) / cone.margin(cone.ball) * 2 * cone.ball)
 
 
-def _line_search(
-    rows: Array, target: Array, blocks: Sequence[_BlockDivergence], x: Array, step: Array, decrease: float
-) -> Array:
-    """Backtracking: the largest halving of a step that stays inside the cone and satisfies Armijo's condition."""
-
-    def value(y: Array) -> float:
-        return 0.5 * float(np.sum((rows @ y - target) ** 2)) + sum(block.value(y) for block in blocks)
-
-    here, share = value(x), 1.0
-    while share > np.finfo(float).eps:
-        there = value(x + share * step)
-        # Near the minimum the decrease is below the rounding error of the sum of squares.
-        if there <= here - ARMIJO * share * decrease or (share == 1.0 and there <= here + 1e-12 * abs(here)):
-            break
-        share /= 2
-    return np.asarray(x + share * step)
-
-
 def best_strength(observation: Observation, weights: Array, penalty: EntropicPenalty) -> float:
     """The strength of least cross-validation error, over interleaved folds of blocks."""
     index = np.arange(len(observation.blocks))
@@ -321,7 +349,6 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
     for fold in range(min(FOLDS, len(index))):
         unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
         T, V = seen.stack(weights), unseen.stack(weights)
-        beta: Array = np.asarray(np.linalg.lstsq(T[:-1, :-1], T[:-1, -1], rcond=None)[0], dtype=np.float64)
-        for k, x in enumerate(penalty.path(T[:-1, :-1], beta, ENTROPIC_STRENGTHS)):
+        for k, x in enumerate(penalty.path(T[:-1, :-1], T[:-1, -1], ENTROPIC_STRENGTHS)):
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))
     return ENTROPIC_STRENGTHS[int(np.argmin(errors))]
