@@ -63,17 +63,28 @@ def minimise(P: Array, q: Array, conditions: Sequence[ConeCondition]) -> tuple[A
     Raises:
         ConvergenceError: the solver stopped without a solution.
     """
-    cones = cones_of(conditions)
-    A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
-    b = np.concatenate([c.f for c in conditions])
+    A = np.concatenate([-c.F for c in conditions])
+    x, z = _solved(P, q, A, np.concatenate([c.f for c in conditions]), cones_of(conditions))
+    return x, tuple(np.split(z, np.cumsum([len(c.f) for c in conditions])[:-1]))
+
+
+def solved(P: Array, q: Array, A: Array, b: Array, cones: Sequence[Any]) -> Array:
+    """The v that minimises v'P v / 2 + q'v with b - A v in the cones, in the solver's own form.
+
+    Raises:
+        ConvergenceError: the solver stopped without a solution.
+    """
+    return _solved(P, q, A, b, cones)[0]
+
+
+def _solved(P: Array, q: Array, A: Array, b: Array, cones: Sequence[Any]) -> tuple[Array, Array]:
+    """The solution and the multipliers of all rows."""
+    triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
-        chosen = settings(equilibrate, regularisation)
-        solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, chosen)
-        answer = solver.solve()
+        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), settings(equilibrate, regularisation)).solve()
         if str(answer.status) in SOLVED:
-            ends = np.cumsum([len(c.f) for c in conditions])[:-1]
-            return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
+            return np.array(answer.x), np.array(answer.z)
     raise unsolved(str(answer.status), answer.iterations)
 
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar
 
+import clarabel
 import numpy as np
-from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
-from haptid.estimation.feasibility.cone import Cone, ConeBlock
-from haptid.estimation.feasibility.conic_program import unsolved
-from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
+from haptid.estimation.feasibility.cone import UPPER, Cone
+from haptid.estimation.feasibility.conic_program import ConeCondition, cones_of, solved
+from haptid.estimation.feasibility.feasible import FIT_PENALTY, FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
 from haptid.estimation.method import (
     Fit,
@@ -34,16 +33,10 @@ from haptid.observation.observation import Observation
 # Ridge strengths to choose from where none is given: the prior's weight times 10^-4 to 10^4.
 RIDGE_STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-8, 9))
 # Entropic strengths to choose from where none is given, and the number of folds of the cross-validation.
-ENTROPIC_STRENGTHS = tuple(10.0**k for k in range(-3, 7))
+ENTROPIC_STRENGTHS = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
 FOLDS = 5
 # Least entropic strength that double precision distinguishes from none.
 WEAKEST = 1e-6
-# Strength of the barrier on links without a prior: moves nothing by a thousandth of its standard error.
-BARRIER = 1e-3
-# Newton's method: largest number of steps, decrement at convergence, and share of the predicted decrease required.
-_MOST_STEPS, _CENTRED, ARMIJO = 300, 1e-8, 0.1
-# Decrement, in units of the residual's standard deviation, below which a halt by rounding is convergence.
-_ROUNDED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -189,7 +182,7 @@ class Entropic(Wrapper):
         Raises:
             IncompleteDeviceError: no link of the device has a prior body.
             PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
-            ConvergenceError: Newton's method did not converge.
+            ConvergenceError: the solver stopped without a solution.
         """
         model = observation.model
         known = [f"link {name}" for name in prior_links(model)]
@@ -212,14 +205,16 @@ def prior_links(model: DynamicModel) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class EntropicPenalty:
-    """The divergence of scaled standard parameters from the prior.
+    """The divergence of scaled standard parameters from the prior, minimised together with the rows' residual.
 
-    Newton's method in square-root form: with P = L L' the divergence has the gradient E'r and the Hessian E'E, where
-    E_k = L^-1 (dP / dx_k) L^-T and r = L' P0^-1 L - 1, so that every step is a least-squares problem and no normal
-    equations are formed. The objective over the least weight is self-concordant: steps as long as 1 / (1 + decrement)
-    decrease it everywhere in the cone, so the iteration converges from any start inside.
+    A conic programme, so that links without a prior may lie on the boundary of the cone, or have masses that torque does
+    not bound, where a barrier method stalls. log det P is the largest sum of log Z_ii with
 
-    Source: Nesterov and Nemirovskii (1994), Interior-Point Polynomial Algorithms, section 2.2.
+        [P Z; Z' diag(Z)] positive semidefinite, Z lower triangular,
+
+    each log by an exponential cone.
+
+    Source: Ben-Tal and Nemirovski (2001), Lectures on Modern Convex Optimization, section 4.2 (18), for the determinant.
 
     Attributes:
         cone: the conditions; its centre is the prior where there is one.
@@ -229,13 +224,6 @@ class EntropicPenalty:
     cone: Cone
     known: tuple[bool, ...]
 
-    @cached_property
-    def _groups(self) -> tuple[_Divergence, ...]:
-        """Links and terms, each stacked."""
-        every = list(zip(self.cone.blocks, self.known, strict=True))
-        sorts = ([one for one in every if one[0].is_link is link] for link in (True, False))
-        return tuple(_Divergence.of(sort, self.cone) for sort in sorts if sort)
-
     def minimiser(self, R: Array, z: Array, strength: float) -> Array:
         """The x that minimises |R A x - z|^2 / 2 + strength D, (n,).
 
@@ -244,102 +232,65 @@ class EntropicPenalty:
             strength: of the regularisation.
 
         Raises:
-            ConvergenceError: rounding stopped Newton's method.
+            ConvergenceError: the solver stopped without a solution.
         """
-        stronger = [s for s in ENTROPIC_STRENGTHS if strength < s <= 1.0]
-        return self.path(R, z, (strength, *stronger))[0]
-
-    def path(self, R: Array, z: Array, strengths: Sequence[float]) -> list[Array]:
-        """The minimisers for ascending strengths, by continuation from the strongest, which is well inside the cone.
-
-        Raises:
-            ConvergenceError: rounding stopped Newton's method.
-        """
-        x, minimisers = _interior_start(self.cone), []
-        for strength in reversed(strengths):
-            x = self._newton(R @ self.cone.A, z, strength, x)
-            minimisers.append(x)
-        return minimisers[::-1]
-
-    def _newton(self, rows: Array, z: Array, strength: float, x: Array) -> Array:
-        """Newton's method from x inside the cone."""
-        weights = [np.where(group.known, strength, BARRIER) for group in self._groups]
-        least = min((float(w.min()) for w in weights), default=1.0)
-
-        def value(y: Array) -> float:
-            parts = (group.value(y, w) for group, w in zip(self._groups, weights, strict=True))
-            return 0.5 * float(np.sum((rows @ y - z) ** 2)) + sum(parts)
-
-        here = value(x)
-        for _ in range(_MOST_STEPS):
-            parts = [group.linearised(x, w) for group, w in zip(self._groups, weights, strict=True)]
-            E, r = np.concatenate([rows, *(E for E, _ in parts)]), np.concatenate([rows @ x - z, *(r for _, r in parts)])
-            size = np.linalg.norm(E, axis=0)
-            size[size == 0] = 1.0
-            step = -linalg.lstsq(E / size, r, lapack_driver="gelsy", check_finite=False)[0] / size
-            decrement = float(np.linalg.norm(E @ step))
-            if decrement < _CENTRED * max(1.0, np.sqrt(strength)):
-                return x
-            share, damped = 1.0, 1.0 / (1.0 + decrement / np.sqrt(least))
-            while not (there := value(x + share * step)) <= here - ARMIJO * share * decrement**2:
-                if share <= 0.5 * damped:
-                    break
-                share = max(share / 2, 0.5 * damped)
-            if there >= here:  # the decrease is below the rounding of the objective
-                if decrement < _ROUNDED * max(1.0, np.sqrt(strength)):
-                    return x
-                raise unsolved("Newton's method came to a halt by rounding", _MOST_STEPS)
-            x, here = x + share * step, there
-        raise unsolved("Newton's method did not converge", _MOST_STEPS)
+        cone, (p, n) = self.cone, self.cone.A.shape
+        x = cone.start(np.asarray(np.linalg.lstsq(R, z, rcond=None)[0]))
+        links = [block for block, known in zip(cone.blocks, self.known, strict=True) if known]
+        first, per = n + p, len(_LOWER) + _SIDE
+        # Variables: change of x; residual over `size`; then Z and the logarithms of each link with a prior.
+        size = max(1.0, float(np.sqrt(strength)))
+        many = first + per * len(links)
+        cost, quadratic = np.zeros(many), np.concatenate([np.full(n, FIT_PENALTY), np.ones(p), np.zeros(many - first)])
+        weight = strength / size**2
+        rows = [np.hstack([R @ cone.A / size, -np.eye(p), np.zeros((p, many - first))])]
+        right, cones = [(z - R @ (cone.A @ x)) / size], [clarabel.ZeroConeT(p)]
+        for block in (b for b, known in zip(cone.blocks, self.known, strict=True) if not known):
+            rows.append(np.hstack([-block.G, np.zeros((len(block.G), many - n))]))
+            right.append(block.G @ x)
+            cones += cones_of([ConeCondition(block.G, block.G @ x, block.is_link)])
+        for k, block in enumerate(links):
+            own = slice(first + k * per, first + (k + 1) * per)
+            inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
+            cost[:n] += weight * np.einsum("ij,kji->k", inverse, block.matrices(np.eye(n)))
+            cost[own.stop - _SIDE : own.stop] = -weight
+            part = np.zeros((len(_DETERMINANT[0]), many))
+            part[:, :n], part[:, own] = -_DETERMINANT[0] @ block.G, -_DETERMINANT[1]
+            rows.append(part)
+            right.append(_DETERMINANT[0] @ block.G @ x)
+            cones.append(clarabel.PSDTriangleConeT(2 * _SIDE))
+            for i in range(_SIDE):  # (log, 1, Z_ii) in the exponential cone
+                part = np.zeros((3, many))
+                part[0, own.stop - _SIDE + i] = part[2, own.start + _LOWER.index((i, i))] = -1.0
+                rows.append(part)
+                right.append(np.array([0.0, 1.0, 0.0]))
+                cones.append(clarabel.ExponentialConeT())
+        found = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones)
+        return cone.moved_inside(x + found[:n])
 
 
-@dataclass(frozen=True, eq=False)
-class _Divergence:
-    """tr(P0^-1 P) - log det P of all links, or of all terms, up to a constant.
-
-    Attributes:
-        directions: P is their sum with factors x, (blocks, n, size, size).
-        inverse: of each block's reference P0, (blocks, size, size).
-        known: which blocks have a prior body, (blocks,).
-    """
-
-    directions: Array
-    inverse: Array
-    known: np.ndarray
-
-    @staticmethod
-    def of(blocks: Sequence[tuple[ConeBlock, bool]], cone: Cone) -> _Divergence:
-        unit = np.eye(len(cone.scale))
-        inverse = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block, _ in blocks]
-        return _Divergence(
-            np.array([block.matrices(unit) for block, _ in blocks]), np.array(inverse), np.array([k for _, k in blocks])
-        )
-
-    def value(self, x: Array, weights: Array) -> float:
-        """Sum over the blocks with their weights, (blocks,); infinite outside of the cone."""
-        P = np.einsum("bnij,n->bij", self.directions, x)
-        values = np.linalg.eigvalsh(P)
-        if not (values > 0).all():
-            return np.inf
-        return float(weights @ (np.einsum("bij,bij->b", self.inverse, P) - np.log(values).sum(axis=1)))
-
-    def linearised(self, x: Array, weights: Array) -> tuple[Array, Array]:
-        """E, (entries, n), and r, (entries,): E'r is the gradient and E'E the Hessian of `value`."""
-        P = np.einsum("bnij,n->bij", self.directions, x)
-        values, vectors = np.linalg.eigh(P)
-        root = vectors * np.sqrt(values)[:, None, :]
-        inner = (vectors / np.sqrt(values)[:, None, :])[:, None]
-        E = np.swapaxes(inner, -1, -2) @ self.directions @ inner
-        r = np.swapaxes(root, -1, -2) @ self.inverse @ root - np.eye(P.shape[-1])
-        factor = np.sqrt(weights)[:, None, None, None]
-        return (factor * E).transpose(0, 2, 3, 1).reshape(-1, len(x)), (factor[:, 0] * r).ravel()
+# Entries of a lower triangular matrix of the size of a pseudo-inertia.
+_SIDE = 4
+_LOWER = tuple((i, k) for i in range(_SIDE) for k in range(i + 1))
 
 
-def _interior_start(cone: Cone) -> Array:
-    """The prior where it is inside the cone, else the prior plus enough of a ball."""
-    x, margin = cone.centre, cone.margin(cone.centre)
-    least = 1e-3 * cone.margin(cone.ball)
-    return np.asarray(x if margin > least else x + (least - margin) / cone.margin(cone.ball) * 2 * cone.ball)
+def _determinant() -> tuple[Array, Array]:
+    """Maps from a link's cone entries, (36, 10), and from Z and logarithms, (36, 14), to [P Z; Z' diag(Z)]."""
+    basis = np.zeros((len(UPPER), _SIDE, _SIDE))
+    for row, (i, k) in enumerate(UPPER):
+        basis[row, i, k] = basis[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+    of_p, of_z = np.zeros((len(UPPER), 2 * _SIDE, 2 * _SIDE)), np.zeros((len(_LOWER) + _SIDE, 2 * _SIDE, 2 * _SIDE))
+    of_p[:, :_SIDE, :_SIDE] = basis
+    for row, (i, k) in enumerate(_LOWER):
+        of_z[row, i, _SIDE + k] = of_z[row, _SIDE + k, i] = 1.0
+        of_z[row, _SIDE + i, _SIDE + i] = float(i == k)
+    upper = [(i, k) for k in range(2 * _SIDE) for i in range(k + 1)]
+    entry = np.array([1.0 if i == k else np.sqrt(2) for i, k in upper])
+    picked = tuple(np.array(upper).T)
+    return (entry * of_p[:, *picked]).T, (entry * of_z[:, *picked]).T
+
+
+_DETERMINANT = _determinant()
 
 
 def best_strength(observation: Observation, weights: Array, penalty: EntropicPenalty) -> float:
@@ -349,6 +300,7 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
     for fold in range(min(FOLDS, len(index))):
         unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
         T, V = seen.stack(weights), unseen.stack(weights)
-        for k, x in enumerate(penalty.path(T[:-1, :-1], T[:-1, -1], ENTROPIC_STRENGTHS)):
+        for k, strength in enumerate(ENTROPIC_STRENGTHS):
+            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength)
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))
     return ENTROPIC_STRENGTHS[int(np.argmin(errors))]
