@@ -37,9 +37,11 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
+    CandidateTable,
     Criteria,
     EqualityConstraintsTable,
     ErrorTable,
+    ModelForUseTable,
     NonlinearConstant,
     ObservationTable,
     PhysicalConstraints,
@@ -50,6 +52,7 @@ from haptid.results.schema import (
     ResultParameter,
     ResultTable,
     ResultUse,
+    UseParameter,
 )
 from haptid.study.identify import Identification, Run
 from haptid.study.method import intervals_name, method_name
@@ -87,6 +90,7 @@ class Result(ResultTable):
     treatment_reasons: list[str] = Field(default=[])
     observation: ObservationTable | None = None
     estimate: ResultEstimate
+    model_for_use: ModelForUseTable
     validation: list[ErrorTable]
     criteria: Criteria
     verdict: list[ResultUse] = Field(default=[])
@@ -132,6 +136,7 @@ class Result(ResultTable):
                 constraints=_constraints(estimate),
                 covariance=estimate.covariance.tolist(),
             ),
+            model_for_use=_use(identification),
             validation=[entry for run in identification.runs for entry in _errors(run)],
             criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
             verdict=list(_uses(verdict)),
@@ -164,6 +169,8 @@ class Result(ResultTable):
         if tuple(stored) != model.base.names:
             raise _other_parameters(path, stored, model.base.names, made.haptid)
         size = len(stored)
+        if [p.name for p in made.model_for_use.parameters] != stored:
+            raise _fault(path, "key `model_for_use.parameters` has other parameters than the estimate", "model_for_use")
         if [len(row) for row in made.estimate.covariance] != [size] * size:
             raise _fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
         made._model = model
@@ -206,6 +213,11 @@ class Result(ResultTable):
         """Base parameters, (p,), SI."""
         return freeze(np.array([p.value for p in self.estimate.parameters]))
 
+    @property
+    def beta_for_use(self) -> Array:
+        """Base parameters of the model for use, which predicts and is exported, (p,), SI."""
+        return freeze(np.array([p.value for p in self.model_for_use.parameters]))
+
     @cached_property
     def unconstrained(self) -> Quantities:
         """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
@@ -223,9 +235,11 @@ class Result(ResultTable):
 
     def conf_int(self) -> Array:
         """Confidence intervals at `estimate.level`, (p, 2)."""
-        ends = [p.conf_int for p in self.estimate.parameters]
-        low, high = (_or([end[k] for end in ends], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
-        return freeze(np.column_stack([low, high]))
+        return _ends([p.conf_int for p in self.estimate.parameters])
+
+    def conf_int_for_use(self) -> Array:
+        """The same, widened to the values of the model for use, (p, 2)."""
+        return _ends([p.conf_int for p in self.model_for_use.parameters])
 
     @property
     def zero(self) -> tuple[int, ...]:
@@ -319,6 +333,33 @@ def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
         found = targets(estimate)
         yield from map(ResultParameter.of, found.parameters, found.dof)
+
+
+def _use(identification: Identification) -> ModelForUseTable:
+    """The model for use; its intervals hold the value, and those that are quoted."""
+    use, quoted = identification.use, identification.estimate.conf_int()
+    low, high = np.minimum(quoted[:, 0], use.beta), np.maximum(quoted[:, 1], use.beta)
+    return ModelForUseTable(
+        name=use.name,
+        method_description=use.method.name,
+        reason=use.reason,
+        parameters=[
+            UseParameter(name=name, value=value, conf_int=(a, b))
+            for name, value, a, b in zip(
+                use.estimate.names, use.beta.tolist(), low.tolist(), high.tolist(), strict=True
+            )
+        ],
+        candidates=[
+            CandidateTable(
+                name=one.name,
+                strength=one.strength,
+                error_percent=one.error,
+                excess=one.excess[0],
+                excess_se=one.excess[1],
+            )
+            for one in use.candidates
+        ],
+    )
 
 
 def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConstant]:
@@ -461,6 +502,12 @@ def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float]
 def _or(values: Sequence[float | None], instead: float) -> Array:
     """Numbers with another one in place of None."""
     return np.array([instead if value is None else value for value in values], dtype=float)
+
+
+def _ends(intervals: Sequence[tuple[float | None, float | None]]) -> Array:
+    """Intervals with infinite ends where they are null, (p, 2)."""
+    low, high = (_or([end[k] for end in intervals], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
+    return freeze(np.column_stack([low, high]))
 
 
 def _csv_row(p: ResultParameter) -> list[object]:

@@ -82,7 +82,9 @@ def _solved(P: Array, q: Array, A: Array, b: Array, cones: Sequence[Any]) -> tup
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
-        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), settings(equilibrate, regularisation)).solve()
+        answer = clarabel.DefaultSolver(
+            triangle, q, rows, b, list(cones), settings(equilibrate, regularisation)
+        ).solve()
         if str(answer.status) in SOLVED:
             return np.array(answer.x), np.array(answer.z)
     raise unsolved(str(answer.status), answer.iterations)

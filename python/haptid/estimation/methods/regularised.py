@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -79,7 +78,7 @@ class Ridge:
             IncompleteDeviceError: the device has no prior values.
             IdentifiabilityError: a motor's torque is zero throughout.
         """
-        return self._weighted(observation, self._prior(observation))
+        return self._weighted(observation, self.prior(observation.model))
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """The prior, with standard deviations scaled by the strength.
@@ -87,7 +86,7 @@ class Ridge:
         Raises:
             IncompleteDeviceError: the device has no prior values.
         """
-        prior = self._prior(observation)
+        prior = self.prior(observation.model)
         if self.strength is not None:
             return strengthened(prior, self.strength)
         weights = self._weighted(observation, prior)
@@ -103,14 +102,23 @@ class Ridge:
             weights = np.array([weighting.weight(motor, beta) for motor in observation.motors])
         return weights
 
-    def _prior(self, observation: Observation) -> Knowledge:
-        model = observation.model
-        known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
-        if not known:
+    def prior(self, model: DynamicModel) -> Knowledge:
+        """The prior values of the base parameters.
+
+        Raises:
+            IncompleteDeviceError: the device has none.
+        """
+        if not has_prior(model):
             raise _no_prior(model.device.name)
+        known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
         values = np.array([value for _, (value, _) in known])
         std = np.array([std or self.share * abs(value) for _, (value, std) in known])
         return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, std)
+
+
+def has_prior(model: DynamicModel) -> bool:
+    """Whether a base parameter has a prior value to regularise towards."""
+    return any(p is not None and (p[1] or p[0]) for p in model.base_prior)
 
 
 def _no_prior(device: str) -> IncompleteDeviceError:
@@ -185,12 +193,11 @@ class Entropic(Wrapper):
             ConvergenceError: the solver stopped without a solution.
         """
         model = observation.model
-        known = [f"link {name}" for name in prior_links(model)]
-        if not known:
+        if not prior_links(model):
             raise _no_prior(model.device.name)
-        cone = roomy(model, free.beta)
+        penalty = EntropicPenalty.of(model, free.beta)
+        cone = penalty.cone
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
-        penalty = EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
         strength = self.strength or best_strength(observation, self.weights(observation) / scale, penalty)
         x = penalty.minimiser(free.R / scale, free.R @ free.beta / scale, strength)
         beta = cone.A @ x
@@ -223,6 +230,12 @@ class EntropicPenalty:
 
     cone: Cone
     known: tuple[bool, ...]
+
+    @staticmethod
+    def of(model: DynamicModel, beta: Array) -> EntropicPenalty:
+        """Of a device, scaled for base parameters of about this size, (p,)."""
+        cone, known = roomy(model, beta), {f"link {name}" for name in prior_links(model)}
+        return EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
 
     def minimiser(self, R: Array, z: Array, strength: float) -> Array:
         """The x that minimises |R A x - z|^2 / 2 + strength D, (n,).
