@@ -13,7 +13,7 @@ from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation.feasibility.cone import UPPER, Cone
-from haptid.estimation.feasibility.conic_program import ConeCondition, cones_of, solved
+from haptid.estimation.feasibility.conic_program import TIGHT, ConeCondition, cones_of, solved
 from haptid.estimation.feasibility.feasible import FIT_PENALTY, FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
 from haptid.estimation.method import (
@@ -34,6 +34,8 @@ RIDGE_STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-8, 9))
 # Entropic strengths to choose from where none is given, and the number of folds of the cross-validation.
 ENTROPIC_STRENGTHS = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
 FOLDS = 5
+# Tolerance of the solver where strengths are compared.
+COARSE = 1e-8
 # Least entropic strength that double precision distinguishes from none.
 WEAKEST = 1e-6
 
@@ -72,7 +74,9 @@ class Ridge:
     unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One over the standard deviation of each motor's residual in the fit with the prior, (motors,).
+        """One over the standard deviation of each motor's residual in the fit with the prior of strength 1, (motors,).
+
+        A stronger prior does not change the noise: weights that fell with its misfit would hand the estimate to it.
 
         Raises:
             IncompleteDeviceError: the device has no prior values.
@@ -95,10 +99,10 @@ class Ridge:
         return tried[int(np.argmin(errors))]
 
     def _weighted(self, observation: Observation, prior: Knowledge) -> Array:
-        weighting, known = WLS(self.passes), strengthened(prior, self.strength or 1.0)
+        weighting = WLS(self.passes)
         weights = np.array([1.0 / max(motor.norm, np.finfo(float).tiny) for motor in observation.motors])
         for _ in range(self.passes):
-            beta = solve(observation, weights, (), known).beta
+            beta = solve(observation, weights, (), prior).beta
             weights = np.array([weighting.weight(motor, beta) for motor in observation.motors])
         return weights
 
@@ -214,14 +218,14 @@ def prior_links(model: DynamicModel) -> list[str]:
 class EntropicPenalty:
     """The divergence of scaled standard parameters from the prior, minimised together with the rows' residual.
 
-    A conic programme, so that links without a prior may lie on the boundary of the cone, or have masses that torque does
-    not bound, where a barrier method stalls. log det P is the largest sum of log Z_ii with
+    A conic programme, so that links without a prior may lie on the boundary of the cone, or have masses that torque
+    does not bound, where a barrier method stalls. log det P is the largest sum of log Z_ii with
 
         [P Z; Z' diag(Z)] positive semidefinite, Z lower triangular,
 
     each log by an exponential cone.
 
-    Source: Ben-Tal and Nemirovski (2001), Lectures on Modern Convex Optimization, section 4.2 (18), for the determinant.
+    Source: Ben-Tal and Nemirovski (2001), Lectures on Modern Convex Optimization, section 4.2, for the determinant.
 
     Attributes:
         cone: the conditions; its centre is the prior where there is one.
@@ -237,12 +241,13 @@ class EntropicPenalty:
         cone, known = roomy(model, beta), {f"link {name}" for name in prior_links(model)}
         return EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
 
-    def minimiser(self, R: Array, z: Array, strength: float) -> Array:
+    def minimiser(self, R: Array, z: Array, strength: float, tolerance: float = TIGHT) -> Array:
         """The x that minimises |R A x - z|^2 / 2 + strength D, (n,).
 
         Args:
             R, z: of the rows, (p, p) and (p,), in units of the residual's standard deviation.
             strength: of the regularisation.
+            tolerance: of the solver.
 
         Raises:
             ConvergenceError: the solver stopped without a solution.
@@ -278,7 +283,7 @@ class EntropicPenalty:
                 rows.append(part)
                 right.append(np.array([0.0, 1.0, 0.0]))
                 cones.append(clarabel.ExponentialConeT())
-        found = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones)
+        found = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones, tolerance)[0]
         return cone.moved_inside(x + found[:n])
 
 
@@ -314,6 +319,6 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
         unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
         T, V = seen.stack(weights), unseen.stack(weights)
         for k, strength in enumerate(ENTROPIC_STRENGTHS):
-            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength)
+            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength, COARSE)
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))
     return ENTROPIC_STRENGTHS[int(np.argmin(errors))]
