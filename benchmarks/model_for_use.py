@@ -109,8 +109,11 @@ def row(case: Case) -> dict[str, Any]:
     }
 
 
-def tried(use,made,score):
-    return {one.name: [one.error, *one.excess, one.strength, score(_made(made, one.name, one.strength).beta)] for one in use.candidates}
+def tried(use, made, score):
+    return {
+        one.name: [one.error, *one.excess, one.strength, score(_made(made, one.name, one.strength).beta)]
+        for one in use.candidates
+    }
 
 
 def figures(rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import FeasibleParameters
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
+from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
@@ -195,6 +196,11 @@ class Estimate:
     def single_block(self) -> tuple[int, ...]:
         """Parameters excited in a single block: their standard errors cannot be estimated and are infinite."""
         return self.quantities.unbounded
+
+    @cached_property
+    def clusters(self) -> Clusters:
+        """Scores of the time blocks, for joint tests of several estimates."""
+        return Clusters.of(self.fit, np.array([row for shifts in self.nuisances.values() for row in shifts]))
 
     @property
     def se(self) -> Array:

@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +31,7 @@ from haptid.estimation import (
     PhysicallyConsistent,
     Reduced,
 )
+from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
@@ -65,6 +67,8 @@ if TYPE_CHECKING:
 _SCHEMA: Literal[2] = 2
 # A result of two hundred parameters has some megabytes; a larger file is no result.
 _LARGEST_FILE = 1 << 26
+# Scores of the time blocks, beside the result file.
+CLUSTERS = "clusters.npz"
 RELATIVE_ERROR = (
     "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
 )
@@ -97,6 +101,7 @@ class Result(ResultTable):
     notes: list[str]
     device_file: dict[str, Any] = Field(description="the device file, gravity as mounted")
     _model: DynamicModel = PrivateAttr()
+    _clusters: Clusters | None = PrivateAttr(default=None)
 
     @classmethod
     def of(cls, identification: Identification, verdict: Verdict | None = None) -> Result:
@@ -143,7 +148,7 @@ class Result(ResultTable):
             notes=[*estimate.notes, RELATIVE_ERROR, *(projection.notes if projection else ())],
             device_file=finite(device_file(model)),
         )
-        made._model = model
+        made._model, made._clusters = model, estimate.clusters
         return made
 
     @classmethod
@@ -173,11 +178,13 @@ class Result(ResultTable):
             raise _fault(path, "key `model_for_use.parameters` has other parameters than the estimate", "model_for_use")
         if [len(row) for row in made.estimate.covariance] != [size] * size:
             raise _fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
-        made._model = model
+        made._model, made._clusters = model, _clusters_beside(path, size)
         return made
 
     def save(self, folder: Path) -> None:
-        """Write `result.json`, `parameters.csv` and `correlation.csv` into an existing folder."""
+        """Write `result.json`, `clusters.npz`, `parameters.csv` and `correlation.csv` into an existing folder."""
+        if self._clusters is not None:
+            self._clusters.save(folder / CLUSTERS)
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
@@ -197,6 +204,11 @@ class Result(ResultTable):
     def model(self) -> DynamicModel:
         """The dynamic model, as the device file had it, at the constants that were found."""
         return self._model
+
+    @property
+    def clusters(self) -> Clusters | None:
+        """Scores of the time blocks, for joint tests; None where the folder does not have their file."""
+        return self._clusters
 
     @property
     def base(self) -> BaseParameters:
@@ -333,6 +345,24 @@ def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
         found = targets(estimate)
         yield from map(ResultParameter.of, found.parameters, found.dof)
+
+
+def _clusters_beside(path: Path, size: int) -> Clusters | None:
+    """The scores of the blocks in the folder of a result file; None without them.
+
+    Raises:
+        ResultFileError: the file cannot be read, or is of another fit.
+    """
+    beside = path.parent / CLUSTERS
+    if not beside.exists():
+        return None
+    try:
+        found = Clusters.load(beside)
+    except (OSError, ValueError, KeyError, ShapeError, zipfile.BadZipFile) as error:
+        raise _fault(beside, f"cannot be read ({error})") from error
+    if len(found.root) != size:
+        raise _fault(beside, f"is of {len(found.root)} base parameters, and the result of {size}")
+    return found
 
 
 def _use(identification: Identification) -> ModelForUseTable:

@@ -41,8 +41,8 @@ from haptid.observation.r_factor import triangle
 FOLDS = 5
 # Fewer blocks than these are not split.
 FEWEST_BLOCKS = 2 * FOLDS
-# Least gain of the error by a free fit, as a share of it: held-out blocks are of the same motion, and a smaller gain
-# does not outweigh what parameters of no body do in another one (benchmarks/model_for_use.py).
+# Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
+# outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 LEAST_GAIN = 0.02
 CONSISTENT, FREE, RIDGE, ENTROPIC = "consistent", "free", "ridge", "entropic"
 STRENGTHS: Mapping[str, tuple[float | None, ...]] = {
@@ -79,9 +79,9 @@ class Candidate:
 
     @property
     def is_better(self) -> bool:
-        """Whether its held-out error is lower by more than one standard error; of a free fit, and by a fiftieth."""
+        """Whether its held-out error is lower by more than one standard error, and by more than a fiftieth."""
         difference, se = self.excess
-        return difference < -se and (self.name != FREE or self.gain > LEAST_GAIN)
+        return difference < -se and self.gain > LEAST_GAIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +116,8 @@ def model_for_use(made: Estimate, reference: Observation | None = None, wanted: 
     """The model for use, chosen on the rows of an estimate alone.
 
     The physically consistent fit is replaced by the free one, or by one with a prior where the device has prior values,
-    only if the error on held-out blocks is smaller by more than one standard error of the paired differences; the free
-    fit, of which there need be no body, also by more than a fiftieth.
+    only if the error on held-out blocks is smaller by more than one standard error of the paired differences, and by
+    more than a fiftieth.
     Strengths of priors are those of least held-out error. An estimate with constraints or a prior of its own, or by
     another method than least squares on weighted rows, is used as it is.
 
@@ -163,7 +163,7 @@ def _reason(best: Candidate, found: Sequence[Candidate]) -> str:
         return (
             f"The model for use is {NAMES[CONSISTENT]}: its error on held-out blocks is {best.error:.3g} %, against "
             f"{others}, none better by one standard error of the paired differences "
-            f"(the free fit also by a fiftieth)."
+            f"and a fiftieth."
         )
     difference, se = best.excess
     return (
