@@ -24,16 +24,16 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numpy as np  # noqa: E402
-from zoo.case import Case, draw  # noqa: E402
-from zoo.oracle import Unseen  # noqa: E402
-from zoo.plant import Plant  # noqa: E402
-from zoo.recording import record, write  # noqa: E402
 
 import haptid  # noqa: E402
 from haptid.device import INERTIAL  # noqa: E402
 from haptid.study import read_study  # noqa: E402
 from haptid.study.identify import identify  # noqa: E402
 from haptid.validation.model_for_use import _made, model_for_use  # noqa: E402
+from zoo.case import Case, draw  # noqa: E402
+from zoo.oracle import Unseen  # noqa: E402
+from zoo.plant import Plant  # noqa: E402
+from zoo.recording import record, write  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parent / "results" / "model-for-use.json"
 # Relative error of mass and inertia of the prior bodies, and that of their centres over the length of the link.
