@@ -2,8 +2,8 @@
 
     python benchmarks/model_for_use.py [--cases 120] [--seed 11] [--hard]
 
-`--hard` draws only logs that a default fit finds difficult: short ones, slow motion, few bits, effects that the model does
-not have. In every other case the device file has prior bodies, each parameter off by some thirty per cent.
+`--hard` draws only logs that a default fit finds difficult: short ones, slow motion, few bits, effects that the model
+does not have. In every other case the device file has prior bodies, each parameter off by some thirty per cent.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 import sys
 import tempfile
 import warnings
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,7 @@ import haptid  # noqa: E402
 from haptid.device import INERTIAL  # noqa: E402
 from haptid.study import read_study  # noqa: E402
 from haptid.study.identify import identify  # noqa: E402
-from haptid.validation.model_for_use import _made, model_for_use  # noqa: E402
+from haptid.validation.model_for_use import ModelForUse, _made, model_for_use  # noqa: E402
 from zoo.case import Case, draw  # noqa: E402
 from zoo.oracle import Unseen  # noqa: E402
 from zoo.plant import Plant  # noqa: E402
@@ -105,11 +106,11 @@ def row(case: Case) -> dict[str, Any]:
         "name": found.use.name,
         "status": found.estimate.status,
         "tried": tried(found.use, found.estimate, score),
-        "own": tried(model_for_use(found.estimate), found.estimate, score),
     }
 
 
-def tried(use, made, score):
+def tried(use: ModelForUse, made: haptid.Estimate, score: Callable[[np.ndarray], float]) -> dict[str, list[Any]]:
+    """Of each candidate: held-out error, excess with its standard error, strength, and error on unseen motion."""
     return {
         one.name: [one.error, *one.excess, one.strength, score(_made(made, one.name, one.strength).beta)]
         for one in use.candidates

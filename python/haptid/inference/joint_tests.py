@@ -225,8 +225,8 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
     """p-value of the equality of all parameters, by random signs of the scores of runs of blocks.
 
     The statistic is the sum of (b_i - b)'H_i (b_i - b), H_i the information of each fit and b their common fit. The
-    scores are those of the common fit, corrected for leverage; runs of neighbouring blocks change sign together, because
-    noise is correlated over more than one. The statistic is divided by the factor of misfit.
+    scores are those of the common fit, corrected for leverage; runs of neighbouring blocks change sign together: noise
+    is correlated over more than one. The statistic is divided by the factor of misfit.
 
     Source: Cameron, Gelbach and Miller (2008), Review of Economics and Statistics 90(3), with the null imposed.
     """
