@@ -12,7 +12,7 @@ import haptid
 from haptid.cli import app
 from haptid.estimation.intervals.clusters import Clusters, alike
 from haptid.inference.comparison import compare
-from haptid.inference.joint_tests import directions, randomised
+from haptid.inference.joint_tests import randomised, tested_directions
 from motions import motion
 from small_study import write_study
 from true_parameters import true_parameters
@@ -119,7 +119,7 @@ def test_a_payload_is_found_that_single_parameters_miss(model):
 def test_a_payload_moves_its_own_direction(model):
     """The combinations of a link see a body on it, and there are as many as the body has effects."""
     own = [fitted(model, loaded(model, 0.0), k).clusters for k in (1, 2)]
-    groups = dict(directions(model, own))
+    groups = dict(tested_directions(model, own))
     change = loaded(model, 0.2) - loaded(model, 0.0)
     size = np.sqrt(np.diag(sum(one.root @ one.root.T for one in own)))
     C = groups["payload on link 3"]

@@ -19,7 +19,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
 from haptid.estimation.intervals.clusters import Clusters
-from haptid.inference.joint_tests import POWER, JointTests, joint_tests
+from haptid.inference.joint_tests import DETECTION_POWER, JointTests, joint_tests
 from haptid.observation.plan import Block
 from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import Quantities, aligned, half_width
@@ -501,7 +501,7 @@ def detectable(se: Array, dof: Array, confidence: float) -> Array:
     The first step of Holm's correction, that of Bonferroni, counts: (t(1 - alpha / 2k) + t(0.8)) se.
     """
     level = (1 - confidence) / max(len(se), 1)
-    return np.asarray((stats.t.isf(level / 2, dof) + stats.t.ppf(POWER, dof)) * se)
+    return np.asarray((stats.t.isf(level / 2, dof) + stats.t.ppf(DETECTION_POWER, dof)) * se)
 
 
 def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:

@@ -21,14 +21,14 @@ from haptid.estimation.intervals.clusters import Clusters
 from haptid.uncertainty.multiple_testing import together
 
 # Most directions of a joint test, as a share of the blocks of the shorter log; power at which a change is detectable.
-DIRECTIONS, POWER = 1 / 3, 0.8
+_MOST, DETECTION_POWER = 1 / 3, 0.8
 # Least denominator degrees of freedom of a test that is worth making.
 _FEWEST = 2.0
 # Singular values below this share of the largest are no direction.
 _RANK = 1e-6
 _POSES = 40
 # Draws of the block randomisation, and runs of blocks that change sign together: at least this many in a log.
-DRAWS, RUNS = 1999, 12
+_DRAWS, RUNS = 1999, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +108,8 @@ def joint_tests(
         clusters: of each fit.
         confidence: family-wise confidence level.
     """
-    groups, tests, notes = list(directions(model, clusters)), [], []
-    most = int(DIRECTIONS * min(map(len, clusters)))
+    groups, tests, notes = list(tested_directions(model, clusters)), [], []
+    most = int(_MOST * min(map(len, clusters)))
     level = (1 - confidence) / max(len(groups), 1)
     for name, C in groups:
         made = _tested(name, C, values, clusters, level) if len(C) <= most else None
@@ -121,7 +121,7 @@ def joint_tests(
     return JointTests(tuple(tests), equality, confidence, tuple(notes))
 
 
-def directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
+def tested_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
     """Named groups of combinations of base parameters, (q, p) each, of full rank in q."""
     white = sum(one.root @ one.root.T for one in clusters)
     size = np.sqrt(np.diag(white))
@@ -213,7 +213,7 @@ def _detectable(m: float, rest: float, level: float) -> float:
     limit = float(stats.f.isf(level, m, rest))
 
     def short(square: float) -> float:
-        return float(stats.ncf.sf(limit, m, rest, square)) - POWER
+        return float(stats.ncf.sf(limit, m, rest, square)) - DETECTION_POWER
 
     high = 10.0
     while short(high) < 0 and high < 1e12:
@@ -250,12 +250,12 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
         owner.append(np.full(len(joined), k))
         T += float((b - common) @ h @ (b - common))
     every, whose = np.concatenate(scores), np.concatenate(owner)
-    signs = rng.choice([-1.0, 1.0], (DRAWS, len(every)))
+    signs = rng.choice([-1.0, 1.0], (_DRAWS, len(every)))
     total = signs @ every
-    drawn = np.zeros(DRAWS)
+    drawn = np.zeros(_DRAWS)
     for k, h in enumerate(H):
         share = root @ h @ root.T
         rest = signs[:, whose == k] @ every[whose == k] - total @ share.T
         drawn += np.einsum("di,ij,dj->d", rest, np.linalg.pinv(share, hermitian=True), rest)
     factor = float(np.mean([one.misfit for one in clusters]))
-    return float((1 + np.sum(drawn >= T / factor)) / (1 + DRAWS))
+    return float((1 + np.sum(drawn >= T / factor)) / (1 + _DRAWS))

@@ -3,15 +3,15 @@
 May use observation and estimation.
 """
 
-from haptid.validation.model_for_use import Candidate, ModelForUse, model_for_use
+from haptid.validation.model_for_use import ModelForUse, UseCandidate, model_for_use
 from haptid.validation.prediction import Prediction, predict
 from haptid.validation.validation import MotorError, Validation, fit_errors, validate
 
 __all__ = [
-    "Candidate",
     "ModelForUse",
     "MotorError",
     "Prediction",
+    "UseCandidate",
     "Validation",
     "fit_errors",
     "model_for_use",

@@ -38,9 +38,9 @@ from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 
 # Folds of the cross-validation: each block is in one, neighbours in different ones.
-FOLDS = 5
+_FOLDS = 5
 # Fewer blocks than these are not split.
-FEWEST_BLOCKS = 2 * FOLDS
+_FEWEST_BLOCKS = 2 * _FOLDS
 # Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 LEAST_GAIN = 0.02
@@ -60,7 +60,7 @@ NAMES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class UseCandidate:
     """A fit that may be the model for use, with its held-out error.
 
     Attributes:
@@ -99,7 +99,7 @@ class ModelForUse:
     name: str
     estimate: Estimate
     reason: str
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[UseCandidate, ...] = ()
 
     @property
     def beta(self) -> Array:
@@ -156,7 +156,7 @@ def _chosen(made: Estimate, reference: Observation, wanted: str) -> ModelForUse:
     return ModelForUse(best.name, chosen, _reason(best, found), found)
 
 
-def _reason(best: Candidate, found: Sequence[Candidate]) -> str:
+def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
     """Why, in one sentence with the figures."""
     if best is found[0]:
         others = ", ".join(f"{one.error:.3g} % of {NAMES[one.name]}" for one in found[1:])
@@ -200,7 +200,7 @@ class _Trial:
 
     errors: dict[str, Array]
 
-    def candidates(self) -> Iterator[Candidate]:
+    def candidates(self) -> Iterator[UseCandidate]:
         """Each with its best strength, the consistent fit first."""
         base = self.errors[CONSISTENT][0]
         for name, tried in self.errors.items():
@@ -208,7 +208,7 @@ class _Trial:
             excess = tried[k] - base
             error, own = (100 * float(np.sqrt(part.sum())) for part in (tried[k], base))
             gain = 1 - error / own if own else 0.0
-            yield Candidate(name, STRENGTHS[name][k], error, (float(excess.sum()), se_of_sum(excess)), gain)
+            yield UseCandidate(name, STRENGTHS[name][k], error, (float(excess.sum()), se_of_sum(excess)), gain)
 
 
 def se_of_sum(values: Array) -> float:
@@ -227,17 +227,17 @@ def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Tri
     """Fits without each fold and their errors on it; None where there are too few blocks to leave some out."""
     rows, model = made.fit.observation, made.model
     count = len(rows.blocks)
-    if count < FEWEST_BLOCKS:
+    if count < _FEWEST_BLOCKS:
         return None
     scale = 1.0 if made.fit.unit_residual else made.fit.solution.rest / np.sqrt(made.fit.solution.dof)
-    fold_of = np.arange(count) % FOLDS
+    fold_of = np.arange(count) % _FOLDS
     held = _folds(rows, fold_of, reference)
     whole = reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
     measure = _Measure.of(whole)
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
-    for fold in range(FOLDS):
+    for fold in range(_FOLDS):
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(made.fit.weights / scale)
         mine = np.flatnonzero(held == fold)
         if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
