@@ -12,7 +12,7 @@ import haptid
 from haptid.cli import app
 from haptid.estimation.intervals.clusters import Clusters, alike
 from haptid.inference.comparison import compare
-from haptid.inference.joint_tests import randomised, tested_directions
+from haptid.inference.joint_tests import named_directions, randomised
 from motions import motion
 from small_study import write_study
 from true_parameters import true_parameters
@@ -48,7 +48,7 @@ def loaded(model, mass):
 def pairs(model):
     """Comparisons of logs of one device."""
     beta = loaded(model, 0.0)
-    return [compare(fitted(model, beta, 2 * k), fitted(model, beta, 2 * k + 1)) for k in range(12)]
+    return [compare(fitted(model, beta, 2 * k), fitted(model, beta, 2 * k + 1)) for k in range(8)]
 
 
 def clusters(seed=0, blocks=20, k=4):
@@ -77,12 +77,12 @@ def test_htz_freedom_is_that_of_simulated_covariances():
     C = np.eye(4)[:2]
     own = np.linalg.solve(np.linalg.cholesky(C @ made.root @ made.root.T @ C.T), C)
     rng, drawn = np.random.default_rng(1), []
-    for _ in range(3000):
+    for _ in range(1000):
         y = rng.normal(size=U.shape[:2])
         e = y - U @ np.einsum("bij,bi->j", U, y)
         drawn.append(Clusters(made.root, made.G, np.einsum("bij,bi->bj", U, e), made.shifts).covariance(own))
-    assert np.mean(drawn, axis=0) == pytest.approx(np.eye(2), abs=0.05)
-    assert made.freedom(C) == pytest.approx(6 / np.var(drawn, axis=0).sum(), rel=0.1)
+    assert np.mean(drawn, axis=0) == pytest.approx(np.eye(2), abs=0.1)
+    assert made.freedom(C) == pytest.approx(6 / np.var(drawn, axis=0).sum(), rel=0.2)
 
 
 def test_two_single_values_have_welchs_test(pairs):
@@ -97,11 +97,11 @@ def test_two_single_values_have_welchs_test(pairs):
 
 
 def test_nothing_differs_between_logs_of_one_device(pairs):
-    """Size: 12 comparisons of 6 groups at 5 %; 12 and more rejections have a probability below 1e-4."""
+    """Size: 8 comparisons of 6 groups at 5 %; 10 and more rejections have a probability below 1e-3."""
     p = np.array([[test.p for test in one.joint.tests] for one in pairs])
     assert p.shape[1] >= 5
-    assert (p < 0.05).sum() < 12
-    assert np.mean([one.joint.equality < 0.05 for one in pairs]) < 0.35
+    assert (p < 0.05).sum() < 10
+    assert np.mean([one.joint.equality < 0.05 for one in pairs]) < 0.5
 
 
 def test_a_payload_is_found_that_single_parameters_miss(model):
@@ -119,7 +119,7 @@ def test_a_payload_is_found_that_single_parameters_miss(model):
 def test_a_payload_moves_its_own_direction(model):
     """The combinations of a link see a body on it, and there are as many as the body has effects."""
     own = [fitted(model, loaded(model, 0.0), k).clusters for k in (1, 2)]
-    groups = dict(tested_directions(model, own))
+    groups = dict(named_directions(model, own))
     change = loaded(model, 0.2) - loaded(model, 0.0)
     size = np.sqrt(np.diag(sum(one.root @ one.root.T for one in own)))
     C = groups["payload on link 3"]

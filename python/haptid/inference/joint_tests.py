@@ -108,7 +108,7 @@ def joint_tests(
         clusters: of each fit.
         confidence: family-wise confidence level.
     """
-    groups, tests, notes = list(tested_directions(model, clusters)), [], []
+    groups, tests, notes = list(named_directions(model, clusters)), [], []
     most = int(_MOST * min(map(len, clusters)))
     level = (1 - confidence) / max(len(groups), 1)
     for name, C in groups:
@@ -121,7 +121,7 @@ def joint_tests(
     return JointTests(tuple(tests), equality, confidence, tuple(notes))
 
 
-def tested_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
+def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
     """Named groups of combinations of base parameters, (q, p) each, of full rank in q."""
     white = sum(one.root @ one.root.T for one in clusters)
     size = np.sqrt(np.diag(white))
