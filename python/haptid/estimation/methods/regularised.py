@@ -30,9 +30,9 @@ from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
 # Ridge strengths to choose from where none is given: the prior's weight times 10^-4 to 10^4.
-RIDGE_STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-8, 9))
+RIDGE_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (k / 2) for k in range(-8, 9))
 # Entropic strengths to choose from where none is given, and the number of folds of the cross-validation.
-ENTROPIC_STRENGTHS = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
+ENTROPIC_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
 FOLDS = 5
 # Tolerance of the solver where strengths are compared.
 COARSE = 1e-8
