@@ -106,10 +106,9 @@ class Clusters:
         return max(1.0, float(np.sum(joined**2) / max(np.sum(single**2), np.finfo(float).tiny)))
 
     def save(self, path: Path) -> None:
-        """Write to a file; information in single precision, upper triangles."""
+        """Write to a file, of the information the upper triangles."""
         upper = np.triu_indices(self.root.shape[1])
-        packed = self.G[:, *upper].astype(np.float32)
-        np.savez_compressed(path, root=self.root, G=packed, s=self.s, shifts=self.shifts)
+        np.savez_compressed(path, root=self.root, G=self.G[:, *upper], s=self.s, shifts=self.shifts)
 
     @staticmethod
     def load(path: Path) -> Clusters:

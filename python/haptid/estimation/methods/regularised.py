@@ -74,7 +74,7 @@ class Ridge:
     unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One over the standard deviation of each motor's residual in the fit with the prior of strength 1, (motors,).
+        """One over the standard deviation of each motor's residual in the fit with the prior, of strength 1 at most, (motors,).
 
         A stronger prior does not change the noise: weights that fell with its misfit would hand the estimate to it.
 
@@ -100,9 +100,10 @@ class Ridge:
 
     def _weighted(self, observation: Observation, prior: Knowledge) -> Array:
         weighting = WLS(self.passes)
+        known = strengthened(prior, min(self.strength or 1.0, 1.0))
         weights = np.array([1.0 / max(motor.norm, np.finfo(float).tiny) for motor in observation.motors])
         for _ in range(self.passes):
-            beta = solve(observation, weights, (), prior).beta
+            beta = solve(observation, weights, (), known).beta
             weights = np.array([weighting.weight(motor, beta) for motor in observation.motors])
         return weights
 
