@@ -74,7 +74,7 @@ class Ridge:
     unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One over the standard deviation of each motor's residual in the fit with the prior, of strength 1 at most, (motors,).
+        """One over the sd of each motor's residual in the fit with the prior, of strength 1 at most, (motors,).
 
         A stronger prior does not change the noise: weights that fell with its misfit would hand the estimate to it.
 
