@@ -47,7 +47,8 @@ def reading(seed: int) -> dict[str, np.ndarray]:
     made = {}
     for name, method in methods().items():
         found = haptid.estimate(observation, method)
-        made[name] = np.array([found.beta - beta, found.se, stats.t.ppf(0.975, found.dof) * found.se])
+        se = np.sqrt(np.diag(found.covariance))  # also of a filter, which gives no intervals because of these figures
+        made[name] = np.array([found.beta - beta, se, stats.t.ppf(0.975, found.dof) * se])
     return made
 
 

@@ -58,7 +58,12 @@ def test_the_open_loop_and_the_filter_come_near(method):
     _, _, _, beta = made(ARM)
     found = haptid.estimate(observed(ARM, 30, 10), method)
     low, high = found.conf_int().T
-    assert ((low <= beta) & (beta <= high)).mean() >= 0.6
+    if isinstance(method, estimation.EKF):
+        assert np.isinf(found.se).all()
+        assert found.status == "ok"
+        assert any("point estimates only" in note for note in found.notes)
+    else:
+        assert ((low <= beta) & (beta <= high)).mean() >= 0.6
     assert haptid.fit_errors(found).relative < 1.2
     assert np.median(np.abs(found.beta / beta - 1)) < 0.03
 

@@ -358,7 +358,7 @@ def test_ridge_is_the_mean_of_bayes(model, observation):
 def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
     """Against leaving out each block by fitting without it."""
     method = Ridge()
-    weights, prior = method.weights(observation), strengthened(method._prior(observation), 1.0)
+    weights, prior = method.weights(observation), strengthened(method.prior(observation.model), 1.0)
     total = 0.0
     for m, motor in enumerate(observation.motors):
         for b in range(len(motor.rows)):
@@ -372,7 +372,8 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
             total += float(left @ left)
     assert prediction_error(observation, weights, prior) == pytest.approx(total, rel=1e-6)
     tried = [
-        prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS
+        prediction_error(observation, weights, strengthened(method.prior(observation.model), s))
+        for s in RIDGE_STRENGTHS
     ]
     best = haptid.estimate(observation, Ridge(strength=RIDGE_STRENGTHS[int(np.argmin(tried))]))
     np.testing.assert_allclose(haptid.estimate(observation, method).beta, best.beta, rtol=1e-3)

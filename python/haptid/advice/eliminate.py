@@ -8,6 +8,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.study import Study
 from haptid.study.identify import Identification, Run, held_out
+from haptid.validation.model_for_use import model_for_use
 from haptid.validation.validation import fit_errors, validate
 
 
@@ -28,7 +29,7 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
     fitted = [run for run in found.runs if run.entry.role == "identify"]
     filed = DynamicModel(found.model.device)
     runs = tuple(_run(study, filed, run, fitted, reduced) for run in found.runs)
-    return replace(found, study=study, estimate=reduced, runs=runs)
+    return replace(found, study=study, estimate=reduced, use=model_for_use(reduced), runs=runs)
 
 
 def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced: Estimate) -> Run:

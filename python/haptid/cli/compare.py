@@ -14,13 +14,16 @@ from haptid.cli.common import app, errors_shown, out
 if TYPE_CHECKING:
     from haptid.inference.comparison import Series
     from haptid.inference.drift import Drift
+    from haptid.inference.joint_tests import JointTests
 
 HELP = """\
 Compare results: parameters that differ significantly, and their drift.
 
 Each RESULT is an output folder of haptid identify; the logs are not needed. The results must not share rows.
-The table gives for each parameter the confidence level of a difference, corrected for multiple testing (Holm). With
---times, also the drift of each parameter per day, by weighted least squares.
+The table gives for each parameter the confidence level of a difference, corrected for multiple testing (Holm), and the
+smallest change that is found with 80 % power. Joint tests of a payload on each link, the torque at rest and the
+friction of each motor find changes that no single parameter shows. With --times, also the drift of each parameter per
+day, by weighted least squares.
 
 haptid report RESULT RESULT ... writes a page with plots of the same results.
 
@@ -85,6 +88,7 @@ def values(series: Series, lines: Drift | None) -> dict[str, Any]:
         "results": list(series.labels),
         "confidence": series.confidence,
         "parameters": [_parameter(series, k) for k in range(len(series.names))],
+        "joint": None if series.joint is None else _joint(series.joint),
         "notes": list(series.notes),
     }
     if lines is not None:
@@ -107,7 +111,26 @@ def _parameter(series: Series, k: int) -> dict[str, Any]:
         "p": float(series.p[k]),
         "p_holm": float(series.holm[k]),
         "differs": series.names[k] in series.differs,
+        "detectable": float(series.detectable[k]),
     }
+
+
+def _joint(joint: JointTests) -> dict[str, Any]:
+    tests = [
+        {
+            "name": test.name,
+            "directions": test.directions,
+            "f": test.F,
+            "dof": list(test.dof),
+            "p": test.p,
+            "p_holm": float(p),
+            "differs": test.name in joint.differs,
+            "distance": test.distance,
+            "detectable": test.detectable,
+        }
+        for test, p in zip(joint.tests, joint.holm, strict=True)
+    ]
+    return {"tests": tests, "equality_p": joint.equality, "notes": list(joint.notes)}
 
 
 def _slope(lines: Drift, k: int) -> dict[str, Any]:

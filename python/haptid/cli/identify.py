@@ -89,7 +89,7 @@ def identify(
                 progress(f"drawing {name}", 0.0)
                 kind = "rows of the fit" if run.fit_errors else "unseen"
                 title = f"{plan.name}: {run.entry.path} ({kind})"
-                parts = predictions(found.estimate, run.motion)
+                parts = predictions(found.use.estimate, run.motion)
                 plot_torque(parts, Plan.of(found.model, run.motion).rows, title, folder / name)
                 progress(f"drawing {name}", 1.0)
         cache.forget()

@@ -14,9 +14,10 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import FeasibleParameters
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
+from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution, solve
-from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
+from haptid.estimation.method import Fit, Fitting, Knowing, Method, PointEstimate, Reduced, rows_of
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
@@ -197,6 +198,11 @@ class Estimate:
         """Parameters excited in a single block: their standard errors cannot be estimated and are infinite."""
         return self.quantities.unbounded
 
+    @cached_property
+    def clusters(self) -> Clusters:
+        """Scores of the time blocks, for joint tests of several estimates."""
+        return Clusters.of(self.fit, np.array([row for shifts in self.nuisances.values() for row in shifts]))
+
     @property
     def se(self) -> Array:
         """Cluster-robust standard errors, (p,)."""
@@ -304,9 +310,11 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         values=constrained.beta if constrained else solution.beta,
         covariance=spread.covariance,
         dof=spread.dof,
-        unbounded=tuple(int(k) for k in spread.alone),
+        unbounded=tuple(
+            int(k) for k in (range(len(solution.beta)) if isinstance(method, PointEstimate) else spread.alone)
+        ),
     )
-    status, notes = _status_and_notes(observation, quantities, constrained, zero)
+    status, notes = _status_and_notes(observation, method, quantities, constrained, zero)
     own = fit.observation is observation
     return Estimate(
         observation=observation,
@@ -333,6 +341,7 @@ def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> F
 
 def _status_and_notes(
     observation: Observation,
+    method: Method,
     quantities: Quantities,
     constrained: Constrained | BoundedSolution | None,
     zero: tuple[int, ...],
@@ -355,7 +364,9 @@ def _status_and_notes(
             f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
             f"Torque predictions are reliable; individual parameters only where the standard error is small."
         )
-    if quantities.unbounded:
+    if isinstance(method, PointEstimate):
+        notes.append(method.why_no_intervals)
+    elif quantities.unbounded:
         status = "ill_conditioned"
         names = ", ".join(quantities.names[k] for k in quantities.unbounded)
         notes.append(

@@ -177,6 +177,15 @@ class Fitting(Method, Protocol):
         """Its solution and the score of each block."""
 
 
+@runtime_checkable
+class PointEstimate(Method, Protocol):
+    """A method whose estimates have no valid intervals, such as `EKF`: its standard errors count as infinite."""
+
+    @property
+    def why_no_intervals(self) -> str:
+        """A sentence."""
+
+
 def rows_of(method: Method, observation: Observation) -> Observation:
     """The rows as least squares sees them."""
     return method.rows(observation) if isinstance(method, ByRows) else observation

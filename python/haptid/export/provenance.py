@@ -39,6 +39,7 @@ class Provenance:
         verdict: prediction error on unseen motion, a sentence.
         zero: indices of eliminated base parameters, which the code omits.
         uses: fitness of the model for each use; empty where it was not diagnosed.
+        reason: why these parameters are the model for use, a sentence; empty where there was nothing to choose.
     """
 
     model: DynamicModel
@@ -49,6 +50,7 @@ class Provenance:
     verdict: str
     zero: tuple[int, ...] = ()
     uses: tuple[ResultUse, ...] = ()
+    reason: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", read_only(self.beta))
@@ -60,7 +62,11 @@ class Provenance:
 
 
 def provenance(
-    identified: ExportSource, validation: Validation | None, largest_error: float | None, anyway: bool
+    identified: ExportSource,
+    validation: Validation | None,
+    largest_error: float | None,
+    anyway: bool,
+    quoted: bool = False,
 ) -> Provenance:
     """The model with its provenance, provided that it meets its validation criterion.
 
@@ -69,6 +75,7 @@ def provenance(
         validation: of an estimate; an identification and a result have their own.
         largest_error: criterion, per cent; that of the study or result where None.
         anyway: export a model that fails its criterion, with a note in the files.
+        quoted: the parameters that are quoted, and not the model for use of an identification or a result.
 
     Raises:
         UnvalidatedModelError: the prediction error exceeds the criterion, or there is a criterion but no validation.
@@ -76,18 +83,23 @@ def provenance(
     """
     validations: tuple[Validation, ...] = () if validation is None else (validation,)
     if isinstance(identified, Identification):
-        validations = validations or tuple(identified.unseen)
-        largest_error = identified.study.largest_error if largest_error is None else largest_error
-        identified = identified.estimate
+        identified = Result.of(identified)
     if isinstance(identified, Result):
         validations = validations or identified.unseen
         largest_error = identified.criteria.relative_error_percent if largest_error is None else largest_error
     verdict = _verdict(validations, largest_error, anyway)
     if isinstance(identified, Result):
         used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
-        known = (identified.conf_int(), identified.unconstrained.covariance)
         return Provenance(
-            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, tuple(identified.verdict)
+            identified.model,
+            identified.beta if quoted else identified.beta_for_use,
+            identified.conf_int() if quoted else identified.conf_int_for_use(),
+            identified.unconstrained.covariance,
+            tuple(used),
+            verdict,
+            identified.zero,
+            tuple(identified.verdict),
+            "" if quoted else identified.model_for_use.reason,
         )
     if isinstance(identified, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)
@@ -135,6 +147,7 @@ def about(source: Provenance) -> list[str]:
         *([model.device.description] if model.device.description else []),
         "",
         source.verdict,
+        *([source.reason] if source.reason else []),
         *source.fitness,
     ]
     return [

@@ -9,19 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, overload
+from typing import Protocol, overload, runtime_checkable
 
 import numpy as np
+from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
+from haptid.estimation.intervals.clusters import Clusters
+from haptid.inference.joint_tests import DETECTION_POWER, JointTests, joint_tests
 from haptid.observation.plan import Block
 from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import Quantities, aligned, half_width
 
 # Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
 SAME_MEANING = 1e-6
+# Factor on standard errors, for errors of the model, above which it is reported.
+_WIDENED = 1.2
 
 
 class Comparable(Protocol):
@@ -44,6 +50,19 @@ class Comparable(Protocol):
         """Time ranges of the logs that it was made from."""
 
 
+@runtime_checkable
+class Clustered(Comparable, Protocol):
+    """One with the scores of its time blocks, of which joint tests are made: `Estimate` and `Result`."""
+
+    @property
+    def model(self) -> DynamicModel:
+        """Of its device."""
+
+    @property
+    def clusters(self) -> Clusters | None:
+        """Scores of its time blocks, if they are known."""
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Differences between two independent estimates, second minus first, parameter by parameter.
@@ -60,6 +79,7 @@ class Comparison:
         covariance: of second - first, the sum of both, (k, k).
         confidence: family-wise confidence level at which a parameter counts as different.
         notes: sentences for the user.
+        joint: tests of groups of directions; None where the estimates have no common base parameters.
     """
 
     names: tuple[str, ...]
@@ -73,6 +93,7 @@ class Comparison:
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
+    joint: JointTests | None = None
 
     def __post_init__(self) -> None:
         for name in ("first", "second", "first_se", "second_se", "first_dof", "second_dof", "covariance"):
@@ -101,6 +122,11 @@ class Comparison:
         """Confidence intervals of the differences, one by one, (k, 2); at `confidence` where no level is given."""
         half = half_width(self.se, self.dof, self.confidence if level is None else level)
         return freeze(np.column_stack([self.difference - half, self.difference + half]))
+
+    @cached_property
+    def detectable(self) -> Array:
+        """Smallest change that is found in 80 % of such comparisons, (k,)."""
+        return detectable(self.se, self.dof, self.confidence)
 
     @cached_property
     def p(self) -> Array:
@@ -132,12 +158,13 @@ class Comparison:
         rest = len(self.names) - len(order)
         at = family_wise(self.confidence, len(self.names))
         last = f"The other {rest} do not differ {at}." if rest else f"All differ {at}."
-        return (*map(self._sentence, order), last if order else f"No parameter differs {at}.", *self.notes)
+        joint = self.joint.sentences if self.joint else ()
+        return (*map(self._sentence, order), last if order else f"No parameter differs {at}.", *joint, *self.notes)
 
     def summary(self) -> str:
         """A text table with Holm's p-values and an asterisk for each significant difference; then the sentences."""
         interval = f"{100 * self.confidence:g} % interval"
-        rows = [["", "first", "std err", "second", "std err", "difference", interval, "p", "", "unit"]]
+        rows = [["", "first", "std err", "second", "std err", "difference", interval, "p", "", "detectable", "unit"]]
         for k, (low, high) in enumerate(self.conf_int()):
             rows.append(
                 [
@@ -150,6 +177,7 @@ class Comparison:
                     f"{low:.3g} .. {high:.3g}",
                     f"{self.holm[k]:.2g}",
                     "*" if self.names[k] in self.differs else "",
+                    f"{self.detectable[k]:.2g}",
                     self.units[k],
                 ]
             )
@@ -184,6 +212,7 @@ class Series:
         covariance: of each estimate, (n, k, k).
         confidence: family-wise confidence level at which a parameter counts as different.
         notes: sentences for the user.
+        joint: tests of groups of directions; None where the estimates have no common base parameters.
     """
 
     labels: tuple[str, ...]
@@ -195,6 +224,7 @@ class Series:
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
+    joint: JointTests | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.labels), len(self.names)
@@ -229,6 +259,16 @@ class Series:
         """p-values with Holm's correction over all parameters, (k,)."""
         return together(self.p)
 
+    @cached_property
+    def detectable(self) -> Array:
+        """Smallest change of one estimate that is found in 80 % of such comparisons, of the least precise one, (k,)."""
+        k, lasts = int(len(self) > 1), []
+        for i in range(len(self)):
+            with np.errstate(divide="ignore"):
+                others = 1 / np.sqrt(np.sum(1 / np.delete(self.se, i, axis=0) ** 2, axis=0))
+            lasts.append(detectable(np.hypot(self.se[i], k * others), self.dof.min(axis=0), self.confidence))
+        return freeze(np.max(lasts, axis=0))
+
     @property
     def level(self) -> Array:
         """Largest family-wise confidence level at which each parameter counts as different, (k,)."""
@@ -254,6 +294,7 @@ class Series:
             covariance=self.covariance[a] + self.covariance[b],
             confidence=self.confidence,
             notes=self.notes,
+            joint=self.joint if len(self) == 2 else None,
         )
 
     @property
@@ -263,7 +304,9 @@ class Series:
         at = family_wise(self.confidence, len(self.names))
         sentences = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
         rest = len(self.names) - len(order)
-        return (*sentences, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
+        joint = self.joint.sentences if self.joint else ()
+        last = [f"The other {rest} do not differ {at}."] if order and rest else []
+        return (*sentences, *last, *joint, *self.notes)
 
     def _sentence(self, k: int) -> str:
         low, high = int(np.argmin(self.value[:, k])), int(np.argmax(self.value[:, k]))
@@ -272,12 +315,13 @@ class Series:
 
     def summary(self) -> str:
         """A text table, then the sentences. `differs up to` is a confidence level; an asterisk marks what differs."""
-        rows = [["", *(cell for label in self.labels for cell in (label, "std err")), "differs up to", "", "unit"]]
+        columns = (cell for label in self.labels for cell in (label, "std err"))
+        rows = [["", *columns, "differs up to", "", "detectable", "unit"]]
         for k, name in enumerate(self.names):
             values = zip(self.value[:, k], self.se[:, k], strict=True)
             cells = [cell for value, se in values for cell in (f"{value:.4g}", f"{se:.2g}")]
             mark = "*" if name in self.differs else ""
-            rows.append([name, *cells, confidence_text(self.holm[k]), mark, self.units[k]])
+            rows.append([name, *cells, confidence_text(self.holm[k]), mark, f"{self.detectable[k]:.2g}", self.units[k]])
         return "\n".join([*aligned(rows), "", *self.sentences])
 
 
@@ -354,6 +398,18 @@ def compare(
     names = common_parameters(estimates)
     picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
     notes = list(_notes(estimates, called, names))
+    known = _clustered(estimates, names)
+    factor = np.array([one.clusters.misfit if one.clusters else 1.0 for one in known] or np.ones(len(estimates)))
+    for label, wide in zip(called, np.sqrt(factor).tolist(), strict=True):
+        if wide > _WIDENED:
+            notes.append(
+                f"Errors of the model come back with the motion of {label}: its standard errors are {wide:.2g} times "
+                f"those of noise."
+            )
+    joint = None
+    if known:
+        clusters = [one.clusters for one in known if one.clusters]
+        joint = joint_tests(known[0].model, [one.unconstrained.values for one in known], clusters, confidence)
     if shared:
         notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
     made = Series(
@@ -361,13 +417,23 @@ def compare(
         names=names,
         units=picked[0].units,
         value=np.array([one.values for one in picked]),
-        se=np.array([one.se for one in picked]),
+        se=np.array([one.se for one in picked]) * np.sqrt(factor)[:, None],
         dof=np.array([one.dof for one in picked]),
-        covariance=np.array([one.covariance for one in picked]),
+        covariance=np.array([one.covariance for one in picked]) * factor[:, None, None],
         confidence=confidence,
         notes=tuple(notes),
+        joint=joint,
     )
     return made.pair(*pair) if pair else made
+
+
+def _clustered(estimates: Sequence[Comparable], names: tuple[str, ...]) -> list[Clustered]:
+    """The estimates with the scores of their blocks; none unless all have the same base parameters, each excited."""
+    known = [one for one in estimates if isinstance(one, Clustered) and one.clusters is not None]
+    same = all(one.unconstrained.names == names for one in known)
+    told = all(one.clusters is not None and one.clusters.root.any(axis=1).all() for one in known)
+    unbounded = any(one.unconstrained.unbounded for one in known)
+    return known if len(known) == len(estimates) and same and told and not unbounded else []
 
 
 def _shared(first: Comparable, second: Comparable) -> Block | None:
@@ -429,6 +495,15 @@ def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[
             )
 
 
+def detectable(se: Array, dof: Array, confidence: float) -> Array:
+    """Smallest change of each parameter that a test at a family-wise level finds with a power of 80 %, (k,).
+
+    The first step of Holm's correction, that of Bonferroni, counts: (t(1 - alpha / 2k) + t(0.8)) se.
+    """
+    level = (1 - confidence) / max(len(se), 1)
+    return np.asarray((stats.t.isf(level / 2, dof) + stats.t.ppf(DETECTION_POWER, dof)) * se)
+
+
 def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:
     """Names whose p-value is below 1 - confidence."""
     return tuple(name for name, one in zip(names, p, strict=True) if one < 1 - confidence)
@@ -442,12 +517,3 @@ def family_wise(confidence: float, many: int) -> str:
 def confidence_text(p: float) -> str:
     """A p-value as a confidence level, rounded down: 99.89 % does not reach 99.9 %."""
     return f"{np.floor(1e3 * (1 - p)) / 10:.1f} %"
-
-
-def _different_parameters(first: Sequence[str], second: Sequence[str]) -> ModelMismatchError:
-    shown = " and of ".join(listed(names, 6) for names in (first, second))
-    return ModelMismatchError(
-        f"these estimates have no parameter of one name, unit and meaning in common: they are of {shown}.",
-        found=(tuple(first), tuple(second)),
-        advice="Compare base parameters with base parameters or targets with targets, in the same units.",
-    )

@@ -151,7 +151,7 @@ class ReportSource:
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
         """One per log."""
-        return tuple(track(self.estimate, run) for run in self.identification.runs)
+        return tuple(track(self.identification.use.estimate, run) for run in self.identification.runs)
 
     @cached_property
     def decompositions(self) -> tuple[TorqueDecomposition | None, ...]:
@@ -162,14 +162,14 @@ class ReportSource:
 
     @cached_property
     def model(self) -> GivenParameters:
-        """The estimated parameters without their covariance, for the maps."""
-        return GivenParameters(self.estimate.model, self.estimate.beta)
+        """The model for use without a covariance, for the maps."""
+        return GivenParameters(self.estimate.model, self.identification.use.beta)
 
     def _decomposed(self, run: Run, rows: int) -> TorqueDecomposition | None:
         if rows > LARGEST_DECOMPOSITION:
             return None
         try:
-            return decompose_torque(self.estimate, run.motion)
+            return decompose_torque(self.identification.use.estimate, run.motion)
         except MissingAccelerationError:
             return None
 

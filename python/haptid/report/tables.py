@@ -64,7 +64,7 @@ def show_identification(console: Console, found: Identification) -> None:
     )
     console.print(error_table(found.runs, found.model.device.torque_rows))
     searched = found.projection.notes if found.projection else ()
-    for note in (*found.proposal.reasons, *found.estimate.notes, *searched):
+    for note in (*found.proposal.reasons, *found.estimate.notes, *searched, found.use.reason):
         console.print(f"- {note}")
     console.print(f"\n{criterion(found)}")
 

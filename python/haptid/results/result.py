@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +33,7 @@ from haptid.estimation import (
     PhysicallyConsistent,
     Reduced,
 )
+from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
@@ -39,9 +41,11 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
+    CandidateTable,
     Criteria,
     EqualityConstraintsTable,
     ErrorTable,
+    ModelForUseTable,
     NonlinearConstant,
     ObservationTable,
     PhysicalConstraints,
@@ -52,6 +56,7 @@ from haptid.results.schema import (
     ResultParameter,
     ResultTable,
     ResultUse,
+    UseParameter,
 )
 from haptid.study.identify import Identification, Run
 from haptid.study.method import intervals_name, method_name
@@ -62,6 +67,8 @@ if TYPE_CHECKING:
     from haptid.inference.diagnosis import Verdict
 
 _SCHEMA: Literal[2] = 2
+# Scores of the time blocks, beside the result file.
+CLUSTERS = "clusters.npz"
 RELATIVE_ERROR = (
     "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
 )
@@ -87,12 +94,14 @@ class Result(ResultTable):
     treatment_reasons: list[str] = Field(default=[])
     observation: ObservationTable | None = None
     estimate: ResultEstimate
+    model_for_use: ModelForUseTable
     validation: list[ErrorTable]
     criteria: Criteria
     verdict: list[ResultUse] = Field(default=[])
     notes: list[str]
     device_file: dict[str, Any] = Field(description="the device file, gravity as mounted")
     _model: DynamicModel = PrivateAttr()
+    _clusters: Clusters | None = PrivateAttr(default=None)
 
     @classmethod
     def of(cls, identification: Identification, verdict: Verdict | None = None) -> Result:
@@ -132,13 +141,14 @@ class Result(ResultTable):
                 constraints=_constraints(estimate),
                 covariance=estimate.covariance.tolist(),
             ),
+            model_for_use=_use(identification),
             validation=[entry for run in identification.runs for entry in _errors(run)],
             criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
             verdict=list(_uses(verdict)),
             notes=[*estimate.notes, RELATIVE_ERROR, *(projection.notes if projection else ())],
             device_file=finite(device_file(model)),
         )
-        made._model = model
+        made._model, made._clusters = model, estimate.clusters
         return made
 
     @classmethod
@@ -164,13 +174,15 @@ class Result(ResultTable):
         if tuple(stored) != model.base.names:
             raise _other_parameters(path, stored, model.base.names, made.haptid)
         size = len(stored)
+        if [p.name for p in made.model_for_use.parameters] != stored:
+            raise _fault(path, "key `model_for_use.parameters` has other parameters than the estimate", "model_for_use")
         if [len(row) for row in made.estimate.covariance] != [size] * size:
             raise _fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
-        made._model = model
+        made._model, made._clusters = model, _clusters_beside(path, size)
         return made
 
     def save(self, folder: str | Path) -> None:
-        """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder, all or none.
+        """Write `result.json`, `clusters.npz`, `parameters.csv` and `correlation.csv` into a folder, all or none.
 
         Raises:
             OutputFolderError: the folder cannot be written.
@@ -180,6 +192,8 @@ class Result(ResultTable):
 
     def write_into(self, folder: Path) -> None:
         """Write these files into a folder that a caller publishes."""
+        if self._clusters is not None:
+            self._clusters.save(folder / CLUSTERS)
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
         write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
@@ -201,6 +215,11 @@ class Result(ResultTable):
         return self._model
 
     @property
+    def clusters(self) -> Clusters | None:
+        """Scores of the time blocks, for joint tests; None where the folder does not have their file."""
+        return self._clusters
+
+    @property
     def base(self) -> BaseParameters:
         """Names, units and groupings of the parameters."""
         return self.model.base
@@ -214,6 +233,11 @@ class Result(ResultTable):
     def beta(self) -> Array:
         """Base parameters, (p,), SI."""
         return freeze(np.array([p.value for p in self.estimate.parameters]))
+
+    @property
+    def beta_for_use(self) -> Array:
+        """Base parameters of the model for use, which predicts and is exported, (p,), SI."""
+        return freeze(np.array([p.value for p in self.model_for_use.parameters]))
 
     @cached_property
     def unconstrained(self) -> Quantities:
@@ -232,9 +256,11 @@ class Result(ResultTable):
 
     def conf_int(self) -> Array:
         """Confidence intervals at `estimate.level`, (p, 2)."""
-        ends = [p.conf_int for p in self.estimate.parameters]
-        low, high = (_or([end[k] for end in ends], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
-        return freeze(np.column_stack([low, high]))
+        return _ends([p.conf_int for p in self.estimate.parameters])
+
+    def conf_int_for_use(self) -> Array:
+        """The same, widened to the values of the model for use, (p, 2)."""
+        return _ends([p.conf_int for p in self.model_for_use.parameters])
 
     @property
     def zero(self) -> tuple[int, ...]:
@@ -328,6 +354,51 @@ def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
         found = targets(estimate)
         yield from map(ResultParameter.of, found.parameters, found.dof)
+
+
+def _clusters_beside(path: Path, size: int) -> Clusters | None:
+    """The scores of the blocks in the folder of a result file; None without them.
+
+    Raises:
+        ResultFileError: the file cannot be read, or is of another fit.
+    """
+    beside = path.parent / CLUSTERS
+    if not beside.exists():
+        return None
+    try:
+        found = Clusters.load(beside)
+    except (OSError, ValueError, KeyError, ShapeError, zipfile.BadZipFile) as error:
+        raise _fault(beside, f"cannot be read ({error})") from error
+    if len(found.root) != size:
+        raise _fault(beside, f"is of {len(found.root)} base parameters, and the result of {size}")
+    return found
+
+
+def _use(identification: Identification) -> ModelForUseTable:
+    """The model for use; its intervals hold the value, and those that are quoted."""
+    use, quoted = identification.use, identification.estimate.conf_int()
+    low, high = np.minimum(quoted[:, 0], use.beta), np.maximum(quoted[:, 1], use.beta)
+    return ModelForUseTable(
+        name=use.name,
+        method_description=use.method.name,
+        reason=use.reason,
+        parameters=[
+            UseParameter(name=name, value=value, conf_int=(a, b))
+            for name, value, a, b in zip(
+                use.estimate.names, use.beta.tolist(), low.tolist(), high.tolist(), strict=True
+            )
+        ],
+        candidates=[
+            CandidateTable(
+                name=one.name,
+                strength=one.strength,
+                error_percent=one.error,
+                excess=one.excess[0],
+                excess_se=one.excess[1],
+            )
+            for one in use.candidates
+        ],
+    )
 
 
 def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConstant]:
@@ -468,6 +539,12 @@ def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float]
 def _or(values: Sequence[float | None], instead: float) -> Array:
     """Numbers with another one in place of None."""
     return np.array([instead if value is None else value for value in values], dtype=float)
+
+
+def _ends(intervals: Sequence[tuple[float | None, float | None]]) -> Array:
+    """Intervals with infinite ends where they are null, (p, 2)."""
+    low, high = (_or([end[k] for end in intervals], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
+    return freeze(np.column_stack([low, high]))
 
 
 def _csv_row(p: ResultParameter) -> list[object]:

@@ -205,6 +205,34 @@ class ResultEstimate(ResultTable):
     covariance: list[list[Number]] = Field(description="of the unconstrained base parameters, SI")
 
 
+class CandidateTable(ResultTable):
+    """A fit that was compared for the model for use."""
+
+    name: str = Field(description="consistent, free, ridge or entropic")
+    strength: float | None = Field(description="of its prior, the best of those tried")
+    error_percent: Number = Field(description="relative error of all motors on held-out blocks")
+    excess: Number = Field(description="squared relative error less that of the consistent fit")
+    excess_se: Number = Field(description="its standard error over the blocks")
+
+
+class UseParameter(ResultTable):
+    """A base parameter of the model for use, SI."""
+
+    name: str
+    value: float
+    conf_int: tuple[Number, Number] = Field(description="of the unconstrained fit, widened to the value")
+
+
+class ModelForUseTable(ResultTable):
+    """The fit that predicts, compensates and is exported; parameters are quoted from `estimate`."""
+
+    name: str = Field(description="consistent, free, ridge, entropic, or given: the estimate itself")
+    method_description: str
+    reason: str = Field(description="why, with the figures")
+    parameters: list[UseParameter]
+    candidates: list[CandidateTable] = []
+
+
 class ErrorTable(ResultTable):
     """Prediction error of one motor on one log, or of all its motors together."""
 

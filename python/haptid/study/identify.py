@@ -26,6 +26,7 @@ from haptid.study.schema import fault
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
+from haptid.validation.model_for_use import ModelForUse, model_for_use
 from haptid.validation.validation import Validation, fit_errors, pooled, validate
 
 _Progress = Callable[[str, float], None]
@@ -38,8 +39,8 @@ class Run:
     Attributes:
         entry: the study's entry.
         observation: its rows.
-        fit_errors: errors of the final estimate on the rows of its fit; None of a validation log.
-        unseen: out-of-sample errors: of the final estimate for a validation log, of each fold's own fit in
+        fit_errors: errors of the model for use on the rows of its fit; None of a validation log.
+        unseen: out-of-sample errors of the model for use: of the final one for a validation log, of each fold's own in
             cross-validation.
         reference: all its rows behind the reference filter; None where errors are not compared on them.
     """
@@ -63,7 +64,8 @@ class Identification:
         study: the study.
         model: the dynamic model, at the nonlinear constants that were found.
         proposal: treatment of the logs, with reasons.
-        estimate: from all logs with role "identify".
+        estimate: from all logs with role "identify", from which parameters and intervals are quoted.
+        use: the model for use, chosen on the same rows: it predicts, and is validated and exported.
         runs: one for each log.
         projection: the nonlinear constants as found by variable projection, None where the device has none.
     """
@@ -72,6 +74,7 @@ class Identification:
     model: DynamicModel
     proposal: Proposal
     estimate: Estimate
+    use: ModelForUse
     runs: tuple[Run, ...]
     projection: VariableProjection | None = None
 
@@ -126,16 +129,18 @@ def identify(
     final = estimate(reduce(add, fitted), study.method, intervals)
     final = with_treatment_uncertainty(final, proposal)
     all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, cache)
+    seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
+    use = model_for_use(final, reduce(add, seen), study.use)
     runs = []
     for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
-            runs.append(Run(entry, observation, None, (validate(final, observation, whole),), whole))
+            runs.append(Run(entry, observation, None, (validate(use.estimate, observation, whole),), whole))
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others, whole)
-            runs.append(Run(entry, observation, fit_errors(final, observation), unseen, whole))
+            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, whole))
     progress("estimating", 1.0)
-    return Identification(study, model, proposal, final, tuple(runs), projection)
+    return Identification(study, model, proposal, final, use, tuple(runs), projection)
 
 
 def _check_kind(study: Study) -> None:
@@ -211,7 +216,7 @@ def held_out(
     others: list[Observation],
     whole: Observation | None = None,
 ) -> tuple[Validation, ...]:
-    """Cross-validation of a log's rows by fits without them, by the study's scheme.
+    """Cross-validation of a log's rows by models for use from other rows, by the study's scheme.
 
     Args:
         study: with the method of these fits.
@@ -224,14 +229,18 @@ def held_out(
         predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]
         rest = [motion for other in others for motion in other.motions]
         behind = None if whole is None else whole.motions[0]
-        return (predict(model, observation.motions[0], rest, study.method, behind),)
+        return (predict(model, observation.motions[0], rest, study.method, behind, study.use),)
     if study.cross_validation == "leave-one-log-out":
-        return (validate(estimate(reduce(add, others), study.method), observation, whole),)
+        return (validate(_usable(study, reduce(add, others)), observation, whole),)
     if study.cross_validation == "blocks":
         halves = observation.alternate()
         folds = (
-            validate(estimate(reduce(add, others, fit), study.method), unseen, whole)
-            for fit, unseen in (halves, halves[::-1])
+            validate(_usable(study, reduce(add, others, fit)), unseen, whole) for fit, unseen in (halves, halves[::-1])
         )
         return (pooled(*folds),)
     return ()
+
+
+def _usable(study: Study, rows: Observation) -> Estimate:
+    """The model for use of some rows, chosen on these rows alone."""
+    return model_for_use(estimate(rows, study.method), None, study.use).estimate

@@ -10,6 +10,8 @@ import numpy as np
 from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import PriorBody, tensor
 from haptid.errors import LogError, SettingError, StudyFileError, TreatmentError
+from haptid.estimation import Method
+from haptid.estimation.method import only_weights_rows
 from haptid.inference.payload_body import AttachedBody
 from haptid.log import Channels, Merge, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
@@ -22,6 +24,7 @@ from haptid.study.schema import (
     ChannelsTable,
     ControllerTable,
     CrossValidation,
+    EstimateTable,
     LogTable,
     PayloadTable,
     PosesTable,
@@ -29,6 +32,7 @@ from haptid.study.schema import (
     StudyTable,
     TimeTable,
     TreatmentTable,
+    Use,
     ValidationTable,
     fault,
 )
@@ -49,19 +53,34 @@ def read_study(path: str | Path) -> Study:
     logs = tuple(_log(path, k, log, table.channels, timeless) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.validation)
     controller = _controller(path, table.controller) if table.controller else None
+    method = method_of(path, table.estimate, controller)
     return Study(
         name=table.name,
         path=path,
         device=_device(path, table.device),
         logs=logs,
         treatment=_treatment(path, table.treatment),
-        method=method_of(path, table.estimate, controller),
+        method=method,
         cross_validation=_cross_validation(table.validation, logs),
         largest_error=table.criteria.relative_error_percent,
         intervals=INTERVALS[table.estimate.intervals](),
         controller=controller,
         poses=poses,
+        use=_use(path, table.estimate, method),
     )
+
+
+def _use(study: Path, table: EstimateTable, method: Method) -> Use:
+    """The wanted model for use, which only a method without constraints and prior leaves to choose."""
+    if table.use is not None and not only_weights_rows(method):
+        raise fault(
+            study,
+            "estimate.use",
+            f"the model for use is the estimate itself, by {method.name}",
+            table.use,
+            "Leave it out.",
+        )
+    return table.use or "auto"
 
 
 def _poses(study: Path, table: PosesTable) -> PoseSettings:

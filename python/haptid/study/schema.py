@@ -11,6 +11,7 @@ from haptid.errors import StudyFileError
 from haptid.log.request import MergeMethod
 
 Role = Literal["identify", "validate"]
+Use = Literal["auto", "consistent", "free"]
 CrossValidation = Literal["blocks", "leave-one-log-out"]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -251,6 +252,11 @@ class EstimateTable(_Table):
     )
     constraints: Literal["physical"] | None = Field(
         None, description="physical: constrain the estimate to bodies of positive mass and inertia, passive friction"
+    )
+    use: Use | None = Field(
+        None,
+        description="model for use: the physically consistent fit, unless another is better on held-out blocks (auto, "
+        "default); consistent or free without a comparison; only of methods that weight rows",
     )
     bounds: dict[str, BoundTable] | None = Field(None, description="bounds of base parameters, by name")
     equality_constraints: dict[str, _Finite] | None = Field(

@@ -13,7 +13,7 @@ from haptid.log import Channels
 from haptid.motion.holds import HoldDetection
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
-from haptid.study.schema import CrossValidation, Role
+from haptid.study.schema import CrossValidation, Role, Use
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class Study:
         cross_validation: scheme, None for none.
         largest_error: criterion on the relative error on unseen rows, per cent; None for none.
         intervals: how standard errors are computed.
+        use: which fit is the model for use, "auto" where it is chosen on held-out blocks.
         controller: that moved the device, None if not given.
         poses: how the logs hold poses, None for motions.
     """
@@ -76,3 +77,4 @@ class Study:
     intervals: Intervals = field(default_factory=ClusterRobust)
     controller: PID | None = None
     poses: PoseSettings | None = None
+    use: Use = "auto"

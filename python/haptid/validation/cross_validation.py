@@ -10,11 +10,17 @@ from haptid.estimation.nonlinear import AlternateBlocks
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe
+from haptid.validation.model_for_use import model_for_use
 from haptid.validation.validation import Validation, pooled, validate
 
 
 def each_log(
-    model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method, reference: Motion | None = None
+    model: DynamicModel,
+    motion: Motion,
+    others: Sequence[Motion],
+    method: Method,
+    reference: Motion | None = None,
+    use: str = "auto",
 ) -> Validation:
     """Leave-one-log-out: a motion predicted by constants, friction by load and parameters estimated from the others.
 
@@ -24,16 +30,23 @@ def each_log(
         others: that are fitted.
         method: of estimation.
         reference: the predicted motion behind the reference filter, for errors on all rows.
+        use: which fit is the model for use; see `model_for_use`.
 
     Raises:
         HaptidError: as `fit_nonlinear_constants`, `observe` and `estimate`.
     """
     found, _ = fit_nonlinear_constants(model, others, method)
-    return validate(estimate(observe(found, *others), method), observe(found, motion), reference)
+    made = model_for_use(estimate(observe(found, *others), method), None, use).estimate
+    return validate(made, observe(found, motion), reference)
 
 
 def alternate(
-    model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method, reference: Motion | None = None
+    model: DynamicModel,
+    motion: Motion,
+    others: Sequence[Motion],
+    method: Method,
+    reference: Motion | None = None,
+    use: str = "auto",
 ) -> Validation:
     """Alternate blocks of a motion predicted by an estimate from its other blocks and the other motions; both folds.
 
@@ -45,6 +58,6 @@ def alternate(
             found, _ = fit_nonlinear_constants(model, [AlternateBlocks(motion, parity), *others], method)
             halves = observe(found, motion).alternate()
             fit = sum((observe(found, other) for other in others), halves[parity])
-            yield validate(estimate(fit, method), halves[1 - parity], reference)
+            yield validate(model_for_use(estimate(fit, method), None, use).estimate, halves[1 - parity], reference)
 
     return pooled(*predicted())

@@ -17,6 +17,7 @@ from haptid.study import LogEntry, Study
 from haptid.study.identify import Identification, Run
 from haptid.treatment_choice.propose import Proposal
 from haptid.uncertainty.quantities import aligned
+from haptid.validation.model_for_use import model_for_use
 from haptid.validation.validation import fit_errors
 
 _Columns = Mapping[str, Mapping[str, float]]
@@ -140,7 +141,7 @@ def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identi
         Run(first, made.observation, fit_errors(made), ()),
         Run(second, observe(model, fit.unseen), None, (fit.validation,)),
     )
-    return Identification(study, model, proposal, made, runs)
+    return Identification(study, model, proposal, made, model_for_use(made, wanted="free"), runs)
 
 
 def _parameters(found: Results) -> list[list[Any]]:

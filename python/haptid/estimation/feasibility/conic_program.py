@@ -63,27 +63,36 @@ def minimise(P: Array, q: Array, conditions: Sequence[ConeCondition]) -> tuple[A
     Raises:
         ConvergenceError: the solver stopped without a solution.
     """
-    cones = cones_of(conditions)
-    A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
-    b = np.concatenate([c.f for c in conditions])
+    A = np.concatenate([-c.F for c in conditions])
+    x, z = solved(P, q, A, np.concatenate([c.f for c in conditions]), cones_of(conditions))
+    return x, tuple(np.split(z, np.cumsum([len(c.f) for c in conditions])[:-1]))
+
+
+def solved(
+    P: Array, q: Array, A: Array, b: Array, cones: Sequence[Any], tolerance: float = TIGHT
+) -> tuple[Array, Array]:
+    """The v that minimises v'P v / 2 + q'v with b - A v in the cones, and the multipliers of all rows.
+
+    Raises:
+        ConvergenceError: the solver stopped without a solution.
+    """
+    triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
-        chosen = settings(equilibrate, regularisation)
-        solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, chosen)
-        answer = solver.solve()
+        how = settings(equilibrate, regularisation, tolerance)
+        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), how).solve()
         if str(answer.status) in SOLVED:
-            ends = np.cumsum([len(c.f) for c in conditions])[:-1]
-            return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
+            return np.array(answer.x), np.array(answer.z)
     raise unsolved(str(answer.status), answer.iterations)
 
 
-def settings(equilibrate: bool, regularisation: float) -> clarabel.DefaultSettings:
+def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:
     """Solver settings: silent, one thread, tight tolerances; scaling of rows and columns, static regularisation."""
     made = clarabel.DefaultSettings()
     made.verbose = False
     made.max_threads = 1
     made.equilibrate_enable = equilibrate
     made.static_regularization_constant = regularisation
-    made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = TIGHT
+    made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = tolerance
     made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = ENOUGH
     return made

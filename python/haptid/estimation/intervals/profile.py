@@ -41,6 +41,8 @@ class Profile:
     The test allows |R (b - beta)|^2 to rise above that of the estimate by t^2 times the ratio of the cluster-robust to
     the classical variance of that parameter: away from all constraints the interval is the cluster-robust one. Where
     constraints on other parameters are active it is narrower than the unconstrained one, because they are information.
+    It is never wider, unless the estimate itself lies outside of the unconstrained interval: data and constraints then
+    contradict each other, the status is `constrained_outside_ci`, and no interval has its nominal coverage.
     Constraints are those of `Bounds` or `PhysicallyConsistent`; a cone programme is solved only where the end of the
     unconstrained interval is not found to be feasible as it is.
 
@@ -105,8 +107,10 @@ class Profile:
                 straight = fit.solution.root @ across * (sign * reach / size)
                 step = straight if feasible.holds(straight) else furthest(feasible, reach, sign * wanted)
                 ends[row, side] = wanted @ (feasible.free + step)
-        value = combinations @ feasible.beta
-        return np.column_stack([np.minimum(ends[:, 0], value), np.maximum(ends[:, 1], value)])
+        # The constraints are information: never wider than the unconstrained interval, but for the estimate itself.
+        free, value = combinations @ feasible.free, combinations @ feasible.beta
+        low, high = np.maximum(ends[:, 0], free - half), np.minimum(ends[:, 1], free + half)
+        return np.column_stack([np.minimum(low, value), np.maximum(high, value)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -397,8 +397,8 @@ class Constrained:
         notes.append(f"Relative error of the unconstrained and of the physically consistent fit: {figures}.")
         if outside := self.constrained_outside_ci(half):
             notes.append(
-                f"{', '.join(outside)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
-                f"not explain this: look for a lag of the velocity, or for friction that is missing in the device "
-                f"file. The constraint does not repair it."
+                f"{', '.join(outside)}: outside of the confidence interval of the unconstrained fit. Data and "
+                f"constraints contradict each other, and intervals do not have the nominal coverage: look for a lag of "
+                f"the velocity, or for friction that is missing in the device file. The constraint does not repair it."
             )
         return tuple(notes)

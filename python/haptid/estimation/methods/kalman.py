@@ -14,6 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -88,7 +89,10 @@ class FilterInput:
 
 @dataclass(frozen=True)
 class Filtering(UnitVarianceRows, ABC):
-    """A Kalman filter for joint state and parameters.
+    """A Kalman filter for joint state and parameters: point estimates, without intervals.
+
+    Cluster-robust intervals of the information of its blocks held 50 to 87 % in simulation, not 95: dry friction at
+    reversals and the assumed noise bias the estimate by more than its blocks differ. `covariance` has their figures.
 
     Attributes:
         position_noise: standard deviations of the recorded positions, rad or m, one for each torque row; empty takes
@@ -100,6 +104,11 @@ class Filtering(UnitVarianceRows, ABC):
         friction: dry friction is smoothed within this share of a joint's root mean square speed: what it lacks near
             standstill biases dry and viscous friction.
     """
+
+    why_no_intervals: ClassVar[str] = (
+        "Kalman filters give point estimates only: intervals from them do not have the nominal coverage, so none are "
+        "given. Use WLS or IV for intervals."
+    )
 
     position_noise: _Figures = ()
     torque_noise: _Figures = ()

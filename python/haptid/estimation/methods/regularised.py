@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import clarabel
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
-from haptid.estimation.feasibility.cone import Cone, ConeBlock
-from haptid.estimation.feasibility.conic_program import unsolved
-from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
+from haptid.estimation.feasibility.cone import UPPER, Cone
+from haptid.estimation.feasibility.conic_program import TIGHT, ConeCondition, cones_of, solved
+from haptid.estimation.feasibility.feasible import FIT_PENALTY, FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
 from haptid.estimation.method import (
     Fit,
@@ -30,16 +30,14 @@ from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
 # Ridge strengths to choose from where none is given: the prior's weight times 10^-4 to 10^4.
-RIDGE_STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-8, 9))
+RIDGE_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (k / 2) for k in range(-8, 9))
 # Entropic strengths to choose from where none is given, and the number of folds of the cross-validation.
-ENTROPIC_STRENGTHS = tuple(10.0**k for k in range(-3, 7))
+ENTROPIC_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
 FOLDS = 5
+# Tolerance of the solver where strengths are compared.
+COARSE = 1e-8
 # Least entropic strength that double precision distinguishes from none.
 WEAKEST = 1e-6
-# Strength of the barrier on links without a prior: moves nothing by a thousandth of its standard error.
-BARRIER = 1e-3
-# Newton's method: largest number of steps, decrement at convergence, and the share of the predicted decrease required.
-_MOST_STEPS, _CENTRED, ARMIJO = 300, 1e-8, 0.1
 
 
 @dataclass(frozen=True)
@@ -76,13 +74,15 @@ class Ridge:
     unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One over the standard deviation of each motor's residual in the fit with the prior, (motors,).
+        """One over the sd of each motor's residual in the fit with the prior, of strength 1 at most, (motors,).
+
+        A stronger prior does not change the noise: weights that fell with its misfit would hand the estimate to it.
 
         Raises:
             IncompleteDeviceError: the device has no prior values.
             IdentifiabilityError: a motor's torque is zero throughout.
         """
-        return self._weighted(observation, self._prior(observation))
+        return self._weighted(observation, self.prior(observation.model))
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """The prior, with standard deviations scaled by the strength.
@@ -90,7 +90,7 @@ class Ridge:
         Raises:
             IncompleteDeviceError: the device has no prior values.
         """
-        prior = self._prior(observation)
+        prior = self.prior(observation.model)
         if self.strength is not None:
             return strengthened(prior, self.strength)
         weights = self._weighted(observation, prior)
@@ -99,21 +99,31 @@ class Ridge:
         return tried[int(np.argmin(errors))]
 
     def _weighted(self, observation: Observation, prior: Knowledge) -> Array:
-        weighting, known = WLS(self.passes), strengthened(prior, self.strength or 1.0)
+        weighting = WLS(self.passes)
+        known = strengthened(prior, min(self.strength or 1.0, 1.0))
         weights = np.array([1.0 / max(motor.norm, np.finfo(float).tiny) for motor in observation.motors])
         for _ in range(self.passes):
             beta = solve(observation, weights, (), known).beta
             weights = np.array([weighting.weight(motor, beta) for motor in observation.motors])
         return weights
 
-    def _prior(self, observation: Observation) -> Knowledge:
-        model = observation.model
-        known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
-        if not known:
+    def prior(self, model: DynamicModel) -> Knowledge:
+        """The prior values of the base parameters.
+
+        Raises:
+            IncompleteDeviceError: the device has none.
+        """
+        if not has_prior(model):
             raise _no_prior(model.device.name)
+        known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
         values = np.array([value for _, (value, _) in known])
         std = np.array([std or self.share * abs(value) for _, (value, std) in known])
         return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, std)
+
+
+def has_prior(model: DynamicModel) -> bool:
+    """Whether a base parameter has a prior value to regularise towards."""
+    return any(p is not None and (p[1] or p[0]) for p in model.base_prior)
 
 
 def _no_prior(device: str) -> IncompleteDeviceError:
@@ -185,17 +195,16 @@ class Entropic(Wrapper):
         Raises:
             IncompleteDeviceError: no link of the device has a prior body.
             PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
-            ConvergenceError: Newton's method did not converge.
+            ConvergenceError: the solver stopped without a solution.
         """
         model = observation.model
-        known = [f"link {name}" for name in prior_links(model)]
-        if not known:
+        if not prior_links(model):
             raise _no_prior(model.device.name)
-        cone = roomy(model, free.beta)
+        penalty = EntropicPenalty.of(model, free.beta)
+        cone = penalty.cone
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
-        penalty = EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
         strength = self.strength or best_strength(observation, self.weights(observation) / scale, penalty)
-        x = penalty.minimiser(free.R / scale, free.beta, strength)
+        x = penalty.minimiser(free.R / scale, free.R @ free.beta / scale, strength)
         beta = cone.A @ x
         bodies = FeasibleParameters(model, beta, cone.scale * x, min(1.0, cone.margin(x)), ())
         return Constrained(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
@@ -208,7 +217,16 @@ def prior_links(model: DynamicModel) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class EntropicPenalty:
-    """The divergence of scaled standard parameters from the prior.
+    """The divergence of scaled standard parameters from the prior, minimised together with the rows' residual.
+
+    A conic programme, so that links without a prior may lie on the boundary of the cone, or have masses that torque
+    does not bound, where a barrier method stalls. log det P is the largest sum of log Z_ii with
+
+        [P Z; Z' diag(Z)] positive semidefinite, Z lower triangular,
+
+    each log by an exponential cone.
+
+    Source: Ben-Tal and Nemirovski (2001), Lectures on Modern Convex Optimization, section 4.2, for the determinant.
 
     Attributes:
         cone: the conditions; its centre is the prior where there is one.
@@ -218,100 +236,80 @@ class EntropicPenalty:
     cone: Cone
     known: tuple[bool, ...]
 
-    def minimiser(self, R: Array, beta: Array, strength: float) -> Array:
-        """The x that minimises |R (A x - beta)|^2 / 2 + strength D, (n,).
-
-        Raises:
-            ConvergenceError: Newton's method did not converge.
-        """
-        stronger = [s for s in ENTROPIC_STRENGTHS if strength < s <= 1.0]
-        return self.path(R, beta, (strength, *stronger))[0]
-
-    def path(self, R: Array, beta: Array, strengths: Sequence[float]) -> list[Array]:
-        """The minimisers for ascending strengths, by continuation from the strongest, which is well inside the cone.
-
-        Raises:
-            ConvergenceError: Newton's method did not converge.
-        """
-        x, minimisers = _interior_start(self.cone), []
-        for strength in reversed(strengths):
-            x = self._newton(R, beta, strength, x)
-            minimisers.append(x)
-        return minimisers[::-1]
-
-    def _newton(self, R: Array, beta: Array, strength: float, x: Array) -> Array:
-        """Newton's method from x inside the cone."""
-        blocks = [
-            _BlockDivergence.of(block, self.cone, strength if known else BARRIER)
-            for block, known in zip(self.cone.blocks, self.known, strict=True)
-        ]
-        rows = R @ self.cone.A
-        for _ in range(_MOST_STEPS):
-            gradient, hessian = rows.T @ (rows @ x - R @ beta), rows.T @ rows
-            for block in blocks:
-                a, B = block.derivatives(x)
-                gradient, hessian = gradient + a, hessian + B
-            size = np.sqrt(np.diag(hessian))
-            step = -np.linalg.solve(hessian / np.outer(size, size), gradient / size) / size
-            decrease = -float(gradient @ step)
-            if decrease < _CENTRED**2 * max(1.0, strength):
-                return x
-            x = _line_search(rows, R @ beta, blocks, x, step, decrease)
-        raise unsolved("Newton's method did not converge", _MOST_STEPS)
-
-
-@dataclass(frozen=True, eq=False)
-class _BlockDivergence:
-    """Strength times the divergence of one block, up to a constant; `inverse` is that of its reference P0."""
-
-    block: ConeBlock
-    inverse: Array
-    strength: float
-    directions: Array
-
     @staticmethod
-    def of(block: ConeBlock, cone: Cone, strength: float) -> _BlockDivergence:
-        inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
-        directions = block.matrices(np.eye(len(cone.scale)))
-        return _BlockDivergence(block, np.asarray(inverse, dtype=np.float64), strength, directions)
+    def of(model: DynamicModel, beta: Array) -> EntropicPenalty:
+        """Of a device, scaled for base parameters of about this size, (p,)."""
+        cone, known = roomy(model, beta), {f"link {name}" for name in prior_links(model)}
+        return EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
 
-    def value(self, x: Array) -> float:
-        """Strength times tr(P0^-1 P) - log det P; infinite outside of the cone."""
-        P = self.block.matrix(x)
-        values = np.linalg.eigvalsh(P)
-        return self.strength * float(np.sum(self.inverse * P) - np.log(values).sum()) if values[0] > 0 else np.inf
+    def minimiser(self, R: Array, z: Array, strength: float, tolerance: float = TIGHT) -> Array:
+        """The x that minimises |R A x - z|^2 / 2 + strength D, (n,).
 
-    def derivatives(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (n,) and Hessian (n, n) of `value`."""
-        inverse = np.linalg.inv(self.block.matrix(x))
-        scaled = inverse @ self.directions
-        gradient = np.einsum("ij,kji->k", self.inverse - inverse, self.directions)
-        return self.strength * gradient, self.strength * np.einsum("aij,bji->ab", scaled, scaled)
+        Args:
+            R, z: of the rows, (p, p) and (p,), in units of the residual's standard deviation.
+            strength: of the regularisation.
+            tolerance: of the solver.
+
+        Raises:
+            ConvergenceError: the solver stopped without a solution.
+        """
+        cone, (p, n) = self.cone, self.cone.A.shape
+        x = cone.start(np.asarray(np.linalg.lstsq(R, z, rcond=None)[0]))
+        links = [block for block, known in zip(cone.blocks, self.known, strict=True) if known]
+        first, per = n + p, len(_LOWER) + _SIDE
+        # Variables: change of x; residual over `size`; then Z and the logarithms of each link with a prior.
+        size = max(1.0, float(np.sqrt(strength)))
+        many = first + per * len(links)
+        cost, quadratic = np.zeros(many), np.concatenate([np.full(n, FIT_PENALTY), np.ones(p), np.zeros(many - first)])
+        weight = strength / size**2
+        rows = [np.hstack([R @ cone.A / size, -np.eye(p), np.zeros((p, many - first))])]
+        right, cones = [(z - R @ (cone.A @ x)) / size], [clarabel.ZeroConeT(p)]
+        for block in (b for b, known in zip(cone.blocks, self.known, strict=True) if not known):
+            rows.append(np.hstack([-block.G, np.zeros((len(block.G), many - n))]))
+            right.append(block.G @ x)
+            cones += cones_of([ConeCondition(block.G, block.G @ x, block.is_link)])
+        for k, block in enumerate(links):
+            own = slice(first + k * per, first + (k + 1) * per)
+            inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
+            cost[:n] += weight * np.einsum("ij,kji->k", inverse, block.matrices(np.eye(n)))
+            cost[own.stop - _SIDE : own.stop] = -weight
+            part = np.zeros((len(_DETERMINANT[0]), many))
+            part[:, :n], part[:, own] = -_DETERMINANT[0] @ block.G, -_DETERMINANT[1]
+            rows.append(part)
+            right.append(_DETERMINANT[0] @ block.G @ x)
+            cones.append(clarabel.PSDTriangleConeT(2 * _SIDE))
+            for i in range(_SIDE):  # (log, 1, Z_ii) in the exponential cone
+                part = np.zeros((3, many))
+                part[0, own.stop - _SIDE + i] = part[2, own.start + _LOWER.index((i, i))] = -1.0
+                rows.append(part)
+                right.append(np.array([0.0, 1.0, 0.0]))
+                cones.append(clarabel.ExponentialConeT())
+        found = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones, tolerance)[0]
+        return cone.moved_inside(x + found[:n])
 
 
-def _interior_start(cone: Cone) -> Array:
-    """The prior where it is inside the cone, else the prior plus enough of a ball."""
-    x, margin = cone.centre, cone.margin(cone.centre)
-    least = 1e-3 * cone.margin(cone.ball)
-    return np.asarray(x if margin > least else x + (least - margin) / cone.margin(cone.ball) * 2 * cone.ball)
+# Entries of a lower triangular matrix of the size of a pseudo-inertia.
+_SIDE = 4
+_LOWER = tuple((i, k) for i in range(_SIDE) for k in range(i + 1))
 
 
-def _line_search(
-    rows: Array, target: Array, blocks: Sequence[_BlockDivergence], x: Array, step: Array, decrease: float
-) -> Array:
-    """Backtracking: the largest halving of a step that stays inside the cone and satisfies Armijo's condition."""
+def _determinant() -> tuple[Array, Array]:
+    """Maps from a link's cone entries, (36, 10), and from Z and logarithms, (36, 14), to [P Z; Z' diag(Z)]."""
+    basis = np.zeros((len(UPPER), _SIDE, _SIDE))
+    for row, (i, k) in enumerate(UPPER):
+        basis[row, i, k] = basis[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+    of_p, of_z = np.zeros((len(UPPER), 2 * _SIDE, 2 * _SIDE)), np.zeros((len(_LOWER) + _SIDE, 2 * _SIDE, 2 * _SIDE))
+    of_p[:, :_SIDE, :_SIDE] = basis
+    for row, (i, k) in enumerate(_LOWER):
+        of_z[row, i, _SIDE + k] = of_z[row, _SIDE + k, i] = 1.0
+        of_z[row, _SIDE + i, _SIDE + i] = float(i == k)
+    upper = [(i, k) for k in range(2 * _SIDE) for i in range(k + 1)]
+    entry = np.array([1.0 if i == k else np.sqrt(2) for i, k in upper])
+    picked = tuple(np.array(upper).T)
+    return (entry * of_p[:, *picked]).T, (entry * of_z[:, *picked]).T
 
-    def value(y: Array) -> float:
-        return 0.5 * float(np.sum((rows @ y - target) ** 2)) + sum(block.value(y) for block in blocks)
 
-    here, share = value(x), 1.0
-    while share > np.finfo(float).eps:
-        there = value(x + share * step)
-        # Near the minimum the decrease is below the rounding error of the sum of squares.
-        if there <= here - ARMIJO * share * decrease or (share == 1.0 and there <= here + 1e-12 * abs(here)):
-            break
-        share /= 2
-    return np.asarray(x + share * step)
+_DETERMINANT = _determinant()
 
 
 def best_strength(observation: Observation, weights: Array, penalty: EntropicPenalty) -> float:
@@ -321,7 +319,7 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
     for fold in range(min(FOLDS, len(index))):
         unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
         T, V = seen.stack(weights), unseen.stack(weights)
-        beta: Array = np.asarray(np.linalg.lstsq(T[:-1, :-1], T[:-1, -1], rcond=None)[0], dtype=np.float64)
-        for k, x in enumerate(penalty.path(T[:-1, :-1], beta, ENTROPIC_STRENGTHS)):
+        for k, strength in enumerate(ENTROPIC_STRENGTHS):
+            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength, COARSE)
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))
     return ENTROPIC_STRENGTHS[int(np.argmin(errors))]

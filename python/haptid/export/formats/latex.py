@@ -49,7 +49,7 @@ def export_latex(
         UnvalidatedModelError: the model does not meet its validation criterion.
         OutputFolderError: the folder cannot be written.
     """
-    source = provenance(identified, validation, largest_error, anyway)
+    source = provenance(identified, validation, largest_error, anyway, quoted=True)
     name = default_name(source.model.device.name)
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
     document = DOCUMENT.replace("@title", latex_text(source.model.device.name)).replace("@name", name)

@@ -42,7 +42,7 @@ class MechanismSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> MechanismSection:
-        return cls.drawn(source.estimate.model, source.estimate.beta, poses_of(source))
+        return cls.drawn(source.estimate.model, source.identification.use.beta, poses_of(source))
 
     @classmethod
     def drawn(cls, model: DynamicModel, beta: Array, qa: Array) -> MechanismSection:

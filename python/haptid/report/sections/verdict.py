@@ -59,7 +59,7 @@ class VerdictSection(Section):
             looks=[list(names) for names in made.verdict.looks],
             findings=[_plain(finding) for finding in sorted(made.findings, key=_rank)],
             left_out=list(made.left_out),
-            notes=list(source.estimate.notes),
+            notes=[found.use.reason, *source.estimate.notes],
         )
 
 

@@ -1,0 +1,261 @@
+"""Joint tests of several estimates: a payload, the torque at rest, the friction of a motor, and all parameters at once.
+
+A change of the mechanism moves many parameters a little. One by one, corrected for their number, none may be
+significant where all of them together are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import optimize, stats
+
+from haptid._internal.arrays import Array, freeze
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.estimation.intervals.clusters import Clusters
+from haptid.uncertainty.multiple_testing import together
+
+# Most directions of a joint test, as a share of the blocks of the shorter log; power at which a change is detectable.
+_MOST, DETECTION_POWER = 1 / 3, 0.8
+# Least denominator degrees of freedom of a test that is worth making.
+_FEWEST = 2.0
+# Singular values below this share of the largest are no direction.
+_RANK = 1e-6
+_POSES = 40
+# Draws of the block randomisation, and runs of blocks that change sign together: at least this many in a log.
+_DRAWS, RUNS = 1999, 12
+
+
+@dataclass(frozen=True, eq=False)
+class JointTest:
+    """Equality of one group of directions over all estimates.
+
+    Attributes:
+        name: "payload on link 3".
+        directions: how many.
+        F, dof: statistic, and its degrees of freedom.
+        p: of the hypothesis that nothing has changed.
+        distance: size of the difference in its own standard deviations, the square root of Hotelling's T^2.
+        detectable: the least such distance that is found in 80 % of comparisons.
+    """
+
+    name: str
+    directions: int
+    F: float
+    dof: tuple[float, float]
+    p: float
+    distance: float
+    detectable: float
+
+
+@dataclass(frozen=True, eq=False)
+class JointTests:
+    """Tests of groups of directions, corrected for their number (Holm), and of all parameters at once.
+
+    Attributes:
+        tests: by group.
+        equality: p-value of equality of all parameters; None where it could not be tested.
+        confidence: family-wise confidence level.
+        notes: sentences on what was left out.
+    """
+
+    tests: tuple[JointTest, ...]
+    equality: float | None
+    confidence: float
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def holm(self) -> Array:
+        """p-values with Holm's correction over all groups, (groups,)."""
+        return together(np.array([test.p for test in self.tests])) if self.tests else freeze(np.zeros(0))
+
+    @property
+    def differs(self) -> tuple[str, ...]:
+        """Names of the groups that differ."""
+        return tuple(t.name for t, p in zip(self.tests, self.holm, strict=True) if p < 1 - self.confidence)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What differs jointly, in order of significance; equality of all parameters; the notes."""
+        made = []
+        for k in np.argsort([test.p for test in self.tests]):
+            test, p = self.tests[k], self.holm[k]
+            if test.name in self.differs:
+                made.append(
+                    f"Jointly different: {test.name}, by {test.distance:.3g} standard deviations (p = {p:.1e})."
+                )
+        if self.tests and not made:
+            made.append(f"No group of directions differs at {100 * self.confidence:g} % confidence for all together.")
+        if self.equality is not None:
+            verdict = "differ" if self.equality < 1 - self.confidence else "do not differ significantly"
+            made.append(f"All parameters together {verdict} (block randomisation, p = {self.equality:.2g}).")
+        return (*made, *self.notes)
+
+
+def joint_tests(
+    model: DynamicModel, values: Sequence[Array], clusters: Sequence[Clusters], confidence: float
+) -> JointTests:
+    """Joint tests of independent estimates of one device.
+
+    Args:
+        model: of the device.
+        values: base parameters of each unconstrained fit, (p,), SI.
+        clusters: of each fit.
+        confidence: family-wise confidence level.
+    """
+    groups, tests, notes = list(named_directions(model, clusters)), [], []
+    most = int(_MOST * min(map(len, clusters)))
+    level = (1 - confidence) / max(len(groups), 1)
+    for name, C in groups:
+        made = _tested(name, C, values, clusters, level) if len(C) <= most else None
+        if made is None:
+            notes.append(f"Not tested: {name} ({len(C)} directions; {min(map(len, clusters))} blocks allow {most}).")
+        else:
+            tests.append(made)
+    equality = randomised(values, clusters) if min(map(len, clusters)) >= RUNS else None
+    return JointTests(tuple(tests), equality, confidence, tuple(notes))
+
+
+def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
+    """Named groups of combinations of base parameters, (q, p) each, of full rank in q."""
+    white = sum(one.root @ one.root.T for one in clusters)
+    size = np.sqrt(np.diag(white))
+    root = np.linalg.inv(np.linalg.cholesky(white / np.outer(size, size))) / size
+    parameters, base = model.device.parameters, model.base
+    for joint in model.device.joints:
+        names = [kind + joint.name for kind in ("M", "MX", "MY", "MZ")]
+        loads = [parameters.index[name] for name in names if name in parameters.index]
+        C = _projection(base.regrouping[:, loads], root)
+        if len(C):
+            yield f"payload on link {joint.name}", C
+    still = _functionals(_torque_at_rest(model))
+    if len(still):
+        yield "torque at rest", still
+    links, own = 10 * len(model.device.joints), dict[str, list[Array]]()
+    for k, term in enumerate(model.terms):
+        if term.nature in ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck"):
+            rows = base.regrouping[:, parameters.S[links + k] != 0].any(axis=1)
+            own.setdefault(term.on, []).extend(np.eye(len(base))[rows])
+    for on, made in own.items():
+        C = _functionals(np.array(made).reshape(-1, len(base)))
+        if len(C):
+            yield f"friction of {on}", C
+
+
+def _projection(B: Array, root: Array) -> Array:
+    """Combinations that tell the columns of B, (p, r), best in a difference of precision root'root, (q, p)."""
+    u, size, _ = np.linalg.svd(root @ B / np.maximum(np.linalg.norm(root @ B, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(u[:, size > _RANK * max(size.max(initial=0.0), 1e-300)].T @ root)
+
+
+def _functionals(rows: Array) -> Array:
+    """An orthonormal basis of the row space, (q, p)."""
+    if not rows.any():
+        return np.zeros((0, rows.shape[1]))
+    _, size, vt = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(vt[size > _RANK * size[0]])
+
+
+def _torque_at_rest(model: DynamicModel) -> Array:
+    """Torque at random poses per base parameter, (rows, p)."""
+    q = model.device.closure.draw(np.random.default_rng(0), _POSES)
+    still = np.zeros_like(q)
+    return np.array([inverse_dynamics(model, unit, q, still, still).ravel() for unit in np.eye(len(model.base))]).T
+
+
+def _tested(
+    name: str, C: Array, values: Sequence[Array], clusters: Sequence[Clusters], level: float
+) -> JointTest | None:
+    """Hotelling's T^2 of the differences, with the degrees of freedom of each covariance.
+
+    Sources: Zhang (2012), Communications in Statistics 41(7), the approximate Hotelling T^2 of unequal covariances; for
+    two estimates Krishnamoorthy and Yu (2004), Statistics and Probability Letters 66(2).
+    """
+    q, n = len(C), len(values)
+    m = q * (n - 1)
+    parts = [one.misfit * one.covariance(C) for one in clusters]
+    contrast = np.hstack([np.ones((n - 1, 1)), -np.eye(n - 1)])
+    H = [np.kron(contrast[:, [i]], np.eye(q)) for i in range(n)]
+    whole = sum(h @ V @ h.T for h, V in zip(H, parts, strict=True))
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    root = np.linalg.eigh(whole / np.outer(size, size))
+    if root[0][0] <= len(size) * np.finfo(float).eps * root[0][-1]:
+        return None
+    half = (root[1] / np.sqrt(root[0])).T / size
+    difference = half @ sum(h @ C @ value for h, value in zip(H, values, strict=True))
+    doubt = 0.0
+    for h, V, one in zip(H, parts, clusters, strict=True):
+        share = half @ h @ V @ h.T @ half.T
+        doubt += (np.trace(share @ share) + np.trace(share) ** 2) / one.freedom(C)
+    freedom = m * (m + 1) / doubt
+    rest = freedom - m + 1
+    if rest < _FEWEST:
+        return None
+    square, factor = float(difference @ difference), rest / (freedom * m)
+    return JointTest(
+        name=name,
+        directions=q,
+        F=factor * square,
+        dof=(float(m), float(rest)),
+        p=float(stats.f.sf(factor * square, m, rest)),
+        distance=float(np.sqrt(square)),
+        detectable=_detectable(m, rest, level),
+    )
+
+
+def _detectable(m: float, rest: float, level: float) -> float:
+    """Distance at which an F test at a level has the wanted power, in standard deviations."""
+    limit = float(stats.f.isf(level, m, rest))
+
+    def short(square: float) -> float:
+        return float(stats.ncf.sf(limit, m, rest, square)) - DETECTION_POWER
+
+    high = 10.0
+    while short(high) < 0 and high < 1e12:
+        high *= 4
+    return float(np.sqrt(optimize.brentq(short, 1e-9, high)))
+
+
+def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
+    """p-value of the equality of all parameters, by random signs of the scores of runs of blocks.
+
+    The statistic is the sum of (b_i - b)'H_i (b_i - b), H_i the information of each fit and b their common fit. The
+    scores are those of the common fit, corrected for leverage; runs of neighbouring blocks change sign together: noise
+    is correlated over more than one. The statistic is divided by the factor of misfit.
+
+    Source: Cameron, Gelbach and Miller (2008), Review of Economics and Statistics 90(3), with the null imposed.
+    """
+    size = np.sqrt(sum(np.diag(one.information) for one in clusters))
+    H = [one.information / np.outer(size, size) for one in clusters]
+    beta = [value * size for value in values]
+    whole = sum(H)
+    common = np.linalg.solve(whole, sum(h @ b for h, b in zip(H, beta, strict=True)))
+    root = np.linalg.inv(np.linalg.cholesky(whole))
+    T, scores, owner = 0.0, [], []
+    rng = np.random.default_rng(0)
+    for k, (one, h, b) in enumerate(zip(clusters, H, beta, strict=True)):
+        P = root @ (np.linalg.pinv(one.root).T / size[:, None])
+        G = P @ one.G @ P.T
+        away = np.linalg.solve(root.T, b - common)
+        own = Adjustment.of(G).times(one.s @ P.T + G @ away)
+        runs = np.arange(len(one)) * RUNS * max(1, len(one) // (4 * RUNS)) // len(one)
+        joined = np.zeros((runs.max() + 1, own.shape[1]))
+        np.add.at(joined, runs, own)
+        scores.append(joined)
+        owner.append(np.full(len(joined), k))
+        T += float((b - common) @ h @ (b - common))
+    every, whose = np.concatenate(scores), np.concatenate(owner)
+    signs = rng.choice([-1.0, 1.0], (_DRAWS, len(every)))
+    total = signs @ every
+    drawn = np.zeros(_DRAWS)
+    for k, h in enumerate(H):
+        share = root @ h @ root.T
+        rest = signs[:, whose == k] @ every[whose == k] - total @ share.T
+        drawn += np.einsum("di,ij,dj->d", rest, np.linalg.pinv(share, hermitian=True), rest)
+    factor = float(np.mean([one.misfit for one in clusters]))
+    return float((1 + np.sum(drawn >= T / factor)) / (1 + _DRAWS))

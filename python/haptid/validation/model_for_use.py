@@ -1,0 +1,312 @@
+"""The model for use: which fit predicts, compensates and is exported, by cross-validation on the rows of the fit.
+
+The unconstrained fit has the nominal coverage, and single parameters are quoted from it. For the torque of other
+motions it is often not the best one: where a log excites a direction poorly, or the model misses an effect, its
+parameters are those of no body, and its torque is far off as soon as the motion differs. So the model for use is
+physically consistent, unless held-out rows say otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import ConvergenceError, PhysicalConsistencyError
+from haptid.estimation import Estimate, Method, estimate
+from haptid.estimation.feasibility.feasible import nearest_base_parameters
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
+from haptid.estimation.intervals.covariance import Limiting
+from haptid.estimation.least_squares import EXCITED, weakest_direction
+from haptid.estimation.method import only_weights_rows
+from haptid.estimation.methods.constrained import PhysicallyConsistent
+from haptid.estimation.methods.regularised import (
+    COARSE,
+    ENTROPIC_STRENGTHS,
+    RIDGE_STRENGTHS,
+    Entropic,
+    EntropicPenalty,
+    Ridge,
+    has_prior,
+    prior_links,
+    strengthened,
+)
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
+
+# Folds of the cross-validation: each block is in one, neighbours in different ones.
+_FOLDS = 5
+# Fewer blocks than these are not split.
+_FEWEST_BLOCKS = 2 * _FOLDS
+# Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
+# outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
+LEAST_GAIN = 0.02
+CONSISTENT, FREE, RIDGE, ENTROPIC = "consistent", "free", "ridge", "entropic"
+STRENGTHS: Mapping[str, tuple[float | None, ...]] = {
+    CONSISTENT: (None,),
+    FREE: (None,),
+    RIDGE: RIDGE_STRENGTHS[::2],
+    ENTROPIC: ENTROPIC_STRENGTHS[2:],
+}
+NAMES = {
+    CONSISTENT: "the physically consistent fit",
+    FREE: "the free fit",
+    RIDGE: "the fit with the ridge prior",
+    ENTROPIC: "the fit with the entropic prior",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class UseCandidate:
+    """A fit that may be the model for use, with its held-out error.
+
+    Attributes:
+        name: "consistent", "free", "ridge" or "entropic".
+        strength: of the prior, the best of those tried; None without one.
+        error: relative error of all motors on held-out rows, per cent.
+        excess: squared relative error less that of the consistent fit, and its standard error over the blocks.
+        gain: reduction of the error of the consistent fit, as a share of it.
+    """
+
+    name: str
+    strength: float | None
+    error: float
+    excess: tuple[float, float]
+    gain: float
+
+    @property
+    def is_better(self) -> bool:
+        """Whether its held-out error is lower by more than one standard error, and by more than a fiftieth."""
+        difference, se = self.excess
+        return difference < -se and self.gain > LEAST_GAIN
+
+
+@dataclass(frozen=True, eq=False)
+class ModelForUse:
+    """The fit that predicts, compensates and is exported, and why.
+
+    Attributes:
+        name: "consistent", "free", "ridge" or "entropic"; "given" where the estimate has constraints, a prior or a
+            method that is not least squares.
+        estimate: the fit.
+        reason: a sentence with the figures.
+        candidates: with their held-out errors; none where there was nothing to choose.
+    """
+
+    name: str
+    estimate: Estimate
+    reason: str
+    candidates: tuple[UseCandidate, ...] = ()
+
+    @property
+    def beta(self) -> Array:
+        """Its base parameters, (p,), SI."""
+        return self.estimate.beta
+
+    @property
+    def method(self) -> Method:
+        """That makes it from other rows."""
+        return self.estimate.method
+
+
+def model_for_use(made: Estimate, reference: Observation | None = None, wanted: str = "auto") -> ModelForUse:
+    """The model for use, chosen on the rows of an estimate alone.
+
+    The physically consistent fit is replaced by the free one, or by one with a prior where the device has prior values,
+    only if the error on held-out blocks is smaller by more than one standard error of the paired differences, and by
+    more than a fiftieth.
+    Strengths of priors are those of least held-out error. An estimate with constraints or a prior of its own, or by
+    another method than least squares on weighted rows, is used as it is.
+
+    Args:
+        made: the free fit.
+        reference: all rows of its logs behind the reference filter, on which errors are compared; its own rows where
+            None.
+        wanted: "auto", or the name of the fit to use without a comparison.
+
+    """
+    if not only_weights_rows(made.method):
+        return ModelForUse("given", made, f"The model for use is the estimate itself, by {made.method.name}.")
+    if wanted == FREE:
+        return ModelForUse(FREE, made, "The model for use is the free fit, as the study says.")
+    try:
+        return _chosen(made, reference or made.observation, wanted)
+    except (PhysicalConsistencyError, ConvergenceError) as error:
+        return ModelForUse(FREE, made, f"The model for use is the free fit: no consistent one was found ({error})")
+
+
+def _chosen(made: Estimate, reference: Observation, wanted: str) -> ModelForUse:
+    """The consistent fit, or one that is better on held-out blocks."""
+    consistent = _made(made, CONSISTENT, None)
+    if wanted == CONSISTENT:
+        return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}, as the study says.")
+    priors = [RIDGE] * has_prior(made.model) + [ENTROPIC] * bool(prior_links(made.model))
+    if not consistent.constrained and not priors:
+        return ModelForUse(CONSISTENT, consistent, "The free fit is physically consistent: it is the model for use.")
+    trial = _trial(made, reference, (CONSISTENT, FREE, *priors))
+    if trial is None:
+        why = "the log is too short, or too poorly excited, to compare it with others on held-out rows"
+        return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}: {why}.")
+    found = tuple(trial.candidates())
+    best = min((one for one in found if one.is_better), key=lambda one: one.error, default=found[0])
+    chosen = consistent if best is found[0] else _made(made, best.name, best.strength)
+    return ModelForUse(best.name, chosen, _reason(best, found), found)
+
+
+def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
+    """Why, in one sentence with the figures."""
+    if best is found[0]:
+        others = ", ".join(f"{one.error:.3g} % of {NAMES[one.name]}" for one in found[1:])
+        return (
+            f"The model for use is {NAMES[CONSISTENT]}: its error on held-out blocks is {best.error:.3g} %, against "
+            f"{others}, none better by one standard error of the paired differences "
+            f"and a fiftieth."
+        )
+    difference, se = best.excess
+    return (
+        f"The model for use is {NAMES[best.name]}: its error on held-out blocks is {best.error:.3g} %, against "
+        f"{found[0].error:.3g} % of {NAMES[CONSISTENT]}, better by {-difference / se:.2g} standard errors of the "
+        f"paired differences."
+    )
+
+
+def _made(made: Estimate, name: str, strength: float | None) -> Estimate:
+    """A candidate from all rows."""
+    if name == FREE:
+        return made
+    method: Method = PhysicallyConsistent(made.method)
+    if name == RIDGE:
+        method = Ridge(strength=strength)
+    elif name == ENTROPIC:
+        method = Entropic(strength, made.method)
+    limited = isinstance(made.intervals, Limiting) and name != CONSISTENT
+    other = estimate(made.observation, method, ClusterRobust() if limited else made.intervals)
+    for nuisance, shifts in made.nuisances.items():
+        other = other.with_nuisance(nuisance, shifts)
+    return other
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Squared errors of candidates on held-out blocks, by fits without the fold that a block is in.
+
+    Attributes:
+        errors: of each candidate by name, for each strength, (strengths, blocks): they sum to the squared relative
+            error of all motors.
+    """
+
+    errors: dict[str, Array]
+
+    def candidates(self) -> Iterator[UseCandidate]:
+        """Each with its best strength, the consistent fit first."""
+        base = self.errors[CONSISTENT][0]
+        for name, tried in self.errors.items():
+            k = int(np.argmin(tried.sum(axis=1)))
+            excess = tried[k] - base
+            error, own = (100 * float(np.sqrt(part.sum())) for part in (tried[k], base))
+            gain = 1 - error / own if own else 0.0
+            yield UseCandidate(name, STRENGTHS[name][k], error, (float(excess.sum()), se_of_sum(excess)), gain)
+
+
+def se_of_sum(values: Array) -> float:
+    """Standard error of the sum of a series, (n,), robust to its serial correlation.
+
+    Source: Newey and West (1987), Econometrica 55(3); never below that of independent values.
+    """
+    n, away = len(values), values - values.mean()
+    lags = min(n - 1, round(n ** (1 / 3)))
+    own = float(away @ away)
+    serial = 2 * sum((1 - k / (lags + 1)) * float(away[k:] @ away[:-k]) for k in range(1, lags + 1))
+    return float(np.sqrt((own + max(serial, 0.0)) * n / (n - 1)))
+
+
+def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Trial | None:
+    """Fits without each fold and their errors on it; None where there are too few blocks to leave some out."""
+    rows, model = made.fit.observation, made.model
+    count = len(rows.blocks)
+    if count < _FEWEST_BLOCKS:
+        return None
+    scale = 1.0 if made.fit.unit_residual else made.fit.solution.rest / np.sqrt(made.fit.solution.dof)
+    fold_of = np.arange(count) % _FOLDS
+    held = _folds(rows, fold_of, reference)
+    whole = reference.pick(np.flatnonzero(held >= 0))
+    held = held[held >= 0]
+    measure = _Measure.of(whole)
+    errors: dict[str, list[Array]] = {name: [] for name in names}
+    order = []
+    for fold in range(_FOLDS):
+        T = rows.pick(np.flatnonzero(fold_of != fold)).stack(made.fit.weights / scale)
+        mine = np.flatnonzero(held == fold)
+        if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
+            return None
+        order.append(mine)
+        for name in tuple(errors):
+            try:
+                betas = np.array(list(_fits(model, name, T)))
+            except ConvergenceError:
+                if name == CONSISTENT:
+                    raise
+                del errors[name]  # such a fit is no candidate
+            else:
+                errors[name].append(measure.squares(whole, mine, betas))
+    back = np.argsort(np.concatenate(order))
+    return _Trial({name: np.concatenate(parts, axis=1)[:, back] for name, parts in errors.items()})
+
+
+def _folds(rows: Observation, fold_of: np.ndarray, reference: Observation) -> np.ndarray:
+    """The fold of the block of rows that holds the middle of each reference block; -1 where there is none."""
+    found = np.full(len(reference.blocks), -1)
+    by_log: dict[str, list[int]] = {}
+    for k, block in enumerate(rows.blocks):
+        by_log.setdefault(block.log, []).append(k)
+    for k, block in enumerate(reference.blocks):
+        middle = 0.5 * (block.start + block.stop)
+        for own in by_log.get(block.log, ()):
+            if rows.blocks[own].start <= middle < rows.blocks[own].stop:
+                found[k] = fold_of[own]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Measure:
+    """Factors of the motors' squared residuals, (motors,), whose sum is the squared relative error of all motors."""
+
+    factors: Array
+
+    @staticmethod
+    def of(rows: Observation) -> _Measure:
+        """As in `Validation.relative`: over all torque, or where units differ the mean over the motors."""
+        square = np.array([motor.norm**2 for motor in rows.motors])
+        if len({motor.unit for motor in rows.motors}) > 1:
+            return _Measure(np.divide(1.0, len(square) * square, out=np.zeros_like(square), where=square > 0))
+        return _Measure(np.full(len(square), 1.0 / max(square.sum(), np.finfo(float).tiny)))
+
+    def squares(self, rows: Observation, blocks: np.ndarray, betas: Array) -> Array:
+        """Squared errors of base parameters, (strengths, p), block by block, (strengths, blocks)."""
+        total = np.zeros((len(betas), len(blocks)))
+        for factor, motor in zip(self.factors, rows.motors, strict=True):
+            v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
+            total += factor * np.einsum("bis,bis->sb", *[motor.triangles[blocks] @ v.T] * 2)
+        return total
+
+
+def _fits(model: DynamicModel, name: str, T: Array) -> Iterator[Array]:
+    """Base parameters of a candidate for each of its strengths, from the R factor of rows of unit noise."""
+    R, z = T[:-1, :-1], T[:-1, -1]
+    free = np.asarray(np.linalg.lstsq(R, z, rcond=None)[0])
+    if name == FREE:
+        yield free
+    elif name == CONSISTENT:
+        yield nearest_base_parameters(model, free, R)
+    elif name == RIDGE:
+        prior = Ridge().prior(model)
+        for strength in STRENGTHS[RIDGE]:
+            own = triangle(np.concatenate([T, strengthened(prior, strength or 0.0).rows]))
+            yield np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
+    else:
+        penalty = EntropicPenalty.of(model, free)
+        for strength in STRENGTHS[ENTROPIC]:
+            yield penalty.cone.A @ penalty.minimiser(R, z, strength or 0.0, COARSE)
