@@ -135,7 +135,8 @@ def recorded(plant: WrongPlant) -> Recorded:
             j = (k + 1) % len(u)
             u[[k, j]] = u[[j, k]]
         case "dead":
-            u[k, rng.random(n) < size] = 0.0
+            start = int(rng.integers(0, round(size * n) + 1))
+            u[k, :start] = u[k, start + round((1 - size) * n) :] = 0.0
         case "coarse":
             step = np.ptp(u, axis=1, keepdims=True) / size
             u = step * np.round(u / step)

@@ -2,3 +2,8 @@
 
 May import study and inference; it is used by commands and reports.
 """
+
+from haptid.advice.advise import Action, Advice, advise
+from haptid.advice.edits import Edit, written
+
+__all__ = ["Action", "Advice", "Edit", "advise", "written"]

@@ -1,4 +1,4 @@
-"""Candidate columns: terms that the model may lack, and the first-order effect of wrong channels, clocks and lengths."""
+"""Candidate columns: terms that the model may lack, first-order effects of wrong channels, clocks and lengths."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.advice.recorder import Fault
 from haptid.advice.rows import Column
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
@@ -85,31 +86,33 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
         def source(kind: str, *made: Column, settings: Sequence[Mapping[str, Any]] = ({},)) -> Source:
             return Source(kind, place.label, k, made, tuple(settings))  # noqa: B023 - used at once
 
-        yield source("coulomb", _scalar(place, lambda x, v: np.sign(v)))
-        yield source("viscous", _scalar(place, lambda x, v: v))
-        yield source("offset", _scalar(place, lambda x, v: np.ones_like(v)))
-        yield source("viscosity by direction", _scalar(place, lambda x, v: np.abs(v)))
-        yield source("bent viscosity", _scalar(place, lambda x, v: v * np.abs(v)))
+        yield source("coulomb", _scalar(place, lambda _, v: np.sign(v)))
+        yield source("viscous", _scalar(place, lambda _, v: v))
+        yield source("offset", _scalar(place, lambda _, v: np.ones_like(v)))
+        yield source("viscosity by direction", _scalar(place, lambda _, v: np.abs(v)))
+        yield source("bent viscosity", _scalar(place, lambda _, v: v * np.abs(v)))
         yield source(
             "stribeck",
             *(
-                _scalar(place, lambda x, v, s=share * own.speed: np.sign(v) * np.exp(-((v / s) ** 2)))  # type: ignore[misc]
+                _scalar(place, lambda _, v, s=share * own.speed: np.sign(v) * np.exp(-((v / s) ** 2)))  # type: ignore[misc]
                 for share in STRIBECK
             ),
             settings=[{"velocity": share * own.speed} for share in STRIBECK],
         )
-        yield source("spring", _scalar(place, lambda x, v, m=middle: x - m))  # type: ignore[misc]
+        yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
         yield source(
             "torque by position",
             _scalar(
                 place,
-                lambda x, v, m=middle, h=half: np.polynomial.legendre.legvander(  # type: ignore[misc]
+                lambda x, _, m=middle, h=half: np.polynomial.legendre.legvander(  # type: ignore[misc]
                     np.clip((x - m) / h, -1, 1), DEGREES[-1]
                 ).T[1:],
             ),
         )
         yield source("load friction", Column(_load(model, place), place.weights))
-        yield source("rotor inertia", Column(lambda context, w=place.weights: (w @ context.motion[2])[None], place.weights))  # type: ignore[misc]
+        yield source(
+            "rotor inertia", Column(lambda context, w=place.weights: (w @ context.motion[2])[None], place.weights)
+        )  # type: ignore[misc]
 
 
 def _load(model: DynamicModel, place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:
@@ -127,7 +130,7 @@ def ripple(place: FrictionCoordinate, index: int, periods: Sequence[float]) -> S
     """Sine and cosine of position with the periods found on each half of the blocks, rad or m."""
 
     def waves(period: float) -> Column:
-        return _scalar(place, lambda x, v: np.stack([np.sin(2 * np.pi * x / period), np.cos(2 * np.pi * x / period)]))
+        return _scalar(place, lambda x, _: np.stack([np.sin(2 * np.pi * x / period), np.cos(2 * np.pi * x / period)]))
 
     return Source("ripple", place.label, index, tuple(map(waves, periods)), tuple({"period": p} for p in periods))
 
@@ -147,6 +150,37 @@ def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: floa
 
         yield Source("time shift", label, k, (Column(rate, own),))
         yield Source("drift", label, k, (Column(drift, own),))
+
+
+def channel_faults(
+    model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[Fault]
+) -> Iterator[Source]:
+    """What coarse steps, and a clipped extreme, add to the model's torque of a motor.
+
+    Args:
+        model: the dynamic model.
+        rows: its rows with measured torque, in the order of the torque channels.
+        scales: torque of a row per unit of its channel.
+        found: faults of the channels.
+    """
+    for fault in found:
+        if fault.kind not in ("coarse torque", "clipped torque"):
+            continue
+        row, scale = rows[fault.channel], abs(scales[fault.channel])
+
+        def error(context: ResidualContext, r: int = row, f: Fault = fault, s: float = scale) -> Array:
+            tau = context.predicted[r]
+            made = (
+                f.size * s * np.round(tau / (f.size * s))
+                if f.kind == "coarse torque"
+                else np.clip(tau, -f.size * s, f.size * s)
+            )
+            return (made - tau)[None]
+
+        own = np.eye(len(model.device.drives))[row]
+        yield Source(
+            fault.kind, model.device.row_labels[row], fault.channel, (Column(error, own),), ({"size": fault.size},)
+        )
 
 
 def payload_steps(model: DynamicModel, times: Sequence[float]) -> Iterator[Source]:
@@ -203,14 +237,14 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             continue
         if other.mechanism is not None and len(other.terms) == len(model.terms):
             moved = other.with_terms(model.terms).with_gravity(device.gravity)
-            yield what, Source("length", what.name, 0, (Column(_slope(model, moved, what.step)),))
+            yield what, Source("length", what.name, 0, (Column(_slope(moved, what.step)),))
     down = device.gravity / (np.linalg.norm(device.gravity) or 1.0)
     if device.gravity.any():
         for k, axis in enumerate(np.linalg.svd(down[None])[2][1:]):
             tilted = model.with_gravity(device.gravity + _ANGLE * np.linalg.norm(device.gravity) * axis)
             yield (
                 Geometry(f"direction of gravity along {np.round(axis, 3).tolist()}", ("gravity",), _ANGLE, -2 - k),
-                Source("gravity direction", "base", k, (Column(_slope(model, tilted, _ANGLE)),)),
+                Source("gravity direction", "base", k, (Column(_slope(tilted, _ANGLE)),)),
             )
 
 
@@ -226,7 +260,7 @@ def _shifted(model: DynamicModel, k: int) -> Callable[[ResidualContext], Array]:
     return values
 
 
-def _slope(model: DynamicModel, other: DynamicModel, step: float) -> Callable[[ResidualContext], Array]:
+def _slope(other: DynamicModel, step: float) -> Callable[[ResidualContext], Array]:
     """Slope of the model's torque by a number of its geometry."""
     return lambda context: ((torque_of(other, context.chi, *context.motion) - context.predicted) / step)[None]
 
@@ -254,4 +288,3 @@ def changed(tables: Any, key: Sequence[str | int], step: float) -> Any:
         at = at[part]
     at[key[-1]] += step
     return type(tables).model_validate(values)
-

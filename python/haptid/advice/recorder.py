@@ -102,7 +102,7 @@ def _stuck(x: Array) -> np.ndarray:
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
         jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
         # The motion on both sides would have gone on; a jump at the end says that it did.
-        if before * after > 0 and min(abs(before), abs(after)) > least or jump > max(least, 3 * abs(after) / n):
+        if (before * after > 0 and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
             made[start : stop + 1] = True
     return made
 
@@ -142,5 +142,3 @@ def simulated(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None
 def _noise(error: Array) -> Array:
     """The noise of the positions, backwards in time: with its spectrum, but not of this motion."""
     return np.asarray(error[::-1])
-
-

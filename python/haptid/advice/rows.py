@@ -75,13 +75,13 @@ class Rows:
         Args:
             mask: rows that count besides being used, (motors, rows).
         """
-        motors, rows, columns = self.W.shape
+        motors, _, columns = self.W.shape
         order = np.searchsorted(self.block, np.arange(self.blocks + 1))
         made = np.empty((self.blocks, motors, columns + motors, columns + motors))
         for k in range(motors):
             kept = self.used[k] if mask is None else self.used[k] & mask[k]
             whole = np.column_stack([self.W[k], self.y.T]) * kept[:, None]
-            for b, (low, high) in enumerate(zip(order[:-1], order[1:], strict=True)):
+            for b, (low, high) in enumerate(pairwise(order)):
                 part = whole[low:high]
                 made[b, k] = part.T @ part
         return made
@@ -138,9 +138,7 @@ def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Arra
     return np.concatenate(W, axis=1), chunk.measured(), chunk.used, chunk.t, *state, middle
 
 
-def _groups(
-    model: DynamicModel, motion: Motion, chi: Array, columns: Sequence[Column]
-) -> tuple[tuple[int, ...], ...]:
+def _groups(model: DynamicModel, motion: Motion, chi: Array, columns: Sequence[Column]) -> tuple[tuple[int, ...], ...]:
     """Columns of each candidate, after those of the base parameters."""
     plan = Plan.of(model, motion)
     low, _ = plan.window(0, 1)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -20,12 +21,17 @@ from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
+from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 
 # Significance level of all tests of a log together, and the least share of the unseen squared error that an action
 # has to remove, and of its standard errors.
 SIGNIFICANCE, LEAST_GAIN, LEAST_SE = 0.01, 0.03, 2.0
+# Time blocks of a log, at least.
+MANY = 24
+# A channel is dead where the unseen error of its motor is this share of its torque.
+DEAD_ERROR = 0.15
 # Factors between torque and model that are no other than 1, on either side.
 SAME = 0.03
 # A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
@@ -56,13 +62,22 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Proven:
-    """A candidate with its proof by unseen blocks."""
+    """A candidate with its proof by unseen blocks.
+
+    Attributes:
+        candidate, trial, gain: what was tried, and what came of it.
+        values: parameters of each place's columns, SI.
+        settings: constants of the alternative that was chosen at each place.
+        figures: of rows left out: unseen error of all rows, and that of the others where the fit leaves them out, per
+            cent; paired standard error of what the others' error falls by.
+    """
 
     candidate: Candidate
     trial: Trial
     gain: Gain
     values: tuple[Array, ...] = ()
     settings: tuple[Mapping[str, Any], ...] = ()
+    figures: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +102,11 @@ class Search:
     candidates: tuple[Candidate, ...]
     faults: tuple[tuple[int, Fault], ...] = ()
 
+    @cached_property
+    def contact(self) -> np.ndarray:
+        """Rows in which something touches the device, (rows,)."""
+        return contact(self)
+
     def base(self, setting: Setting | None = None) -> Trial:
         return self.bench.run(setting or Setting(), test=False)
 
@@ -100,11 +120,16 @@ def search_of(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero:
         beta: base parameters, (p,), SI.
         zero: those of them that are fixed at zero.
     """
-    motions = tuple(motions)
+    motions = tuple(_finer(motion) for motion in motions)
     rows = list(model.measured_rows)
+    found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
     plain = rows_of(model, motions, beta)
     sources = list(_sources(model, places, rows, plain, beta))
+    scales = _scales(model, motions)
+    if scales is not None:
+        of_channels = {(one.kind, one.channel): one for _, one in found}
+        sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
     lengths = list(candidate_columns.geometry(model))
     columns = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
     whole = rows_of(model, motions, beta, columns)
@@ -129,8 +154,7 @@ def search_of(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero:
         source_of = list(range(len(rows)))
         source_of[i], source_of[j] = j, i
         if bench.channel_factors[i, j]:
-            made.append(Candidate("swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j)))
-    found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
+            made.append(Candidate("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j)))
     return Search(model, motions, beta, whole, bench, tuple(made), found)
 
 
@@ -142,7 +166,7 @@ def _sources(
     yield from candidate_columns.terms(model, places, ranges)
     low, high = float(plain.t.min()), float(plain.t.max())
     yield from candidate_columns.channels(model, rows, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
-    yield from candidate_columns.payload_steps(model, np.linspace(low, high, 9)[1:-1].tolist())
+    yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())
     residual = np.where(plain.used, plain.y - np.einsum("mrp,p->mr", plain.W, beta), 0.0)
     for k, place in enumerate(places):
         row = int(np.argmax(np.abs(place.weights[list(rows)])))
@@ -165,18 +189,26 @@ def _weights(rows: Rows, base: int, beta: Array) -> Array:
     return np.asarray(1.0 / np.maximum(rms, 1e-9 * np.abs(rows.y).max()))
 
 
+def _finer(motion: Motion) -> Motion:
+    """The motion with MANY time blocks at least: the residual of a wrong model has a longer memory than its noise."""
+    seconds = (motion.usable[1] - motion.usable[0]) * motion.dt
+    treatment = motion.treatment
+    return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / MANY)))
+
+
+def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
+    """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
+    if motions[0].log is None:
+        return np.ones(len(model.measured_rows))
+    change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
+    square = change.shape[0] == change.shape[1]
+    return np.diag(change) if square and not np.count_nonzero(change - np.diag(np.diag(change))) else None
+
+
 def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
     """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
-    from haptid.motion.channels import torque_map
-
-    motors = len(model.measured_rows)
-    if motions[0].log is None:
-        return np.ones((motors, motors))
-    change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
-    if change.shape != (motors, motors) or np.count_nonzero(change - np.diag(np.diag(change))):
-        return np.eye(motors)
-    scale = np.diag(change)
-    return np.asarray(scale[:, None] / scale)
+    scales = _scales(model, motions)
+    return np.eye(len(model.measured_rows)) if scales is None else scales[:, None] / scales
 
 
 def with_masks(search: Search) -> tuple[Search, list[Proven]]:
@@ -185,38 +217,56 @@ def with_masks(search: Search) -> tuple[Search, list[Proven]]:
     base = search.base()
     kept = np.ones(search.rows.used.shape, dtype=bool)
     for one, mask in _masks(search):
-        trial, made = _masked(search, base, mask)
+        made = _masked(search, base, one, mask)
         if made is not None:
-            found.append(Proven(one, trial, made))
+            found.append(made)
             kept &= mask
     if not found:
         return search, found
-    bench = search.bench.with_rows("used", search.rows.grams(kept))
-    if bench.artefact is not None:
-        bench = replace(bench, artefact=bench.artefact)
-    return replace(search, bench=bench), found
+    return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
 
 
-def _masked(search: Search, base: Trial, mask: np.ndarray) -> tuple[Trial, Gain | None]:
-    """A fit without some rows, judged on the others like the fit with them; no gain where that is not proven."""
+def _masked(search: Search, base: Trial, one: Candidate, mask: np.ndarray) -> Proven | None:
+    """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
+
+    A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
+    is a good part of the error; a contact has to harm the others too.
+    """
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
+    if share <= 0:
+        return None
     bench = search.bench.with_rows("clean", search.rows.grams(mask))
-    trial = bench.run(Setting(rows="clean"), test=False)
-    if not 0 < share:
-        return trial, None
-    before = bench.run(Setting(), judged="clean", test=False)
+    trial, before = bench.run(Setting(rows="clean"), test=False), bench.run(Setting(), judged="clean", test=False)
     made = gain(before, trial)
-    if not (made.p < SIGNIFICANCE / 4 and made.share > LEAST_SE * made.se):
-        return trial, None
     total = 1.0 - trial.total / (1.0 - share) / base.total
-    return trial, Gain(max(total, made.share * before.total / base.total), made.se * before.total / base.total, made.dof)
+    harmless = one.fault is not None and made.share > -LEAST_SE * made.se
+    dead = one.kind == "dead torque" and _unseen(search, base)[one.indices[0]] > DEAD_ERROR
+    helps = made.p < SIGNIFICANCE / 4 and made.share > LEAST_SE * made.se
+    if not (helps or dead or (harmless and total > LEAST_GAIN)):
+        return None
+    w = bench.weights**2
+    own = float(
+        (bench.grams["clean"].sum(axis=0)[range(bench.motors), range(-bench.motors, 0), range(-bench.motors, 0)]).sum()
+    )
+    errors = [100 * float(np.sqrt((each.errors / w).sum() / own)) for each in (before, trial)]
+    whole = 100 * float(np.sqrt((base.errors / w).sum() / bench.squares(Setting()).sum()))
+    paired = ((before.errors - trial.errors) / w).sum(axis=1)
+    se = 100 * float(np.sqrt(len(paired)) * paired.std(ddof=1)) / own / max(sum(errors) / 100, 1e-300)
+    proof = replace(made, share=max(total, made.share))
+    return Proven(one, trial, proof, figures=(whole, errors[1], se))
+
+
+def _unseen(search: Search, trial: Trial) -> Array:
+    """Unseen error of every motor over its torque, (motors,)."""
+    own = search.bench.squares(trial.setting).sum(axis=0)
+    return np.sqrt(trial.errors.sum(axis=0) / search.bench.weights**2 / np.maximum(own, np.finfo(float).tiny))
 
 
 def _masks(search: Search) -> Iterator[tuple[Candidate, np.ndarray]]:
     """Rows that are left when one fault's are not used, (motors, rows)."""
     rows, model = search.rows, search.model
     for log, fault in search.faults:
-        if fault.kind == "coarse torque":
+        if fault.kind in ("coarse torque", "clipped torque"):
             continue
         mask = np.ones(rows.used.shape, dtype=bool)
         touched = _touched(search, log, fault.samples)
@@ -226,7 +276,7 @@ def _masks(search: Search) -> Iterator[tuple[Candidate, np.ndarray]]:
         names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
         label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
         yield Candidate(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
-    flagged = contact(search)
+    flagged = search.contact
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
         yield Candidate("contact", ("the device",), Setting(rows="clean")), mask
@@ -260,7 +310,9 @@ def contact(search: Search) -> np.ndarray:
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
         smooth = ndimage.uniform_filter1d(power, width)
         flagged = use & (smooth > CONTACT * np.median(smooth[use]))
-        flagged = ndimage.binary_dilation(ndimage.binary_closing(flagged, iterations=width), iterations=width // 2) & use
+        flagged = (
+            ndimage.binary_dilation(ndimage.binary_closing(flagged, iterations=width), iterations=width // 2) & use
+        )
         if not 0 < flagged.sum() < MOST_MASKED * use.sum():
             return np.zeros(len(use), dtype=bool)
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
@@ -282,13 +334,15 @@ def _elsewhere(rows: Rows, flagged: np.ndarray, use: np.ndarray) -> bool:
     return distance(np.flatnonzero(flagged & use)) < NEAR * distance(clean[:: max(1, len(clean) // 500)])
 
 
-def positions(search: Search, on: Setting) -> Iterator[Candidate]:
+def positions(search: Search) -> Iterator[Candidate]:
     """Signs and assignments of the position channels; each is another pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]
     changes = [("position sign", (k,)) for k in range(len(names))]
-    changes += [("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]]
+    changes += [
+        ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
+    ]
     grams = dict(search.bench.grams)
     for kind, which in changes:
         try:
@@ -378,7 +432,7 @@ def _matters(one: Candidate, trial: Trial) -> bool:
 
 def _group(one: Candidate) -> str:
     """Candidates that are one action together."""
-    alone = one.kind in ("gain", "swap", "length", "payload", "zero offset", "gravity direction")
+    alone = one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
     return f"{one.kind} {one.places}" if alone else one.kind
 
 

@@ -223,6 +223,10 @@ class Bench:
         at, factor = self._channels(setting)
         return np.stack([factor[k] ** 2 * G[..., k, at[k], at[k]] for k in range(self.motors)], axis=-1)
 
+    def squares(self, setting: Setting) -> Array:
+        """Squared torque of each block and motor, (blocks, motors)."""
+        return self._squares(self.grams[setting.rows], setting)
+
     def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None) -> Array:
         """Squared errors of each block and motor, weighted, (blocks, motors)."""
         G, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
@@ -263,7 +267,7 @@ class Bench:
         leverage = np.einsum("qi,bij,qj->bq", L, A, L) / np.maximum(np.einsum("qi,ij,qj->q", L, whole, L), 1e-300)
         scores = (r - A @ fitted.theta) @ L.T / np.maximum(1 - leverage, 0.05)
         covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
-        dof = max(float((1 / (leverage**2).sum(axis=0)).min()) - 1, 1.0)
+        dof = max(float((1 / np.maximum((leverage**2).sum(axis=0), 1e-300)).min()) - 1, 1.0)
         theta = fitted.theta[first:] - self._artefact(setting, fitted)
         k = len(theta)
         size = np.sqrt(np.diag(covariance))

@@ -27,6 +27,9 @@ estimator. Writes into OUT:
 
   torque-*.png     measured and predicted torque, one plot for each log
 
+Changes of study and device (terms, signs, gains, delays, lengths, ...) are tried on the same data; those with a proof
+are listed by their gain. Nothing is changed; `haptid advise` writes files with the best of them.
+
 Long logs are read in chunks. Intermediate results are stored in .OUT.partial next to OUT until the run is complete: an
 interrupted run resumes from there, if study, logs and device are unchanged.
 
@@ -78,7 +81,7 @@ def identify(
             found = run_study(plan, data, progress, workers(count, scheduler), cache)
             progress("writing the report", 0.0)
             source = ReportSource(found, _typed(study, data, out_folder))
-            result = Result.of(found, source.diagnosis.verdict)
+            result = Result.of(found, source.diagnosis.verdict, source.advice)
             result.save(folder)
             report_of(source).write(folder)
             progress("writing the report", 1.0)
@@ -95,7 +98,7 @@ def identify(
         sys.stdout.write(result.to_json())
     elif not quiet:
         tables.show_identification(out, found)
-        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):
+        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, *source.advice.sentences, ""):
             out.print(line, highlight=False)
         out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
     if found.meets_criteria is False:

@@ -163,7 +163,8 @@ def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
     path = data / entry.path
-    log = (open_log if is_long(path) else read_log)(path, entry.channels, time_range=entry.time_range)
+    reader = open_log if is_long(path) and not entry.exclude else read_log
+    log = reader(path, entry.channels, time_range=entry.time_range).without(entry.exclude)
     progress(f"reading {name}", 1.0)
     return log
 

@@ -112,6 +112,10 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
     if time_range and time_range[0] >= time_range[1]:
         start, stop = time_range
         raise fault(study, f"logs.{index}.time_range", f"ends at {stop} before it begins at {start}")
+    exclude = tuple((start, stop) for start, stop in log.exclude or ())
+    for start, stop in exclude:
+        if start > stop:
+            raise fault(study, f"logs.{index}.exclude", f"a part ends at {stop} before it begins at {start}")
     channels = None
     if table:
         where = f"logs.{index}.channels" if log.channels else "channels"
@@ -134,9 +138,10 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
     elif timeless:
         raise fault(study, "channels", "a table with one row a pose requires them")
     if log.payload is None:
-        return LogEntry(log.path, log.role, time_range, channels)
+        return LogEntry(log.path, log.role, time_range, channels, exclude=exclude)
     where = f"logs.{index}.payload"
-    return LogEntry(log.path, log.role, time_range, channels, *_payload(study, where, log.path, log.payload))
+    payload, body = _payload(study, where, log.path, log.payload)
+    return LogEntry(log.path, log.role, time_range, channels, payload, body, exclude)
 
 
 def _payload(study: Path, where: str, log: str, table: PayloadTable) -> tuple[Payload | None, AttachedBody]:

@@ -72,6 +72,9 @@ class LogTable(_Table):
     path: str = Field(description="relative to --data, or to the study file")
     role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
     time_range: list[_Finite] | None = Field(None, min_length=2, max_length=2, description="used part, from .. to, s")
+    exclude: list[Annotated[list[_Finite], Field(min_length=2, max_length=2)]] | None = Field(
+        None, description="parts that are left out, [[from, to], ..], s; nothing is filtered across them"
+    )
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
     payload: PayloadTable | None = Field(None, description="payload of this recording")
 

@@ -20,7 +20,7 @@ from haptid.study.schema import CrossValidation, Role
 class LogEntry:
     """A log of a study: path, role, time range, channel mapping, payload.
 
-    `body` is the payload with what is known of it, `payload` the same where it is known well enough to be subtracted.
+    `exclude` are parts that are left out, s; `body` is the payload with what is known of it, `payload` the same where it is known well enough to be subtracted.
     """
 
     path: str
@@ -29,6 +29,7 @@ class LogEntry:
     channels: Channels | None
     payload: Payload | None = None
     body: AttachedBody | None = None
+    exclude: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
