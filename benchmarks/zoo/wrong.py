@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import haptid
+from haptid.study.identify import Identification, identify
+from haptid.study.read import read_study
 from zoo.case import Array, Case
 from zoo.plant import Fourier, Plant, device_text
 from zoo.recording import Recorded, record, rms, write
@@ -219,6 +221,6 @@ def _case(rng: np.random.Generator, device: str, seed: int) -> Case:
     )
 
 
-def identified(plant: WrongPlant, folder: Path) -> haptid.study.identify.Identification:
+def identified(plant: WrongPlant, folder: Path) -> Identification:
     """The study of a case, carried out."""
-    return haptid.study.identify.identify(haptid.study.read_study(written(plant, folder)))
+    return identify(read_study(written(plant, folder)))

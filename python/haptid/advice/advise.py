@@ -164,7 +164,10 @@ class Advice:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The first actions, then what cannot be told."""
-        shown = [f"{k}. {action.sentence}" for k, action in enumerate(self.actions[:SHOWN], 1)]
+        shown = [
+            f"{k}. {action.sentence}{'' if action.adds else ' Not in addition to the others.'}"
+            for k, action in enumerate(self.actions[:SHOWN], 1)
+        ]
         if len(self.combination) > 1:
             shown.append(
                 f"Together ({joined_names([a.kind for a in self.combination])}): unseen error {self.before:.3g} to "
@@ -217,7 +220,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         listed.append(shown)
     listed.sort(key=lambda action: -action.share)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies(impossible(part, search.rows.position), known), *_units(diagnosis, known)]
+    first = [*_bodies(impossible(part, search.rows.position), known)]
+    first += _units(diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error")])
     return Advice(
         (*first, *listed), start, after, tuple(_untold(search, base, [*first, *listed])), len(search.candidates)
@@ -283,18 +287,18 @@ def _excludes(one: Candidate, other: Candidate) -> bool:
     return one.kind in channels and other.kind in channels
 
 
-def _action(search: Search, base: Trial, one: Proven, before: float, adds: bool, edits: tuple[Edit, ...]) -> Action:
+def _action(search: Search, base: Trial, one: Proven, adds: bool, edits: tuple[Edit, ...]) -> Action:
     """A proven candidate in words."""
     candidate = one.candidate
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
-    change = _CHANGE[candidate.kind].format(where=where) + _size(search, one)
+    change = _CHANGE[candidate.kind].format(where=where) + _size(one)
     before, after, se = _percent(search, base), _percent(search, one.trial), _paired(search, base, one.trial)
     return Action(
         candidate.kind, candidate.places, change, "unseen error", before, after, se, one.gain.share, adds, edits
     )
 
 
-def _size(search: Search, one: Proven) -> str:
+def _size(one: Proven) -> str:
     """How large what was found is, in words."""
     kind = one.candidate.kind
     if kind in ("gain", "torque sign"):
@@ -373,6 +377,8 @@ def _untold(search: Search, base: Trial, actions: Sequence[Action]) -> Iterator[
             if _independent(G, bench.kept, columns[0], bench.weights) < _TOLD:
                 alike.append(f"{one.kind} ({one.places[0]})")
     error = bench.errors(base.whole, Setting()).sum()
+    if any(action.kind in ("gain", "unit", "torque sign") for action in actions):
+        error = 0.0
     for k, row in reversed(list(enumerate(search.model.measured_rows))):
         other = Setting(factors=((k, 1.5),))
         if bench.errors(bench.fit(other, every), other).sum() < 1.01 * error:

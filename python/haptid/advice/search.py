@@ -111,7 +111,9 @@ class Search:
         return self.bench.run(setting or Setting(), test=False)
 
 
-def search_of(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int] = ()) -> Search:
+def search_of(
+    model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int] = (), columns: bool = True
+) -> Search:
     """Rows and candidates of motions.
 
     Args:
@@ -119,25 +121,26 @@ def search_of(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero:
         motions: treated signals of the fit.
         beta: base parameters, (p,), SI.
         zero: those of them that are fixed at zero.
+        columns: whether there are candidates with columns of their own.
     """
     motions = tuple(_finer(motion) for motion in motions)
     rows = list(model.measured_rows)
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
     plain = rows_of(model, motions, beta)
-    sources = list(_sources(model, places, rows, plain, beta))
+    sources = list(_sources(model, places, rows, plain, beta)) if columns else []
     scales = _scales(model, motions)
-    if scales is not None:
+    if scales is not None and columns:
         of_channels = {(one.kind, one.channel): one for _, one in found}
         sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
-    lengths = list(candidate_columns.geometry(model))
-    columns = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
-    whole = rows_of(model, motions, beta, columns)
+    lengths = list(candidate_columns.geometry(model)) if columns else []
+    added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
+    whole = rows_of(model, motions, beta, added)
     weights = _weights(whole, len(beta), beta)
-    artefacts = [simulated(model, motion, beta) for motion in motions]
+    artefacts = [simulated(model, motion, beta) if columns else None for motion in motions]
     null = None
     if all(one is not None for one in artefacts):
-        there = rows_of(model, [m for m in artefacts if m is not None], beta, columns, motions)
+        there = rows_of(model, [m for m in artefacts if m is not None], beta, added, motions)
         null = there.grams() if there.blocks == whole.blocks else None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions), null)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
-
-if TYPE_CHECKING:
-    from haptid.study.identify import Identification
 
 HELP = """\
 Try changes of a study and its device on the study's own logs, and list those that are proven, by their gain.
@@ -23,7 +20,7 @@ time block are judged on the blocks between. Where a change would only rescale p
 can exist, or by the device file's prior bodies. What cannot be told from the log is said.
 
 With --apply OUT, the best combination is written as OUT/study.toml, with OUT/device.toml where the device changes, and
-identified: the errors before and after are printed. The study itself is not changed.
+identified again: it is kept where this confirms it, and both errors are printed. The study itself is not changed.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
@@ -43,7 +40,7 @@ def advise(
     as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of sentences")] = False,
 ) -> None:
     from haptid.advice import advise as advised
-    from haptid.advice import written
+    from haptid.advice import apply as applied
     from haptid.inference.diagnosis import diagnose
     from haptid.study import read_study
     from haptid.study.identify import identify
@@ -55,33 +52,19 @@ def advise(
         progress("trying changes", 0.0)
         made = advised(found, diagnose(found.estimate, None, plan.controller))
         progress("trying changes", 1.0)
-        after = None
-        if apply is not None and made.edits:
-            kinds = ", ".join(action.kind for action in made.combination)
-            path = written(plan, data, made.edits, apply, f"{study}, changed by haptid advise: {kinds}")
-            after = identify(read_study(path), None, progress)
+        after = applied(made, found, apply, data) if apply is not None else None
     if as_json:
         values = made.to_dict()
         if after is not None:
-            values["applied"] = {"before": _errors(found), "after": _errors(after)}
+            values["applied"] = {"kinds": [a.kind for a in after.actions], "before": after.before, "after": after.after}
         sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
     elif not quiet:
         lines = made.sentences or (f"None of {made.tried} changes is proven to lower the error on unseen blocks.",)
         for line in lines:
             out.print(line, highlight=False, soft_wrap=True)
-        if apply is not None and after is None:
-            out.print(f"Nothing is written to {apply}: no proven change can be written into a file.", highlight=False)
-        elif after is not None:
-            for name, error in _errors(found).items():
-                text = f"{name}: error on unseen rows {error:.3g} % before, {_errors(after)[name]:.3g} % after."
-                out.print(text, highlight=False)
-            out.print(f"Written: {apply / 'study.toml'}; run `haptid identify` on it", highlight=False)
-
-
-def _errors(found: Identification) -> dict[str, float]:
-    """Error of each log, per cent: on unseen rows behind the reference filter, or on those of the fit without any."""
-    made = {}
-    for k, run in enumerate(found.runs, 1):
-        errors = [*(v.comparable for v in run.unseen), *([run.fit_errors] if run.fit_errors else [])]
-        made[f"log {k}"] = errors[0].relative
-    return made
+        if after is not None:
+            kinds = ", ".join(action.kind for action in after.actions)
+            text = f"{after.study} has {kinds}: identified again, the error on unseen rows is {after.after:.3g} %"
+            out.print(f"{text} instead of {after.before:.3g} %.", highlight=False, soft_wrap=True)
+        elif apply is not None:
+            out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")
