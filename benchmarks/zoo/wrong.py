@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-import haptid
 from haptid.study.identify import Identification, identify
 from haptid.study.read import read_study
 from zoo.case import Array, Case

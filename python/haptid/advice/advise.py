@@ -239,7 +239,7 @@ def _percent(search: Search, trial: Trial) -> float:
 
 
 def _paired(search: Search, before: Trial, after: Trial) -> float:
-    """Standard error of the difference of two unseen errors, per cent: of paired squared errors, by the delta method."""
+    """Standard error of the difference of two unseen errors, per cent: paired by block, by the delta method."""
     w = search.bench.weights**2
     own = search.bench.squares(before.setting).sum()
     difference = ((before.errors - after.errors) / w).sum(axis=1)

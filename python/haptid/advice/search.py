@@ -312,13 +312,13 @@ def contact(search: Search) -> np.ndarray:
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
         smooth = ndimage.uniform_filter1d(power, width)
-        flagged = use & (smooth > CONTACT * np.median(smooth[use]))
-        flagged = (
-            ndimage.binary_dilation(ndimage.binary_closing(flagged, iterations=width), iterations=width // 2) & use
-        )
-        if not 0 < flagged.sum() < MOST_MASKED * use.sum():
+        # Rows that are not used, at reversals, do not end an episode.
+        flagged = ndimage.binary_closing(smooth > CONTACT * np.median(smooth[use]), iterations=width)
+        flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
+        if not 0 < (flagged & use).sum() < MOST_MASKED * use.sum():
             return np.zeros(len(use), dtype=bool)
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
+    flagged &= use
     return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else np.zeros(len(use), dtype=bool)
 
 

@@ -20,7 +20,8 @@ from haptid.study.schema import CrossValidation, Role
 class LogEntry:
     """A log of a study: path, role, time range, channel mapping, payload.
 
-    `exclude` are parts that are left out, s. `body` is the payload with what is known of it, `payload` the same where it is known well enough to be subtracted.
+    `exclude` are parts that are left out, s. `body` is the payload with what is known of it, `payload` the same where
+    it is known well enough to be subtracted.
     """
 
     path: str
