@@ -46,7 +46,7 @@ def score(plant: WrongPlant) -> dict[str, Any]:
         if plant.cause != "none":
             row |= {"size": plant.size, "motor": plant.motor, "rank": rank(plant, row["actions"])}
             row["distance"] = distance(found, replace(plant, cause="none"))
-            row["told"] = row["distance"] > TOLD or plant.case.device in BY_BODIES.get(plant.cause, ())
+            row["told"] = bool(row["distance"] > TOLD) or plant.case.device in BY_BODIES.get(plant.cause, ())
     return row
 
 

@@ -209,18 +209,19 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     search, masks = with_masks(search)
     base = search.base()
     before = _percent(search, base)
-    if before > ROUGH:
+    negative = list(impossible(part, search.rows.position))
+    if before > ROUGH or negative:
         search = replace(search, candidates=(*search.candidates, *positions(search)))
     made = [_named(one) for one in proven(search, base)]
     chosen, after = _combined(search, base, made)
     treatment = found.proposal.treatment
     listed = [_action(search, base, one, one in chosen, edits_of(search, one, treatment)) for one in made]
-    for mask in masks:
+    listed = [action for action in listed if action.after < action.before]
+    for mask in masks:  # the others keep their order
         shown = _mask_action(mask, edits_of(search, mask, treatment))
-        listed.append(shown)
-    listed.sort(key=lambda action: -action.share)
+        listed.insert(sum(action.share > shown.share for action in listed), shown)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies(impossible(part, search.rows.position), known)]
+    first = [*_bodies(negative, known)]
     first += _units(diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error")])
     return Advice(
@@ -335,7 +336,7 @@ def _mask_action(mask: Proven, edits: tuple[Edit, ...]) -> Action:
     )  # fmt: skip
 
 
-def _bodies(found: Iterator[Impossible], known: set[tuple[str, str]]) -> Iterator[Action]:
+def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterator[Action]:
     """Signs of motors of which everything is negative."""
     for one in found:
         if ("torque sign", one.label) in known or any(kind == "position sign" for kind, _ in known):

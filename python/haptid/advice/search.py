@@ -22,12 +22,16 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
 from haptid.motion.channels import torque_map
-from haptid.motion.treatment import Motion
+from haptid.motion.treatment import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 
 # Significance level of all tests of a log together, and the least share of the unseen squared error that an action
 # has to remove, and of its standard errors.
 SIGNIFICANCE, LEAST_GAIN, LEAST_SE = 0.01, 0.03, 2.0
+# Largest sizes that are believed: s, rad, m.
+LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
+# Share of the best gain that makes a simpler change the better one.
+NEARLY = 0.97
 # Time blocks of a log, at least.
 MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -36,7 +40,7 @@ DEAD_ERROR = 0.15
 SAME = 0.03
 # A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
-CONTACT, CONTACT_S, MOST_MASKED, MOST_CONTACTS, NEAR, APART_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0
+CONTACT, CONTACT_S, MOST_MASKED, MOST_CONTACTS, NEAR, APART_S, SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,11 +330,12 @@ def _elsewhere(rows: Rows, flagged: np.ndarray, use: np.ndarray) -> bool:
     """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
     state = np.vstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
-    clean = np.flatnonzero(use & ~flagged)
+    stride = max(1, round(SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
+    clean = np.flatnonzero(use & ~flagged)[::stride]
     tree = cKDTree(state[:, clean].T)
 
     def distance(which: np.ndarray) -> float:
-        near, at = tree.query(state[:, which].T, k=min(20, len(clean)))
+        near, at = tree.query(state[:, which].T, k=min(60, len(clean)))
         other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > APART_S, near, np.inf)
         return float(np.median(other.min(axis=1)))
 
@@ -346,10 +351,12 @@ def positions(search: Search) -> Iterator[Candidate]:
     changes += [
         ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
     ]
+    # The delay of a wrong model is none: that of a command that is held.
+    plain = [m if m.log is None else with_delay(m, 0.5 * m.dt) for m in motions]
     grams = dict(search.bench.grams)
     for kind, which in changes:
         try:
-            there = rows_of(model, [_repositioned(m, which) for m in motions], search.beta, (), motions)
+            there = rows_of(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
         except HaptidError:
             continue
         if there.blocks == search.rows.blocks:
@@ -406,18 +413,19 @@ def proven(search: Search, before: Trial | None = None, on: Setting | None = Non
 
 
 def _ranked(found: Sequence[Proven]) -> list[Proven]:
-    """By gain; where the paired difference is within a standard error, that with fewer columns first."""
+    """By gain; of those that nearly have the gain of the best one, that with the fewest columns first."""
     left, made = sorted(found, key=lambda each: -each.gain.share), []
     while left:
-        alike = [one for one in left if _within(left[0].trial, one.trial)]
+        alike = [one for one in left if _within(left[0], one)]
         made.append(min(alike, key=lambda one: (len(one.trial.whole.columns), -one.gain.share)))
         left.remove(made[-1])
     return made
 
 
-def _within(best: Trial, other: Trial) -> bool:
-    worse = gain(other, best)
-    return worse.share <= worse.se
+def _within(best: Proven, other: Proven) -> bool:
+    """Whether another has NEARLY all of the gain, or the paired difference is within a standard error."""
+    worse = gain(other.trial, best.trial)
+    return worse.share <= worse.se or other.gain.share > NEARLY * best.gain.share
 
 
 def _contained(one: Setting, on: Setting) -> bool:
@@ -429,7 +437,9 @@ def _contained(one: Setting, on: Setting) -> bool:
 
 
 def _matters(one: Candidate, trial: Trial) -> bool:
-    """Whether a factor is another than 1."""
+    """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
+    if one.kind in LIMITS and np.abs(trial.whole.theta[-1]) > LIMITS[one.kind]:
+        return False
     return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
 
 

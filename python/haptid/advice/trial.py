@@ -267,14 +267,18 @@ class Bench:
         leverage = np.einsum("qi,bij,qj->bq", L, A, L) / np.maximum(np.einsum("qi,ij,qj->q", L, whole, L), 1e-300)
         scores = (r - A @ fitted.theta) @ L.T / np.maximum(1 - leverage, 0.05)
         covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
-        dof = max(float((1 / np.maximum((leverage**2).sum(axis=0), 1e-300)).min()) - 1, 1.0)
+        inverse = np.linalg.pinv(L @ whole @ L.T, hermitian=True)
+        together = np.einsum("qr,ri,bij,qj->b", inverse, L, A, L, optimize=True) / len(L)
+        dof = max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0)
         theta = fitted.theta[first:] - self._artefact(setting, fitted)
-        k = len(theta)
         size = np.sqrt(np.diag(covariance))
-        if dof - k + 1 < 1 or not (size > 0).all():
+        there = size > 0  # a column may have no effect on this device
+        k, dof = int(there.sum()), min(dof, float(self.blocks))
+        if k == 0 or dof - k + 1 < 1:
             return replace(made, se=size)
-        z = theta / size
-        T2 = float(z @ np.linalg.pinv(covariance / np.outer(size, size), hermitian=True) @ z)
+        z, own = (theta / np.where(there, size, 1.0))[there], size[there]
+        correlation = covariance[np.ix_(there, there)] / np.outer(own, own)
+        T2 = float(z @ np.linalg.pinv(correlation, hermitian=True) @ z)
         p = float(stats.f.sf(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
         many = int(np.prod([len(term) for term in setting.terms]))
         return replace(made, p=min(1.0, p * many), se=size)
