@@ -114,7 +114,7 @@ class Action:
             size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
             return f"{change}: the error on unseen blocks falls from {size}."
         if self.proof == "possible bodies":
-            return f"{change}: what must be positive is now at least {self.before:.3g} standard errors below zero."
+            return f"{change} negative: without it they are {self.before:.3g} standard errors below zero or more."
         return f"{change}: the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."
 
     def to_dict(self) -> dict[str, Any]:
@@ -222,6 +222,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         listed.insert(sum(action.share > shown.share for action in listed), shown)
     known = {(action.kind, place) for action in listed for place in action.places}
     first = [*_bodies(negative, known)]
+    known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error")])
     return Advice(
@@ -341,9 +342,7 @@ def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterato
     for one in found:
         if ("torque sign", one.label) in known or any(kind == "position sign" for kind, _ in known):
             continue
-        change = (
-            f"reverse the torque or the position channel of {one.label}: {joined_names(one.names)} would be negative"
-        )
+        change = f"reverse the torque or the position channel of {one.label}, whose {joined_names(one.names)} cannot be"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, one.motor)
         yield Action("torque sign", (one.label,), change, "possible bodies", one.t, 0.0, None, 1.0, True, (edit,))
 
