@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from haptid.advice import advise
-from haptid.advice import apply as applied
+from haptid.advice import apply_advice as applied
 from haptid.cli.common import app
 from haptid.inference.diagnosis import diagnose
 from haptid.study.identify import Identification

@@ -32,7 +32,7 @@ class Applied:
     identification: Identification
 
 
-def apply(advice: Advice, found: Identification, out: Path, data: Path | None = None) -> Applied | None:
+def apply_advice(advice: Advice, found: Identification, out: Path, data: Path | None = None) -> Applied | None:
     """Write study and device with the best combination of actions that identifying it again confirms.
 
     The trials fit on rows that are treated as before; identifying again also chooses the treatment again. Where this
@@ -48,7 +48,7 @@ def apply(advice: Advice, found: Identification, out: Path, data: Path | None = 
     Raises:
         OutputFolderError: the folder cannot be written.
     """
-    before = worst(found)
+    before = _worst(found)
     for actions in _combinations(advice):
         edits = [edit for action in actions for edit in action.edits]
         kinds = ", ".join(action.kind for action in actions)
@@ -57,7 +57,7 @@ def apply(advice: Advice, found: Identification, out: Path, data: Path | None = 
             made = identify(read_study(path))
         except HaptidError:
             continue
-        after = worst(made)
+        after = _worst(made)
         if after < before or any(action.proof != "unseen error" for action in actions):
             return Applied(path, actions, before, after, made)
     if out.is_dir() and not _others(out):
@@ -65,7 +65,7 @@ def apply(advice: Advice, found: Identification, out: Path, data: Path | None = 
     return None
 
 
-def worst(found: Identification) -> float:
+def _worst(found: Identification) -> float:
     """The largest error of a log on unseen rows, or without any on those of the fit, per cent."""
     unseen = [v.comparable.relative for v in found.unseen]
     return max(unseen or [run.fit_errors.relative for run in found.runs if run.fit_errors])

@@ -110,9 +110,18 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             ),
         )
         yield source("load friction", Column(_load(model, place), place.weights))
-        yield source(
-            "rotor inertia", Column(lambda context, w=place.weights: (w @ context.motion[2])[None], place.weights)
-        )  # type: ignore[misc]
+        yield source("rotor inertia", Column(_acceleration(place), place.weights))
+
+
+def _acceleration(place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:
+    """Acceleration of a coordinate."""
+
+    def values(context: ResidualContext) -> Array:
+        cdd = context.motion[2]
+        assert cdd is not None  # as advice requires
+        return np.asarray((place.weights @ cdd)[None])
+
+    return values
 
 
 def _load(model: DynamicModel, place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:
@@ -126,7 +135,7 @@ def _load(model: DynamicModel, place: FrictionCoordinate) -> Callable[[ResidualC
     return values
 
 
-def ripple(place: FrictionCoordinate, index: int, periods: Sequence[float]) -> Source:
+def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[float]) -> Source:
     """Sine and cosine of position with the periods found on each half of the blocks, rad or m."""
 
     def waves(period: float) -> Column:
@@ -141,7 +150,7 @@ def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: floa
         label, own = model.device.row_labels[row], np.eye(len(model.device.drives))[row]
 
         def rate(context: ResidualContext, r: int = row) -> Array:
-            return np.gradient(context.predicted[r], context.plan.motion.dt)[None]
+            return np.asarray(np.gradient(context.predicted[r], context.plan.motion.dt)[None])
 
         def drift(context: ResidualContext, r: int = row) -> Array:
             t = (context.plan.motion.times(np.arange(context.low, context.high)) - middle) / half
@@ -175,7 +184,7 @@ def channel_faults(
                 if f.kind == "coarse torque"
                 else np.clip(tau, -f.size * s, f.size * s)
             )
-            return (made - tau)[None]
+            return np.asarray((made - tau)[None])
 
         own = np.eye(len(model.device.drives))[row]
         yield Source(
@@ -254,6 +263,7 @@ def _shifted(model: DynamicModel, k: int) -> Callable[[ResidualContext], Array]:
 
     def values(context: ResidualContext) -> Array:
         c, cd, cdd = context.motion
+        assert cdd is not None  # as advice requires
         there = torque_of(model, context.chi, c + _ANGLE * direction[:, None], cd, cdd)
         return ((there - context.predicted) / _ANGLE)[None]
 
@@ -262,7 +272,13 @@ def _shifted(model: DynamicModel, k: int) -> Callable[[ResidualContext], Array]:
 
 def _slope(other: DynamicModel, step: float) -> Callable[[ResidualContext], Array]:
     """Slope of the model's torque by a number of its geometry."""
-    return lambda context: ((torque_of(other, context.chi, *context.motion) - context.predicted) / step)[None]
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as advice requires
+        return np.asarray(((torque_of(other, context.chi, c, cd, cdd) - context.predicted) / step)[None])
+
+    return values
 
 
 def _lengths(tables: Any) -> Iterator[Geometry]:

@@ -115,8 +115,8 @@ def _edits(search: Search, found: Proven, treatment: Treatment) -> Iterator[Edit
             there = there * np.linalg.norm(down) / np.linalg.norm(there)
             yield Edit("device", "set", ("gravity",), [float(f"{x:.6g}") for x in there])
         case "clipped torque" | "stuck position" | "contact":
-            for log, ranges in excluded(search, found).items():
-                yield Edit("study", "exclude", ("logs", log), ranges)
+            for number, ranges in excluded(search, found).items():
+                yield Edit("study", "exclude", ("logs", number), ranges)
 
 
 def excluded(search: Search, found: Proven) -> dict[int, list[list[float]]]:

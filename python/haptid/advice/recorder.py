@@ -107,7 +107,7 @@ def _stuck(x: Array) -> np.ndarray:
     return made
 
 
-def simulated(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None:
+def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None:
     """The motion's log as the model would have made it, with the same noise of the encoders, treated the same.
 
     What candidate columns have in it is made by noise, steps and filters and not by a missing term: positions are the

@@ -87,7 +87,7 @@ class Rows:
         return made
 
 
-def rows_of(
+def trial_rows(
     model: DynamicModel,
     motions: Sequence[Motion],
     beta: Array,
@@ -135,7 +135,7 @@ def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Arra
             W.append(column.weights[list(own)][:, None, None] * chunk.filtered(values)[None])
     middle = plan.first + plan.motion.treatment.decimation * np.arange(chunk.start, chunk.stop)
     state = chunk.centres(chunk.c), chunk.centres(chunk.cd)
-    return np.concatenate(W, axis=1), chunk.measured(), chunk.used, chunk.t, *state, middle
+    return (np.concatenate(W, axis=1), chunk.measured(), chunk.used, chunk.t, *state, middle)  # type: ignore[return-value]
 
 
 def _groups(model: DynamicModel, motion: Motion, chi: Array, columns: Sequence[Column]) -> tuple[tuple[int, ...], ...]:

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
-from haptid.advice.recorder import Fault, faults, simulated
-from haptid.advice.rows import Rows, rows_of
+from haptid.advice.recorder import Fault, faults, simulated_log
+from haptid.advice.rows import Rows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -131,7 +131,7 @@ def search_of(
     rows = list(model.measured_rows)
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
-    plain = rows_of(model, motions, beta)
+    plain = trial_rows(model, motions, beta)
     sources = list(_sources(model, places, rows, plain, beta)) if columns else []
     scales = _scales(model, motions)
     if scales is not None and columns:
@@ -139,12 +139,12 @@ def search_of(
         sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
     lengths = list(candidate_columns.geometry(model)) if columns else []
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
-    whole = rows_of(model, motions, beta, added)
+    whole = trial_rows(model, motions, beta, added)
     weights = _weights(whole, len(beta), beta)
-    artefacts = [simulated(model, motion, beta) if columns else None for motion in motions]
+    artefacts = [simulated_log(model, motion, beta) if columns else None for motion in motions]
     null = None
     if all(one is not None for one in artefacts):
-        there = rows_of(model, [m for m in artefacts if m is not None], beta, added, motions)
+        there = trial_rows(model, [m for m in artefacts if m is not None], beta, added, motions)
         null = there.grams() if there.blocks == whole.blocks else None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions), null)
@@ -180,7 +180,7 @@ def _sources(
         x = place.weights @ plain.position
         if x.max() > x.min() and plain.used[row].sum() > 100:
             periods = [_period(x, residual[row], plain.block, plain.used[row] & (plain.block % 2 == h)) for h in (0, 1)]
-            yield candidate_columns.ripple(place, k, periods)
+            yield candidate_columns.ripple_columns(place, k, periods)
 
 
 def _period(x: Array, e: Array, block: np.ndarray, used: np.ndarray) -> float:
@@ -266,7 +266,8 @@ def _masked(search: Search, base: Trial, one: Candidate, mask: np.ndarray) -> Pr
 def _unseen(search: Search, trial: Trial) -> Array:
     """Unseen error of every motor over its torque, (motors,)."""
     own = search.bench.squares(trial.setting).sum(axis=0)
-    return np.sqrt(trial.errors.sum(axis=0) / search.bench.weights**2 / np.maximum(own, np.finfo(float).tiny))
+    left = trial.errors.sum(axis=0) / search.bench.weights**2
+    return np.asarray(np.sqrt(left / np.maximum(own, np.finfo(float).tiny)))
 
 
 def _masks(search: Search) -> Iterator[tuple[Candidate, np.ndarray]]:
@@ -305,8 +306,9 @@ def contact(search: Search) -> np.ndarray:
     A term that the model lacks is a function of the state; a hand on the device is not.
     """
     rows, bench = search.rows, search.bench
-    use = rows.used.any(axis=0)
-    flagged = np.zeros(len(use), dtype=bool)
+    use: np.ndarray = np.asarray(rows.used.any(axis=0))
+    none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
+    flagged = none
     step = float(np.median(np.diff(rows.t))) or 1.0
     width = max(3, round(CONTACT_S / step))
     for _ in range(3):
@@ -320,10 +322,10 @@ def contact(search: Search) -> np.ndarray:
         flagged = ndimage.binary_closing(smooth > CONTACT * np.median(smooth[use]), iterations=width)
         flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
         if not 0 < (flagged & use).sum() < MOST_MASKED * use.sum():
-            return np.zeros(len(use), dtype=bool)
+            return none
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
-    flagged &= use
-    return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else np.zeros(len(use), dtype=bool)
+    flagged = flagged & use
+    return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
 
 
 def _elsewhere(rows: Rows, flagged: np.ndarray, use: np.ndarray) -> bool:
@@ -347,7 +349,7 @@ def positions(search: Search) -> Iterator[Candidate]:
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]
-    changes = [("position sign", (k,)) for k in range(len(names))]
+    changes: list[tuple[str, tuple[int, ...]]] = [("position sign", (k,)) for k in range(len(names))]
     changes += [
         ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
     ]
@@ -356,7 +358,7 @@ def positions(search: Search) -> Iterator[Candidate]:
     grams = dict(search.bench.grams)
     for kind, which in changes:
         try:
-            there = rows_of(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
+            there = trial_rows(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
         except HaptidError:
             continue
         if there.blocks == search.rows.blocks:

@@ -232,7 +232,8 @@ class Bench:
         G, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
         inner = np.einsum("i,bkij,j->bk", fitted.theta, G[:, :, c[:, None], c], fitted.theta)
         cross = self._right(G, setting, c) @ fitted.theta
-        return np.maximum(self._squares(G, setting) - 2 * h * cross + h**2 * inner, 0.0) * self.weights**2
+        squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
+        return np.asarray(np.maximum(squares, 0.0) * self.weights**2)
 
     def run(self, setting: Setting, judged: str | None = None, test: bool = True) -> Trial:
         """A trial: two fits on alternate blocks, each judged on the other half; and one on all blocks.

@@ -40,7 +40,7 @@ def advise(
     as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of sentences")] = False,
 ) -> None:
     from haptid.advice import advise as advised
-    from haptid.advice import apply as applied
+    from haptid.advice import apply_advice as applied
     from haptid.inference.diagnosis import diagnose
     from haptid.study import read_study
     from haptid.study.identify import identify
