@@ -5,20 +5,20 @@ import pytest
 
 import haptid
 from haptid.advice.recorder import faults
-from haptid.advice.rows import Rows
+from haptid.advice.rows import TrialRows
 from haptid.advice.trial import Bench, Setting, gain
 from haptid.errors import LogTimeError
 
 
 def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
-    """Rows of two motors in 12 blocks: three base columns and one candidate, with unit noise."""
+    """TrialRows of two motors in 12 blocks: three base columns and one candidate, with unit noise."""
     rng = np.random.default_rng(seed)
     W, beta = rng.normal(size=(2, 1200, 4)), np.array([10.0, -20.0, 30.0, extra])
     y = np.array([factor, 1.0])[:, None] * (W @ beta) + rng.normal(size=(2, 1200))
     block = np.arange(1200) // 100
     y = y[::-1] if swapped else y
     used = np.ones((2, 1200), dtype=bool)
-    rows = Rows(W, y, used, block, np.arange(1200.0), ((3,),), y, y, block, block)
+    rows = TrialRows(W, y, used, block, np.arange(1200.0), ((3,),), y, y, block, block)
     return rows, Bench({"used": rows.grams()}, 3, np.arange(3), np.ones(2), np.ones((2, 2)))
 
 

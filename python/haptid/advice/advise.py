@@ -14,9 +14,9 @@ from haptid.advice.edits import Edit, edits_of
 from haptid.advice.search import (
     LEAST_GAIN,
     LEAST_SE,
-    Candidate,
     Proven,
-    Search,
+    Trials,
+    TriedChange,
     positions,
     proven,
     search_of,
@@ -31,11 +31,11 @@ from haptid.study.identify import Identification
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-ROUGH = 3.0
+_ROUGH = 3.0
 # Unseen error, per cent, below which nothing needs to be said of what remains.
 CLOSE = 5.0
 # Actions of a combination, and actions that are shown.
-MOST, SHOWN = 4, 6
+_MOST, SHOWN = 4, 6
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
 # Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
@@ -210,7 +210,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     base = search.base()
     before = _percent(search, base)
     negative = list(impossible(part, search.rows.position))
-    if before > ROUGH or negative:
+    if before > _ROUGH or negative:
         search = replace(search, candidates=(*search.candidates, *positions(search)))
     made = [_named(one) for one in proven(search, base)]
     chosen, after = _combined(search, base, made)
@@ -230,7 +230,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     )
 
 
-def _percent(search: Search, trial: Trial) -> float:
+def _percent(search: Trials, trial: Trial) -> float:
     """Unseen relative error of all motors, per cent; the rms of the motors' where their units differ."""
     units = {search.model.device.torque_units[k] for k in search.model.measured_rows}
     left = trial.errors.sum(axis=0) / search.bench.weights**2
@@ -240,7 +240,7 @@ def _percent(search: Search, trial: Trial) -> float:
     return float(100 * np.sqrt(left.sum() / own.sum()))
 
 
-def _paired(search: Search, before: Trial, after: Trial) -> float:
+def _paired(search: Trials, before: Trial, after: Trial) -> float:
     """Standard error of the difference of two unseen errors, per cent: paired by block, by the delta method."""
     w = search.bench.weights**2
     own = search.bench.squares(before.setting).sum()
@@ -265,11 +265,11 @@ def _named(one: Proven) -> Proven:
     return Proven(candidate, one.trial, one.gain, tuple(values), tuple(settings))
 
 
-def _combined(search: Search, base: Trial, made: Sequence[Proven]) -> tuple[list[Proven], float]:
+def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list[Proven], float]:
     """The best combination by forward selection, and its unseen error, per cent."""
     on, now, chosen = Setting(), base, list[Proven]()
     left = list(made)
-    while left and len(chosen) < MOST:
+    while left and len(chosen) < _MOST:
         trials = [(one, search.bench.run(on.plus(one.trial.setting), test=False)) for one in left]
         gains = [(gain(now, trial), one, trial) for one, trial in trials]
         worth = [each for each in gains if each[0].share > LEAST_GAIN and each[0].share > LEAST_SE * each[0].se]
@@ -284,12 +284,12 @@ def _combined(search: Search, base: Trial, made: Sequence[Proven]) -> tuple[list
     return chosen, _percent(search, now)
 
 
-def _excludes(one: Candidate, other: Candidate) -> bool:
+def _excludes(one: TriedChange, other: TriedChange) -> bool:
     channels = ("gain", "torque sign", "torque swap", "position sign", "position swap")
     return one.kind in channels and other.kind in channels
 
 
-def _action(search: Search, base: Trial, one: Proven, adds: bool, edits: tuple[Edit, ...]) -> Action:
+def _action(search: Trials, base: Trial, one: Proven, adds: bool, edits: tuple[Edit, ...]) -> Action:
     """A proven candidate in words."""
     candidate = one.candidate
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
@@ -365,7 +365,7 @@ def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator
         yield Action(kind, (label,), change, "prior bodies", factor, 1.0, None, 1.0, True, (edit,))
 
 
-def _untold(search: Search, base: Trial, actions: Sequence[Action]) -> Iterator[str]:
+def _untold(search: Trials, base: Trial, actions: Sequence[Action]) -> Iterator[str]:
     """What cannot be told from this log."""
     bench = search.bench
     every = np.arange(bench.blocks)

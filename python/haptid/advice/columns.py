@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.advice.recorder import Fault
+from haptid.advice.recorder import ChannelFault
 from haptid.advice.rows import Column
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
@@ -19,9 +19,9 @@ from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
 from haptid.observation.augmented import ResidualContext, torque_of
 
 # Stribeck velocities that are tried, as shares of the root mean square speed.
-STRIBECK = (0.1, 0.2, 0.4)
+VELOCITIES = (0.1, 0.2, 0.4)
 # Legendre polynomials of position beyond the first degree.
-DEGREES = (2, 3, 4)
+POWERS_OF_POSITION = (2, 3, 4)
 # Steps by which a length, m, and an angle, rad, are changed for a derivative.
 _LENGTH, _ANGLE = 1e-3, 1e-3
 # Lengths and angles of a joint's table that may be wrong, by convention.
@@ -95,9 +95,9 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             "stribeck",
             *(
                 _scalar(place, lambda _, v, s=share * own.speed: np.sign(v) * np.exp(-((v / s) ** 2)))  # type: ignore[misc]
-                for share in STRIBECK
+                for share in VELOCITIES
             ),
-            settings=[{"velocity": share * own.speed} for share in STRIBECK],
+            settings=[{"velocity": share * own.speed} for share in VELOCITIES],
         )
         yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
         yield source(
@@ -105,7 +105,7 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             _scalar(
                 place,
                 lambda x, _, m=middle, h=half: np.polynomial.legendre.legvander(  # type: ignore[misc]
-                    np.clip((x - m) / h, -1, 1), DEGREES[-1]
+                    np.clip((x - m) / h, -1, 1), POWERS_OF_POSITION[-1]
                 ).T[1:],
             ),
         )
@@ -162,7 +162,7 @@ def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: floa
 
 
 def channel_faults(
-    model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[Fault]
+    model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[ChannelFault]
 ) -> Iterator[Source]:
     """What coarse steps, and a clipped extreme, add to the model's torque of a motor.
 
@@ -177,7 +177,7 @@ def channel_faults(
             continue
         row, scale = rows[fault.channel], abs(scales[fault.channel])
 
-        def error(context: ResidualContext, r: int = row, f: Fault = fault, s: float = scale) -> Array:
+        def error(context: ResidualContext, r: int = row, f: ChannelFault = fault, s: float = scale) -> Array:
             tau = context.predicted[r]
             made = (
                 f.size * s * np.round(tau / (f.size * s))

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from haptid.advice.columns import DEGREES
-from haptid.advice.search import Proven, Search
+from haptid.advice.columns import POWERS_OF_POSITION
+from haptid.advice.search import Proven, Trials
 from haptid.device import Device
 from haptid.device.toml.reader import checked_tables, read_tables
 from haptid.errors import OutputFolderError
@@ -36,7 +36,7 @@ _TERMS = {
 _CUSTOM = {
     "viscosity by direction": (("FA", "*s/", "abs({v})"),),
     "bent viscosity": (("FQ", "*s^2/", "({v})*abs({v})"),),
-    "torque by position": tuple((f"KP{n}", f"/^{n}", f"({{x}})**{n}") for n in (1, *DEGREES)),
+    "torque by position": tuple((f"KP{n}", f"/^{n}", f"({{x}})**{n}") for n in (1, *POWERS_OF_POSITION)),
     "ripple": (("RS", "", "sin({w}*({x}))"), ("RC", "", "cos({w}*({x}))")),
 }
 
@@ -71,12 +71,12 @@ class Edit:
         }
 
 
-def edits_of(search: Search, found: Proven, treatment: Treatment) -> tuple[Edit, ...]:
+def edits_of(search: Trials, found: Proven, treatment: Treatment) -> tuple[Edit, ...]:
     """The edits that carry out a proven candidate; none where files cannot say it."""
     return tuple(_edits(search, found, treatment))
 
 
-def _edits(search: Search, found: Proven, treatment: Treatment) -> Iterator[Edit]:
+def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit]:
     one, device, values = found.candidate, search.model.device, found.values
     match one.kind:
         case kind if kind in _TERMS or kind in _CUSTOM:
@@ -119,7 +119,7 @@ def _edits(search: Search, found: Proven, treatment: Treatment) -> Iterator[Edit
                 yield Edit("study", "exclude", ("logs", number), ranges)
 
 
-def excluded(search: Search, found: Proven) -> dict[int, list[list[float]]]:
+def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
     """Ranges of time, s, that a fault or a contact spoils, by log of the fit."""
     made: dict[int, list[list[float]]] = {}
     if found.candidate.kind == "contact":

@@ -28,7 +28,7 @@ STUCK_STEPS, STUCK = 12.0, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Fault:
+class ChannelFault:
     """A fault of a channel, and the samples that it spoils.
 
     Attributes:
@@ -46,7 +46,7 @@ class Fault:
     size: float
 
 
-def faults(log: Log) -> Iterator[Fault]:
+def faults(log: Log) -> Iterator[ChannelFault]:
     """Faults of a log's channels."""
     torque, position = np.asarray(log.torque), np.asarray(log.position)
     for k in range(torque.shape[1]):
@@ -55,26 +55,26 @@ def faults(log: Log) -> Iterator[Fault]:
         x = position[:, k]
         stuck = _stuck(x)
         if stuck.any():
-            yield Fault("stuck position", k, stuck, float(stuck.mean()), float(x[np.argmax(stuck)]))
+            yield ChannelFault("stuck position", k, stuck, float(stuck.mean()), float(x[np.argmax(stuck)]))
 
 
-def _torque_faults(tau: Array, k: int) -> Iterator[Fault]:
+def _torque_faults(tau: Array, k: int) -> Iterator[ChannelFault]:
     values, count = np.unique(tau, return_counts=True)
     if len(values) < 2:
         return
     most = int(np.argmax(count))
     share = float(count[most]) / len(tau)
     if share > DEAD and 0 < most < len(values) - 1:
-        yield Fault("dead torque", k, np.ones(len(tau), dtype=bool), share, float(values[most]))
+        yield ChannelFault("dead torque", k, np.ones(len(tau), dtype=bool), share, float(values[most]))
         return
     clipped = np.zeros(len(tau), dtype=bool)
     for extreme in (values[0], values[-1]):
         clipped |= _runs(tau == extreme, CLIPPED_RUN)
     neighbours = count[1] + count[-2] if len(values) > 3 else len(tau)
     if clipped.mean() > CLIPPED and clipped.sum() > 4 * neighbours:
-        yield Fault("clipped torque", k, clipped, float(clipped.mean()), float(np.abs(values[[0, -1]]).max()))
+        yield ChannelFault("clipped torque", k, clipped, float(clipped.mean()), float(np.abs(values[[0, -1]]).max()))
     if len(values) <= COARSE:
-        yield Fault("coarse torque", k, np.ones(len(tau), dtype=bool), 1.0, float(np.diff(values).min()))
+        yield ChannelFault("coarse torque", k, np.ones(len(tau), dtype=bool), 1.0, float(np.diff(values).min()))
 
 
 def _runs(true: np.ndarray, least: int) -> np.ndarray:

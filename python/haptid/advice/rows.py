@@ -23,7 +23,7 @@ from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk
 
 # Blocks of a trial, at most: neighbours are merged, since more do not sharpen a standard error.
-MOST_BLOCKS = 40
+_MOST_BLOCKS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class TrialRows:
     """Rows of an estimate, dense: few, because they are decimated.
 
     Attributes:
@@ -93,7 +93,7 @@ def trial_rows(
     beta: Array,
     columns: Sequence[Column] = (),
     like: Sequence[Motion] | None = None,
-) -> Rows:
+) -> TrialRows:
     """The rows of motions with candidate columns; of long logs, those of blocks spread evenly over them.
 
     Args:
@@ -118,8 +118,8 @@ def trial_rows(
         blocks += len(every)
     W, y, used, t, c, cd, sample, block, log = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
     there_are, number = np.unique(block, return_inverse=True)
-    merged = -(-len(there_are) // MOST_BLOCKS)
-    return Rows(np.ascontiguousarray(W.swapaxes(1, 2)), y, used, number // merged, t, groups, c, cd, sample, log)
+    merged = -(-len(there_are) // _MOST_BLOCKS)
+    return TrialRows(np.ascontiguousarray(W.swapaxes(1, 2)), y, used, number // merged, t, groups, c, cd, sample, log)
 
 
 def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Array) -> tuple[Array, ...]:

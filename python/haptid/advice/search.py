@@ -15,36 +15,37 @@ from scipy.spatial import cKDTree
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
-from haptid.advice.recorder import Fault, faults, simulated_log
-from haptid.advice.rows import Rows, trial_rows
+from haptid.advice.recorder import ChannelFault, faults, simulated_log
+from haptid.advice.rows import TrialRows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
+from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
 from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 
-# Significance level of all tests of a log together, and the least share of the unseen squared error that an action
+# Least share of the unseen squared error that an action
 # has to remove, and of its standard errors.
-SIGNIFICANCE, LEAST_GAIN, LEAST_SE = 0.01, 0.03, 2.0
+LEAST_GAIN, LEAST_SE = 0.03, 2.0
 # Largest sizes that are believed: s, rad, m.
 LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # Share of the best gain that makes a simpler change the better one.
 NEARLY = 0.97
 # Time blocks of a log, at least.
-MANY = 24
+_MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
 # Factors between torque and model that are no other than 1, on either side.
 SAME = 0.03
 # A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
-CONTACT, CONTACT_S, MOST_MASKED, MOST_CONTACTS, NEAR, APART_S, SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
+CONTACT, CONTACT_S, _MOST_MASKED, MOST_CONTACTS, _NEAR, APART_S, SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TriedChange:
     """One change, executable on the rows.
 
     Attributes:
@@ -61,7 +62,7 @@ class Candidate:
     sources: tuple[Source, ...] = ()
     indices: tuple[int, ...] = ()
     geometry: Geometry | None = None
-    fault: Fault | None = None
+    fault: ChannelFault | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class Proven:
             cent; paired standard error of what the others' error falls by.
     """
 
-    candidate: Candidate
+    candidate: TriedChange
     trial: Trial
     gain: Gain
     values: tuple[Array, ...] = ()
@@ -85,7 +86,7 @@ class Proven:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class Trials:
     """A log's rows with all candidates, and the trials on them.
 
     Attributes:
@@ -101,10 +102,10 @@ class Search:
     model: DynamicModel
     motions: tuple[Motion, ...]
     beta: Array
-    rows: Rows
+    rows: TrialRows
     bench: Bench
-    candidates: tuple[Candidate, ...]
-    faults: tuple[tuple[int, Fault], ...] = ()
+    candidates: tuple[TriedChange, ...]
+    faults: tuple[tuple[int, ChannelFault], ...] = ()
 
     @cached_property
     def contact(self) -> np.ndarray:
@@ -117,7 +118,7 @@ class Search:
 
 def search_of(
     model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int] = (), columns: bool = True
-) -> Search:
+) -> Trials:
     """Rows and candidates of motions.
 
     Args:
@@ -153,20 +154,22 @@ def search_of(
         own = whole.groups[at : at + len(source.alternatives)]
         at += len(source.alternatives)
         setting = Setting(terms=(own,))
-        made.append(Candidate(source.kind, (source.place,), setting, (source,), (source.index,), what))
+        made.append(TriedChange(source.kind, (source.place,), setting, (source,), (source.index,), what))
     labels = [model.device.row_labels[k] for k in rows]
     for k, label in enumerate(labels):
-        made.append(Candidate("gain", (label,), Setting(free=(k,)), (), (k,)))
+        made.append(TriedChange("gain", (label,), Setting(free=(k,)), (), (k,)))
     for i, j in combinations(range(len(rows)), 2):
         source_of = list(range(len(rows)))
         source_of[i], source_of[j] = j, i
         if bench.channel_factors[i, j]:
-            made.append(Candidate("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j)))
-    return Search(model, motions, beta, whole, bench, tuple(made), found)
+            made.append(
+                TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
+            )
+    return Trials(model, motions, beta, whole, bench, tuple(made), found)
 
 
 def _sources(
-    model: DynamicModel, places: Sequence[FrictionCoordinate], rows: Sequence[int], plain: Rows, beta: Array
+    model: DynamicModel, places: Sequence[FrictionCoordinate], rows: Sequence[int], plain: TrialRows, beta: Array
 ) -> Iterator[Source]:
     """Added columns that do not concern the geometry."""
     ranges = candidate_columns.local_ranges(places, plain.position, plain.velocity)
@@ -189,7 +192,7 @@ def _period(x: Array, e: Array, block: np.ndarray, used: np.ndarray) -> float:
     return float(1 / f[int(np.argmax(np.abs(sums.sum(axis=0)) ** 2 / (np.abs(sums) ** 2).sum(axis=0)))])
 
 
-def _weights(rows: Rows, base: int, beta: Array) -> Array:
+def _weights(rows: TrialRows, base: int, beta: Array) -> Array:
     """One over the rms residual of each motor, (motors,)."""
     e = np.where(rows.used, rows.y - np.einsum("mrp,p->mr", rows.W[:, :, :base], beta), 0.0)
     rms = np.sqrt((e**2).sum(axis=1) / np.maximum(rows.used.sum(axis=1), 1))
@@ -197,10 +200,10 @@ def _weights(rows: Rows, base: int, beta: Array) -> Array:
 
 
 def _finer(motion: Motion) -> Motion:
-    """The motion with MANY time blocks at least: the residual of a wrong model has a longer memory than its noise."""
+    """The motion with _MANY time blocks at least: the residual of a wrong model has a longer memory than its noise."""
     seconds = (motion.usable[1] - motion.usable[0]) * motion.dt
     treatment = motion.treatment
-    return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / MANY)))
+    return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / _MANY)))
 
 
 def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
@@ -218,7 +221,7 @@ def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
     return np.eye(len(model.measured_rows)) if scales is None else scales[:, None] / scales
 
 
-def with_masks(search: Search) -> tuple[Search, list[Proven]]:
+def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     """The search on rows without those that channels or a contact spoil, where leaving them out is proven to help."""
     found: list[Proven] = []
     base = search.base()
@@ -233,7 +236,7 @@ def with_masks(search: Search) -> tuple[Search, list[Proven]]:
     return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
 
 
-def _masked(search: Search, base: Trial, one: Candidate, mask: np.ndarray) -> Proven | None:
+def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
@@ -263,14 +266,14 @@ def _masked(search: Search, base: Trial, one: Candidate, mask: np.ndarray) -> Pr
     return Proven(one, trial, proof, figures=(whole, errors[1], se))
 
 
-def _unseen(search: Search, trial: Trial) -> Array:
+def _unseen(search: Trials, trial: Trial) -> Array:
     """Unseen error of every motor over its torque, (motors,)."""
     own = search.bench.squares(trial.setting).sum(axis=0)
     left = trial.errors.sum(axis=0) / search.bench.weights**2
     return np.asarray(np.sqrt(left / np.maximum(own, np.finfo(float).tiny)))
 
 
-def _masks(search: Search) -> Iterator[tuple[Candidate, np.ndarray]]:
+def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     """Rows that are left when one fault's are not used, (motors, rows)."""
     rows, model = search.rows, search.model
     for log, fault in search.faults:
@@ -283,14 +286,14 @@ def _masks(search: Search) -> Iterator[tuple[Candidate, np.ndarray]]:
         position = fault.kind == "stuck position"
         names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
         label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
-        yield Candidate(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
+        yield TriedChange(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
     flagged = search.contact
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
-        yield Candidate("contact", ("the device",), Setting(rows="clean")), mask
+        yield TriedChange("contact", ("the device",), Setting(rows="clean")), mask
 
 
-def _touched(search: Search, log: int, samples: np.ndarray) -> np.ndarray:
+def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
     """Rows of a log whose filter window has a spoiled sample, (rows,)."""
     plan = Plan.of(search.model, search.motions[log])
     back, ahead = plan.filter.main_part(OUTSIDE_GUARD)
@@ -300,7 +303,7 @@ def _touched(search: Search, log: int, samples: np.ndarray) -> np.ndarray:
     return np.asarray((search.rows.log == log) & (count[high] > count[low]))
 
 
-def contact(search: Search) -> np.ndarray:
+def contact(search: Trials) -> np.ndarray:
     """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
 
     A term that the model lacks is a function of the state; a hand on the device is not.
@@ -321,14 +324,14 @@ def contact(search: Search) -> np.ndarray:
         # Rows that are not used, at reversals, do not end an episode.
         flagged = ndimage.binary_closing(smooth > CONTACT * np.median(smooth[use]), iterations=width)
         flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
-        if not 0 < (flagged & use).sum() < MOST_MASKED * use.sum():
+        if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
             return none
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
     flagged = flagged & use
     return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
 
 
-def _elsewhere(rows: Rows, flagged: np.ndarray, use: np.ndarray) -> bool:
+def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
     """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
     state = np.vstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
@@ -341,10 +344,10 @@ def _elsewhere(rows: Rows, flagged: np.ndarray, use: np.ndarray) -> bool:
         other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > APART_S, near, np.inf)
         return float(np.median(other.min(axis=1)))
 
-    return distance(np.flatnonzero(flagged & use)) < NEAR * distance(clean[:: max(1, len(clean) // 500)])
+    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
 
 
-def positions(search: Search) -> Iterator[Candidate]:
+def positions(search: Trials) -> Iterator[TriedChange]:
     """Signs and assignments of the position channels; each is another pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
@@ -364,7 +367,7 @@ def positions(search: Search) -> Iterator[Candidate]:
         if there.blocks == search.rows.blocks:
             key = f"{kind} {which}"
             grams[key] = _embedded(there.grams(), search.bench)
-            yield Candidate(kind, tuple(f"joint {names[k]}" for k in which), Setting(rows=key), indices=which)
+            yield TriedChange(kind, tuple(f"joint {names[k]}" for k in which), Setting(rows=key), indices=which)
     object.__setattr__(search.bench, "grams", grams)
 
 
@@ -387,11 +390,11 @@ def _embedded(grams: Array, bench: Bench) -> Array:
     return made
 
 
-def proven(search: Search, before: Trial | None = None, on: Setting | None = None) -> list[Proven]:
+def proven(search: Trials, before: Trial | None = None, on: Setting | None = None) -> list[Proven]:
     """All candidates whose proof holds, in addition to a setting, sorted by their gain."""
     on = on or Setting()
     base = before or search.base(on)
-    singles: dict[str, list[tuple[Candidate, Trial, Gain]]] = {}
+    singles: dict[str, list[tuple[TriedChange, Trial, Gain]]] = {}
     tests = len(search.candidates)
     for one in search.candidates:
         if _contained(one.setting, on):
@@ -438,27 +441,27 @@ def _contained(one: Setting, on: Setting) -> bool:
     )
 
 
-def _matters(one: Candidate, trial: Trial) -> bool:
+def _matters(one: TriedChange, trial: Trial) -> bool:
     """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
     if one.kind in LIMITS and np.abs(trial.whole.theta[-1]) > LIMITS[one.kind]:
         return False
     return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
 
 
-def _group(one: Candidate) -> str:
+def _group(one: TriedChange) -> str:
     """Candidates that are one action together."""
     alone = one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
     return f"{one.kind} {one.places}" if alone else one.kind
 
 
-def _merged(members: Sequence[Candidate]) -> Candidate:
+def _merged(members: Sequence[TriedChange]) -> TriedChange:
     """One candidate of one kind on several motors."""
     if len(members) == 1:
         return members[0]
     setting = members[0].setting
     for one in members[1:]:
         setting = setting.plus(one.setting)
-    return Candidate(
+    return TriedChange(
         members[0].kind,
         tuple(place for one in members for place in one.places),
         setting,
