@@ -6,15 +6,33 @@ import argparse
 import json
 import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from zoo.advised import score as advised  # noqa: E402
+from zoo.advised import summary  # noqa: E402
 from zoo.case import draw  # noqa: E402
 from zoo.study import CASES, RESULTS, SEED, chosen, final_seed, keep, scores  # noqa: E402
 from zoo.table import CLASSES, aggregate, table, worst  # noqa: E402
+from zoo.wrong import right_cases, wrong_cases  # noqa: E402
+
+
+def score_advice(each: int, seed: int, jobs: int, out: Path | None) -> None:
+    """Score advice on wrong and right models, print and store."""
+    wrong = list(wrong_cases(each, seed))
+    cases = [*wrong, *right_cases(len(wrong), seed)]
+    rows = []
+    with ProcessPoolExecutor(jobs) as pool:
+        for row in pool.map(advised, cases):
+            rows.append(row)
+            print(f"\r{len(rows)} of {len(cases)}", end="", file=sys.stderr, flush=True)
+    figures = summary(rows)
+    print(json.dumps(figures, indent=1))
+    keep(out or RESULTS / "zoo-advice.json", {"each": each, "seed": seed}, rows, figures)
 
 
 def main() -> None:
@@ -31,7 +49,11 @@ def main() -> None:
     parser.add_argument("--worst", type=int, default=10, help="how many of the worst cases are printed")
     parser.add_argument("--list", action="store_true", help="print the cases only")
     parser.add_argument("--out", type=Path, help="where scores are stored; whole draws go to the results unasked")
+    parser.add_argument("--advice", type=int, metavar="N", help="score advice instead: N cases of each wrong cause")
     given = parser.parse_args()
+    if given.advice:
+        score_advice(given.advice, final_seed() % 10_000 if given.final else given.seed, given.jobs, given.out)
+        return
     seed = final_seed() if given.final else given.seed
     cases = chosen(draw(given.cases, seed), given.only)
     if given.list:

@@ -2,3 +2,9 @@
 
 May import study and inference; it is used by commands and reports.
 """
+
+from haptid.advice.advise import Action, Advice, advise
+from haptid.advice.apply import Applied, apply_advice
+from haptid.advice.edits import Edit
+
+__all__ = ["Action", "Advice", "Applied", "Edit", "advise", "apply_advice"]

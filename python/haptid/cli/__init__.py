@@ -14,7 +14,7 @@ from haptid.cli.common import EXIT_DEFECT, app, complain, out
 
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
-from haptid.cli import identify, report, compare, characterise, eliminate, friction, payload, poses, export  # noqa: F401
+from haptid.cli import identify, advise, report, compare, characterise, eliminate, friction, payload, poses, export  # noqa: F401
 from haptid.cli import channels, import_, model, devices, excite, bench, demo, schema  # noqa: F401
 # isort: on
 

@@ -29,6 +29,9 @@ estimator. Writes into OUT:
 
   haptid-files.json  SHA-256 of these files: a reader refuses one of another run
 
+Changes of study and device (terms, signs, gains, delays, lengths, ...) are tried on the same data; those with a proof
+are listed by their gain. Nothing is changed; `haptid advise` writes files with the best of them.
+
 Long logs are read in chunks. Intermediate results are stored in .OUT.partial next to OUT until the run is complete: an
 interrupted run resumes from there, if study, logs and device are unchanged.
 
@@ -80,7 +83,7 @@ def identify(
             found = run_study(plan, data, progress, workers(count, scheduler), cache)
             progress("writing the report", 0.0)
             source = ReportSource(found, _typed(study, data, out_folder))
-            result = Result.of(found, source.diagnosis.verdict)
+            result = Result.of(found, source.diagnosis.verdict, source.advice)
             result.write_into(folder)
             report_of(source).write_into(folder)
             progress("writing the report", 1.0)
@@ -97,7 +100,7 @@ def identify(
         sys.stdout.write(result.to_json())
     elif not quiet:
         tables.show_identification(out, found)
-        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):
+        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, *source.advice.sentences, ""):
             out.print(line, highlight=False)
         out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
     if found.meets_criteria is False:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -252,6 +253,37 @@ class Log:
             position=self.position[part],
             torque=self.torque[part],
             segments=tuple((a, b) for a, b in clipped if b - a >= 2),
+        )
+
+    def without(self, ranges: Sequence[tuple[float, float]]) -> Log:
+        """The log without these parts, s; it is split there, so that nothing is filtered across them.
+
+        Raises:
+            LogTimeError: nothing is left.
+        """
+        if not ranges:
+            return self
+        kept = np.ones(self.t.size, dtype=bool)
+        for start, stop in ranges:
+            kept[(self.t >= start) & (self.t <= stop)] = False
+        numbers = np.cumsum(kept)
+        segments = []
+        for a, b in self.segments:
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], kept[a:b].astype(int), [0]]))).reshape(-1, 2) + a
+            segments += [
+                (int(numbers[low]) - 1, int(numbers[high - 1])) for low, high in edges.tolist() if high - low > 1
+            ]
+        if not segments:
+            raise LogTimeError(
+                f"{self.path}: `exclude` leaves no part of the log.", where=self.path, found=0, advice="Exclude less."
+            )
+        return replace(
+            self,
+            t=self.t[kept],
+            position=np.asarray(self.position)[kept],
+            torque=np.asarray(self.torque)[kept],
+            segments=tuple(segments),
+            notes=(*self.notes, f"{int((~kept).sum())} of {self.t.size} samples are left out, as the study says"),
         )
 
     def busiest(self, seconds: float) -> Log:

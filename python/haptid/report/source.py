@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid.advice import Advice, advise
 from haptid.dynamics.inverse import raw_parameters
 from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.end_effector.force import HandleForce
@@ -147,6 +148,11 @@ class ReportSource:
     def diagnosis(self) -> Diagnosis:
         """Diagnosis of the estimate."""
         return diagnose(self.estimate, self.validation, self.identification.study.controller)
+
+    @cached_property
+    def advice(self) -> Advice:
+        """What to change, each action tried on the data."""
+        return advise(self.identification, self.diagnosis)
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:

@@ -49,6 +49,7 @@ from haptid.results.schema import (
     NonlinearConstant,
     ObservationTable,
     PhysicalConstraints,
+    ResultAdvice,
     ResultCondition,
     ResultCost,
     ResultEstimate,
@@ -64,6 +65,7 @@ from haptid.uncertainty.quantities import Quantities
 from haptid.validation.validation import MotorError, Validation
 
 if TYPE_CHECKING:
+    from haptid.advice import Advice
     from haptid.inference.diagnosis import Verdict
 
 _SCHEMA: Literal[2] = 2
@@ -98,18 +100,20 @@ class Result(ResultTable):
     validation: list[ErrorTable]
     criteria: Criteria
     verdict: list[ResultUse] = Field(default=[])
+    advice: ResultAdvice | None = Field(default=None, description="changes that were tried on the data, with proofs")
     notes: list[str]
     device_file: dict[str, Any] = Field(description="the device file, gravity as mounted")
     _model: DynamicModel = PrivateAttr()
     _clusters: Clusters | None = PrivateAttr(default=None)
 
     @classmethod
-    def of(cls, identification: Identification, verdict: Verdict | None = None) -> Result:
+    def of(cls, identification: Identification, verdict: Verdict | None = None, advice: Advice | None = None) -> Result:
         """The result of an identification.
 
         Args:
             identification: a study carried out.
             verdict: of its diagnosis, if there was one; exports of the result then state it.
+            advice: changes that were tried on its data, if there were any.
         """
         study, estimate, model = identification.study, identification.estimate, identification.model
         raw, scaled = estimate.observation.condition
@@ -145,6 +149,7 @@ class Result(ResultTable):
             validation=[entry for run in identification.runs for entry in _errors(run)],
             criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
             verdict=list(_uses(verdict)),
+            advice=None if advice is None else ResultAdvice.model_validate(finite(advice.to_dict())),
             notes=[*estimate.notes, RELATIVE_ERROR, *(projection.notes if projection else ())],
             device_file=finite(device_file(model)),
         )

@@ -6,7 +6,7 @@ confidence level `estimate.level`. A number that is not finite is null.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -254,6 +254,42 @@ class Criteria(ResultTable):
 
     relative_error_percent: float | None
     met: bool | None
+
+
+class ResultEdit(ResultTable):
+    """A change of a study or device file."""
+
+    file: Literal["study", "device"]
+    operation: str = Field(description="append, set, add, multiply, exchange or exclude")
+    path: list[str | int] = Field(description="keys from the top of the file; channels: every table of channels")
+    index: int | None = Field(description="entry of a list with one number for each channel")
+    value: Any
+
+
+class ResultAction(ResultTable):
+    """A change that was carried out on the data, and its proof."""
+
+    kind: str
+    places: list[str]
+    change: str
+    proof: Literal["unseen error", "possible bodies", "prior bodies"]
+    before: float = Field(description="error on unseen rows, per cent; standard errors; or ratio to the prior bodies")
+    after: float
+    se: Number = Field(description="paired standard error of before - after; null where the error is not the proof")
+    share: float = Field(description="of the weighted squared unseen error that goes away")
+    adds: bool = Field(description="part of the best combination")
+    sentence: str
+    edits: list[ResultEdit]
+
+
+class ResultAdvice(ResultTable):
+    """What to change, by proven gain."""
+
+    tried: int = Field(description="number of changes that were tried")
+    unseen_error_percent: float
+    combined_error_percent: float = Field(description="with the best combination")
+    actions: list[ResultAction]
+    untold: list[str] = Field(description="what cannot be told from the log")
 
 
 class ResultUse(ResultTable):

@@ -170,10 +170,10 @@ def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
     path = data / entry.path
-    if is_long(path):
+    if is_long(path) and not entry.exclude:
         log = open_log(path, entry.channels, time_range=entry.time_range)
     else:
-        log = read_log(path, entry.channels, entry.time_range, entry.episodes)
+        log = read_log(path, entry.channels, entry.time_range, entry.episodes).without(entry.exclude)
     progress(f"reading {name}", 1.0)
     return log
 

@@ -133,6 +133,10 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
     if time_range and time_range[0] >= time_range[1]:
         start, stop = time_range
         raise fault(study, f"logs.{index}.time_range", f"ends at {stop} before it begins at {start}")
+    exclude = tuple((start, stop) for start, stop in log.exclude or ())
+    for start, stop in exclude:
+        if start > stop:
+            raise fault(study, f"logs.{index}.exclude", f"a part ends at {stop} before it begins at {start}")
     channels = None
     if table:
         where = f"logs.{index}.channels" if log.channels else "channels"
@@ -157,9 +161,9 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
         raise fault(study, "channels", "a table with one row a pose requires them")
     episodes = None if log.episodes is None else tuple(log.episodes)
     if log.payload is None:
-        return LogEntry(log.path, log.role, time_range, channels, episodes=episodes)
+        return LogEntry(log.path, log.role, time_range, channels, episodes=episodes, exclude=exclude)
     payload = _payload(study, f"logs.{index}.payload", log.path, log.payload)
-    return LogEntry(log.path, log.role, time_range, channels, *payload, episodes)
+    return LogEntry(log.path, log.role, time_range, channels, *payload, episodes, exclude)
 
 
 def _time(study: Path, where: str, table: ChannelsTable) -> str | None:

@@ -104,6 +104,9 @@ class LogTable(_Table):
     episodes: list[Annotated[int, Field(ge=0)]] | None = Field(
         None, min_length=1, description="of a LeRobot data set, by number; default: all"
     )
+    exclude: list[Annotated[list[_Finite], Field(min_length=2, max_length=2)]] | None = Field(
+        None, description="parts that are left out, [[from, to], ..], s; nothing is filtered across them"
+    )
     channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
     payload: PayloadTable | None = Field(None, description="payload of this recording")
 

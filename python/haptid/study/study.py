@@ -20,8 +20,8 @@ from haptid.study.schema import CrossValidation, Role, Use
 class LogEntry:
     """A log of a study: path, role, time range, channel mapping, payload.
 
-    `episodes` are those of a data set, None for all. `body` is the payload with what is known of it, `payload` the same
-    where it is known well enough to be subtracted.
+    `episodes` are those of a data set, None for all; `exclude` are parts that are left out, s. `body` is the payload
+    with what is known of it, `payload` the same where it is known well enough to be subtracted.
     """
 
     path: str
@@ -31,6 +31,7 @@ class LogEntry:
     payload: Payload | None = None
     body: AttachedBody | None = None
     episodes: tuple[int, ...] | None = None
+    exclude: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -247,7 +247,7 @@ class _Filters:
         bulk = {**guess, "cutoff_hz": tried[0].cutoff_hz, "parallel_cutoff_hz": narrow.parallel(TRIED[0])}
         judged = self.at(USUAL, bulk, all_rows=True)
         chosen = better_cutoff(self.model, self.logs, tried, 0, judged, _RIPPLE)
-        return replace(narrow, above=float(np.max(tried[0].cutoff_hz))) if chosen else self
+        return replace(narrow, above=float(np.max(np.asarray(wide.cutoff_hz)))) if chosen else self
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""

@@ -43,7 +43,7 @@ _FOLDS = 5
 _FEWEST_BLOCKS = 2 * _FOLDS
 # Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
-LEAST_GAIN = 0.02
+_LEAST_GAIN = 0.02
 CONSISTENT, FREE, RIDGE, ENTROPIC = "consistent", "free", "ridge", "entropic"
 STRENGTHS: Mapping[str, tuple[float | None, ...]] = {
     CONSISTENT: (None,),
@@ -81,7 +81,7 @@ class UseCandidate:
     def is_better(self) -> bool:
         """Whether its held-out error is lower by more than one standard error, and by more than a fiftieth."""
         difference, se = self.excess
-        return difference < -se and self.gain > LEAST_GAIN
+        return difference < -se and self.gain > _LEAST_GAIN
 
 
 @dataclass(frozen=True, eq=False)

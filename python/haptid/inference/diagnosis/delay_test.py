@@ -37,10 +37,8 @@ def time_delay(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
         return Finding("time delay", "ok", figures, text)
     status: Status = "bad" if abs(delay) > LARGE * dt else "doubt"
     what = "late" if delay > 0 else "early"
-    wanted = float(np.median(motion.treatment.torque_delay_s)) + delay
     text = (
         f"The torque of {label} is {what} by {size}, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}: viscous friction is "
-        f"biased. Write torque_delay_s = {wanted:.2g} under [treatment] in the study file, or "
-        f"Treatment(torque_delay_s={wanted:.2g}) in Python, and estimate again."
+        f"biased."
     )
     return Finding("time delay", status, figures, text)

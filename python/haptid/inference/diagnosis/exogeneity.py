@@ -34,14 +34,6 @@ from haptid.uncertainty.multiple_testing import together
 
 # Bias of a parameter in standard errors: harmless up to the first; beyond the second its interval undercovers.
 HARMLESS, BIASED = 0.5, 1.0
-FILTER_ADVICE = (
-    "Leave the cut-offs out of the study file, or call propose in Python, so that they are chosen from the logs; or "
-    "drop more rows near standstill (reversal_speed)."
-)
-LOOP_ADVICE = (
-    "Use instrumental variables (IV) or DIDIM, which it does not bias; or leave the cut-offs out of the study file, "
-    "so that they are chosen from the logs."
-)
 # Smallest standard error used as a divisor.
 # Cut-off of the narrow position filter over the bandwidth of the motion.
 _ABOVE_MOTION = 3.0
@@ -55,12 +47,10 @@ class Instruments:
     Attributes:
         motions: for each of an estimate's motions; None where there is none.
         left: the part of W that they do not explain, in words.
-        advice: what to do where that is significant.
     """
 
     motions: tuple[Motion | None, ...]
     left: str
-    advice: str
 
     def pairs(self, motions: Sequence[Motion]) -> list[tuple[Motion, Motion]] | None:
         """Every motion with its instrument; None where one has none."""
@@ -79,14 +69,14 @@ def instruments(estimate: Estimate, controller: PID | None = None) -> Instrument
     law = controller or controller_of(estimate.method)
     made = simulated(estimate, law) if law is not None and not any(m.treatment.momentum for m in motions) else None
     if made is not None:
-        return Instruments(made, "the part of W that the simulated closed loop does not explain", LOOP_ADVICE)
+        return Instruments(made, "the part of W that the simulated closed loop does not explain")
     return filtered_columns(estimate)
 
 
 def filtered_columns(estimate: Estimate) -> Instruments:
     """The log's own motions through a narrower filter."""
     narrow = tuple(narrowly_filtered(motion) for motion in estimate.observation.motions)
-    return Instruments(narrow, "the part of the positions that a narrower filter removes", FILTER_ADVICE)
+    return Instruments(narrow, "the part of the positions that a narrower filter removes")
 
 
 def controller_of(method: Method) -> PID | None:
@@ -177,6 +167,6 @@ def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
     text = (
         f"Position noise (errors in variables) biases the estimate: {by.left} explains {100 * explained:.1f} % of the "
         f"residual power of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}), and the bias of "
-        f"{worst} is {most:.2g} standard errors (limit {HARMLESS:g}). {by.advice}"
+        f"{worst} is {most:.2g} standard errors (limit {HARMLESS:g})."
     )
     return Finding("errors in W", "bad" if most > BIASED else "doubt", figures, text)

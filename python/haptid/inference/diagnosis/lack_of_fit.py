@@ -78,13 +78,11 @@ class CandidateTerm:
         name: of the finding.
         columns: one or more alternatives, each giving (k, samples).
         meaning: for "the residual of motor 2 shows ...".
-        remedy: what to add.
     """
 
     name: str
     columns: tuple[Callable[[LocalMotion], Array], ...]
     meaning: str
-    remedy: str
 
 
 def stribeck(share: float) -> Callable[[LocalMotion], Array]:
@@ -103,37 +101,31 @@ CANDIDATES = (
         "friction near standstill",
         tuple(stribeck(share) for share in STRIBECK),
         "dry friction that changes towards standstill (Stribeck)",
-        'Add a [[terms]] of kind "stribeck"',
     ),
     CandidateTerm(
         "friction by direction",
         (lambda at: np.ones((1, len(at.v))),),
         "a constant torque: direction-dependent dry friction, or an offset of the amplifier",
-        'Add a [[terms]] of kind "offset", or "coulomb-by-direction"',
     ),
     CandidateTerm(
         "viscosity by direction",
         (lambda at: np.abs(at.v)[None],),
         "direction-dependent viscous friction",
-        'Add a [[terms]] of kind "viscous-by-direction" in place of "viscous"',
     ),
     CandidateTerm(
         "bent viscosity",
         (lambda at: (at.v * np.abs(at.v))[None],),
         "friction that is not linear in velocity",
-        "Add a column with velocity times |velocity|",
     ),
     CandidateTerm(
         "torque by position",
         (polynomials,),
         "a position-dependent torque: a spring, a cable, or gravity of a link that the model lacks",
-        'Add a [[terms]] of kind "spring" or a column of position',
     ),
     CandidateTerm(
         "friction by load",
         (lambda at: (at.load * np.sign(at.v))[None],),
         "load-dependent dry friction, as gears and cables have",
-        'Add a [[terms]] of kind "load-friction"',
     ),
 )
 
@@ -225,8 +217,7 @@ def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], test
     where = joined_names([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
     text = (
         f"The residual of {where} shows {term.meaning}: it explains {100 * tests[first].explained:.1f} % of the "
-        f"residual power of {places[first].label} (p = {p[first]:.1e}, limit {SIGNIFICANCE:g}). {term.remedy} on "
-        f"{where}."
+        f"residual power of {places[first].label} (p = {p[first]:.1e}, limit {SIGNIFICANCE:g})."
     )
     return Finding(term.name, status, figures, text)
 
@@ -290,7 +281,7 @@ def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: S
     figures = {"p": corrected[first], "explained": explained[first], "period": period[first]}
     text = (
         f"The residual of {names[first]} is periodic in position with a period of {period[first]:.3g} (SI): "
-        f"{100 * explained[first]:.1f} % of its power (p = {corrected[first]:.1e}, limit {SIGNIFICANCE:g}). Look for "
-        f"cogging, gear teeth or an eccentric pulley of that period, and add a sine and a cosine of position."
+        f"{100 * explained[first]:.1f} % of its power (p = {corrected[first]:.1e}, limit {SIGNIFICANCE:g}): cogging, "
+        f"gear teeth or an eccentric pulley have such a period."
     )
     return Finding("ripple", graded(float(corrected[first]), explained[first]), figures, text)

@@ -52,14 +52,17 @@ class PriorBodies:
 
 
 def prior_bodies(model: DynamicModel) -> PriorBodies | None:
-    """Prior bodies of the device file; None where one has no prior."""
+    """Prior bodies of the device file as far as it has them; None where it has none.
+
+    A base parameter without a prior, such as one into which a rotor's inertia regroups, stays to be estimated.
+    """
     kinds = [model.device.parameters.kinds[k] for k in model.base.independent_columns]
-    inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL)
-    prior = [model.base_prior[k] for k in inertial]
-    if not inertial or any(value is None for value in prior):
+    prior = model.base_prior
+    inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL and prior[k] is not None)
+    if not inertial:
         return None
     beta = np.zeros(len(model.base))
-    beta[list(inertial)] = [value[0] for value in prior if value is not None]
+    beta[list(inertial)] = [prior[k][0] for k in inertial]  # type: ignore[index]
     return PriorBodies(inertial, beta) if beta.any() else None
 
 
@@ -140,18 +143,16 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times the inertial torque of the device file's bodies"
         words = unit_error(scale.value, gears)
         if scale.value < 0:
-            bad.append(f"{size}: a sign is wrong; reverse the channel of torque or of position.")
+            bad.append(f"{size}: a sign is wrong, of torque or of position.")
         elif words and not 1 / GOOD < scale.value < GOOD:
-            bad.append(f"{size}, as caused by {words}. Check the command unit, gear ratio and torque constant.")
+            bad.append(f"{size}, as caused by {words}.")
         elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
             doubt.append(
-                f"{size} (limit {GOOD:g}): check command unit, gear ratio, torque constant and the bodies "
-                "of the device file."
+                f"{size} (limit {GOOD:g}): command unit, gear ratio, torque constant, or the bodies of the device file "
+                "differ."
             )
     if negative := _negative(made):
-        doubt.append(
-            f"{joined_names(negative)} negative, which is impossible: check signs, the torque's delay and filters."
-        )
+        doubt.append(f"{joined_names(negative)} negative, which is impossible.")
     notes = [note for motion in made.observation.motions if motion.log for note in motion.log.notes]
     doubt += [note for note in notes if "jitter" in note][:1]
     status: Status = "bad" if bad else "doubt" if doubt else "ok"

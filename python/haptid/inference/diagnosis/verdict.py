@@ -1,8 +1,8 @@
-"""Verdict: fitness of an estimate for each use, and what to do next, from all findings."""
+"""Verdict: fitness of an estimate for each use, from all findings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -46,9 +46,7 @@ COMPENSATION = (
     "ripple",
 )
 SINGLE_PARAMETERS = ("excitation", "collinearity", "errors in W", "whiteness")
-# What to do first: causes before their effects.
-_FIRST = ("units and signs", "time delay", "errors in W", "misfit", "influence", "drift", "excitation", "collinearity")
-# Reasons named for each use, and recommendations.
+# Reasons named for each use.
 MOST = 3
 
 
@@ -56,11 +54,13 @@ MOST = 3
 class Verdict:
     """Fitness of an estimate for each use.
 
+    What to change is not in it: `haptid.advice` carries every change out before it is proposed.
+
     Attributes:
         torque: predicting the torque of motion like the log's.
         compensation: compensating friction and gravity.
         parameters: quoting single parameters.
-        sentences: the same in words, one for each use, then what to do next.
+        sentences: the same in words, one for each use; then whether unseen rows are missing.
         looks: for each sentence the names of the findings behind it.
     """
 
@@ -106,7 +106,7 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
         (_use("It is", "quoting single parameters", single, precise), _looks(single)),
-        *_next(findings, errors),
+        *((("Validate it on another log.", ()),) if errors.seen else ()),
     )
     sentences, looks = zip(*parts, strict=True)
     return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
@@ -163,19 +163,3 @@ def _precision(made: Estimate) -> Reason:
     return Reason(
         "doubt", f"only {len(good)} of {many} have standard errors below {QUOTABLE:g} % ({joined_names(good)})"
     )
-
-
-def _next(findings: Sequence[Finding], errors: Validation) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """The first recommendations; a validation where there was none."""
-    ranked = sorted((finding for finding in findings if finding.status != "ok"), key=_rank)
-    for k, finding in enumerate(ranked[:MOST]):
-        yield f"{'Then, if it remains' if k else 'First'}: {finding.sentence}", (finding.name,)
-    if errors.seen:
-        yield "Validate it on another log.", ()
-
-
-def _rank(finding: Finding) -> tuple[bool, bool, int, float]:
-    """Causes before their effects, bad before doubtful, of missing terms the most significant."""
-    name = "misfit" if finding.name in COMPENSATION else finding.name
-    place = _FIRST.index(name) if name in _FIRST else len(_FIRST)
-    return (name not in _FIRST, finding.status != "bad", place, float(finding.figures.get("p", 1.0)))

@@ -36,7 +36,7 @@ class TorqueDecompositionSection(Section):
         for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
             if found is None:
                 continue
-            own = [shares(found, k), *(stacked(track, found, k, motor) for motor in range(len(found.motors)))]
+            own = [shares(found, k), *(_stacked(track, found, k, motor) for motor in range(len(found.motors)))]
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own
@@ -64,7 +64,7 @@ def shares(found: TorqueDecomposition, k: int) -> Chart:
     return Chart(f"shares-{k}", "Shares", "Shares of the parts of the torque, a bar for each motor.", caption, drawing)
 
 
-def stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Chart:
+def _stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Chart:
     """The parts of one motor's torque over time, positive ones stacked upwards and negative ones downwards."""
     label, unit = found.motors[motor], found.units[motor]
     each = -(-len(found.t) // INSTANTS)

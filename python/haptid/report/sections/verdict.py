@@ -26,8 +26,8 @@ class VerdictSection(Section):
         met: the same as a value; None without a criterion.
         uses: for each use its name, status and wording.
         sentences: of the verdict, one for each use.
-        next: recommended next steps, in sentences.
-        looks: for each of `sentences`, then of `next`, the names of the findings it is based on.
+        next: changes that were tried on the data, with their proofs, by gain; what cannot be told.
+        looks: for each of `sentences` the names of the findings it is based on.
         findings: for each check its name, status and sentence, the worst first.
         left_out: sentences on checks that are not possible with these rows.
         notes: notes of the estimate.
@@ -55,8 +55,8 @@ class VerdictSection(Section):
             met=found.meets_criteria,
             uses=[{"name": name, "status": status, "word": _WORDS[status]} for name, status in statuses],
             sentences=list(made.verdict.sentences[: len(USES)]),
-            next=list(made.verdict.sentences[len(USES) :]),
-            looks=[list(names) for names in made.verdict.looks],
+            next=[*made.verdict.sentences[len(USES) :], *source.advice.sentences],
+            looks=[list(names) for names in made.verdict.looks[: len(USES)]],
             findings=[_plain(finding) for finding in sorted(made.findings, key=_rank)],
             left_out=list(made.left_out),
             notes=[found.use.reason, *source.estimate.notes],

@@ -1,0 +1,306 @@
+"""Candidate columns: terms that the model may lack, first-order effects of wrong channels, clocks and lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.advice.recorder import ChannelFault
+from haptid.advice.rows import Column
+from haptid.device.toml.reader import device_of
+from haptid.dynamics.inverse import rigid
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError
+from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
+from haptid.observation.augmented import ResidualContext, torque_of
+
+# Stribeck velocities that are tried, as shares of the root mean square speed.
+VELOCITIES = (0.1, 0.2, 0.4)
+# Legendre polynomials of position beyond the first degree.
+POWERS_OF_POSITION = (2, 3, 4)
+# Steps by which a length, m, and an angle, rad, are changed for a derivative.
+_LENGTH, _ANGLE = 1e-3, 1e-3
+# Lengths and angles of a joint's table that may be wrong, by convention.
+_GEOMETRY = {
+    "modified-dh": {"d": _LENGTH, "r": _LENGTH, "b": _LENGTH},
+    "dh": {"a": _LENGTH, "d": _LENGTH},
+    "placement": {},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A candidate as columns.
+
+    Attributes:
+        kind: such as "spring"; actions of one kind on several motors are one.
+        place: where, "motor 2"; index of the row or the friction coordinate is `index`.
+        alternatives: columns each, of which a fit chooses one.
+        settings: of each alternative, for the sentence and the edit.
+    """
+
+    kind: str
+    place: str
+    index: int
+    alternatives: tuple[Column, ...]
+    settings: tuple[Mapping[str, Any], ...] = ({},)
+
+
+@dataclass(frozen=True, eq=False)
+class Range:
+    """Speed and range of a friction coordinate along the log: what velocities and positions are scaled by."""
+
+    speed: float
+    low: float
+    high: float
+
+
+def local_ranges(places: Sequence[FrictionCoordinate], position: Array, velocity: Array) -> list[Range]:
+    """Of every place, from the coordinates' positions and velocities, (coordinates, rows)."""
+    made = []
+    for place in places:
+        x, v = place.weights @ position, place.weights @ velocity
+        made.append(Range(float(np.sqrt(np.mean(v**2))) or 1.0, float(x.min()), float(x.max())))
+    return made
+
+
+def _scalar(place: FrictionCoordinate, values: Callable[[Array, Array], Array]) -> Column:
+    """Columns on one coordinate from its position and velocity."""
+
+    def along(context: ResidualContext) -> Array:
+        c, cd, _ = context.motion
+        return np.atleast_2d(values(place.weights @ c, place.weights @ cd))
+
+    return Column(along, place.weights)
+
+
+def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Sequence[Range]) -> Iterator[Source]:
+    """Terms that the model may lack, at every friction coordinate."""
+    for k, (place, own) in enumerate(zip(places, ranges, strict=True)):
+        middle, half = 0.5 * (own.low + own.high), 0.5 * (own.high - own.low) or 1.0
+
+        def source(kind: str, *made: Column, settings: Sequence[Mapping[str, Any]] = ({},)) -> Source:
+            return Source(kind, place.label, k, made, tuple(settings))  # noqa: B023 - used at once
+
+        yield source("coulomb", _scalar(place, lambda _, v: np.sign(v)))
+        yield source("viscous", _scalar(place, lambda _, v: v))
+        yield source("offset", _scalar(place, lambda _, v: np.ones_like(v)))
+        yield source("viscosity by direction", _scalar(place, lambda _, v: np.abs(v)))
+        yield source("bent viscosity", _scalar(place, lambda _, v: v * np.abs(v)))
+        yield source(
+            "stribeck",
+            *(
+                _scalar(place, lambda _, v, s=share * own.speed: np.sign(v) * np.exp(-((v / s) ** 2)))  # type: ignore[misc]
+                for share in VELOCITIES
+            ),
+            settings=[{"velocity": share * own.speed} for share in VELOCITIES],
+        )
+        yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
+        yield source(
+            "torque by position",
+            _scalar(
+                place,
+                lambda x, _, m=middle, h=half: np.polynomial.legendre.legvander(  # type: ignore[misc]
+                    np.clip((x - m) / h, -1, 1), POWERS_OF_POSITION[-1]
+                ).T[1:],
+            ),
+        )
+        yield source("load friction", Column(_load(model, place), place.weights))
+        yield source("rotor inertia", Column(_acceleration(place), place.weights))
+
+
+def _acceleration(place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:
+    """Acceleration of a coordinate."""
+
+    def values(context: ResidualContext) -> Array:
+        cdd = context.motion[2]
+        assert cdd is not None  # as advice requires
+        return np.asarray((place.weights @ cdd)[None])
+
+    return values
+
+
+def _load(model: DynamicModel, place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:
+    """Magnitude of the bodies' torque on a coordinate, with the sign of its velocity."""
+    row = int(np.argmax(np.abs(place.weights)))
+
+    def values(context: ResidualContext) -> Array:
+        load = context.torque(rigid(model, context.chi))[row]
+        return np.asarray((np.abs(load) * np.sign(place.weights @ context.motion[1]))[None])
+
+    return values
+
+
+def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[float]) -> Source:
+    """Sine and cosine of position with the periods found on each half of the blocks, rad or m."""
+
+    def waves(period: float) -> Column:
+        return _scalar(place, lambda x, _: np.stack([np.sin(2 * np.pi * x / period), np.cos(2 * np.pi * x / period)]))
+
+    return Source("ripple", place.label, index, tuple(map(waves, periods)), tuple({"period": p} for p in periods))
+
+
+def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:
+    """First-order effects on every row: of a delay, and of drift with time."""
+    for k, row in enumerate(rows):
+        label, own = model.device.row_labels[row], np.eye(len(model.device.drives))[row]
+
+        def rate(context: ResidualContext, r: int = row) -> Array:
+            return np.asarray(np.gradient(context.predicted[r], context.plan.motion.dt)[None])
+
+        def drift(context: ResidualContext, r: int = row) -> Array:
+            t = (context.plan.motion.times(np.arange(context.low, context.high)) - middle) / half
+            cd = context.motion[1][r]
+            return np.stack([t, t * np.sign(cd)])
+
+        yield Source("time shift", label, k, (Column(rate, own),))
+        yield Source("drift", label, k, (Column(drift, own),))
+
+
+def channel_faults(
+    model: DynamicModel, rows: Sequence[int], scales: Sequence[float], found: Sequence[ChannelFault]
+) -> Iterator[Source]:
+    """What coarse steps, and a clipped extreme, add to the model's torque of a motor.
+
+    Args:
+        model: the dynamic model.
+        rows: its rows with measured torque, in the order of the torque channels.
+        scales: torque of a row per unit of its channel.
+        found: faults of the channels.
+    """
+    for fault in found:
+        if fault.kind not in ("coarse torque", "clipped torque"):
+            continue
+        row, scale = rows[fault.channel], abs(scales[fault.channel])
+
+        def error(context: ResidualContext, r: int = row, f: ChannelFault = fault, s: float = scale) -> Array:
+            tau = context.predicted[r]
+            made = (
+                f.size * s * np.round(tau / (f.size * s))
+                if f.kind == "coarse torque"
+                else np.clip(tau, -f.size * s, f.size * s)
+            )
+            return np.asarray((made - tau)[None])
+
+        own = np.eye(len(model.device.drives))[row]
+        yield Source(
+            fault.kind, model.device.row_labels[row], fault.channel, (Column(error, own),), ({"size": fault.size},)
+        )
+
+
+def payload_steps(model: DynamicModel, times: Sequence[float]) -> Iterator[Source]:
+    """A point mass on the last link from some time on."""
+    link = len(model.device.joints) - 1
+    places = [10 * link + k for k in (6, 7, 8, 9)]
+
+    def since(moment: float) -> Column:
+        def values(context: ResidualContext) -> Array:
+            t = context.plan.motion.times(np.arange(context.low, context.high))
+            made = []
+            for place in places:
+                chi = np.zeros(len(context.chi))
+                chi[place] = 1.0
+                made.append(context.torque(chi) * (t >= moment))
+            return np.stack(made)
+
+        return Column(values)
+
+    if times:
+        label = f"link {model.device.joints[link].name}"
+        yield Source("payload", label, link, tuple(map(since, times)), tuple({"time": t} for t in times))
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A number of the device's geometry that may be wrong.
+
+    Attributes:
+        name: for the sentence, "length d2" or "zero of joint 2".
+        key: path of the key in the device file; empty for an offset of a position channel.
+        step: of the derivative, m or rad.
+        channel: position channel whose offset it is, -1 for none.
+    """
+
+    name: str
+    key: tuple[str | int, ...] = field(default=())
+    step: float = _LENGTH
+    channel: int = -1
+
+
+def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
+    """Slopes of the rows by lengths, zeros of the positions and the direction of gravity."""
+    device = model.device
+    for k, j in enumerate(device.active):
+        yield (
+            Geometry(f"zero of joint {device.joints[j].name}", step=_ANGLE, channel=k),
+            Source("zero offset", f"joint {device.joints[j].name}", k, (Column(_shifted(model, k)),)),
+        )
+    for what in _lengths(device.tables):
+        try:
+            other = DynamicModel(device_of(changed(device.tables, what.key, what.step), device.name))
+        except HaptidError:
+            continue
+        if other.mechanism is not None and len(other.terms) == len(model.terms):
+            moved = other.with_terms(model.terms).with_gravity(device.gravity)
+            yield what, Source("length", what.name, 0, (Column(_slope(moved, what.step)),))
+    down = device.gravity / (np.linalg.norm(device.gravity) or 1.0)
+    if device.gravity.any():
+        for k, axis in enumerate(np.linalg.svd(down[None])[2][1:]):
+            tilted = model.with_gravity(device.gravity + _ANGLE * np.linalg.norm(device.gravity) * axis)
+            yield (
+                Geometry(f"direction of gravity along {np.round(axis, 3).tolist()}", ("gravity",), _ANGLE, -2 - k),
+                Source("gravity direction", "base", k, (Column(_slope(tilted, _ANGLE)),)),
+            )
+
+
+def _shifted(model: DynamicModel, k: int) -> Callable[[ResidualContext], Array]:
+    """Slope of the model's torque by the offset of active joint k."""
+    direction = model.device.row_map[:, k]
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as advice requires
+        there = torque_of(model, context.chi, c + _ANGLE * direction[:, None], cd, cdd)
+        return ((there - context.predicted) / _ANGLE)[None]
+
+    return values
+
+
+def _slope(other: DynamicModel, step: float) -> Callable[[ResidualContext], Array]:
+    """Slope of the model's torque by a number of its geometry."""
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as advice requires
+        return np.asarray(((torque_of(other, context.chi, c, cd, cdd) - context.predicted) / step)[None])
+
+    return values
+
+
+def _lengths(tables: Any) -> Iterator[Geometry]:
+    """Named lengths, and numbers in the joints' tables other than zero."""
+    for name, value in tables.lengths.items():
+        if isinstance(value, int | float) and value:
+            yield Geometry(f"length {name}", ("lengths", name))
+    for k, joint in enumerate(tables.joints):
+        for key in _GEOMETRY[tables.convention]:
+            value = getattr(joint, key)
+            if isinstance(value, int | float) and value:
+                yield Geometry(f"{key} of joint {joint.name}", ("joints", k, key))
+        for axis, value in enumerate(getattr(joint, "xyz", ())):
+            if isinstance(value, int | float) and value:
+                yield Geometry(f"{'xyz'[axis]} of joint {joint.name}", ("joints", k, "xyz", axis))
+
+
+def changed(tables: Any, key: Sequence[str | int], step: float) -> Any:
+    """The tables of a device file with one number changed by a step."""
+    values = tables.model_dump(by_alias=True, exclude_unset=True)
+    at = values
+    for part in key[:-1]:
+        at = at[part]
+    at[key[-1]] += step
+    return type(tables).model_validate(values)

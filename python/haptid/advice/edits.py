@@ -1,0 +1,254 @@
+"""Edits: the changes of a study or device file that carry an action out, as plain data; and the files with them."""
+
+from __future__ import annotations
+
+import copy
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from haptid.advice.columns import POWERS_OF_POSITION
+from haptid.advice.search import Proven, Trials
+from haptid.device import Device
+from haptid.device.toml.reader import checked_tables, read_tables
+from haptid.errors import OutputFolderError
+from haptid.experiment.excitation.writing import toml
+from haptid.motion.treatment import Treatment
+from haptid.study import Study
+from haptid.study.read import read_study
+
+# Kinds that are a term of a device file by themselves.
+_TERMS = {
+    "coulomb": "coulomb",
+    "viscous": "viscous",
+    "offset": "offset",
+    "stribeck": "stribeck",
+    "spring": "spring",
+    "load friction": "load-friction",
+    "rotor inertia": "rotor-inertia",
+}
+# Custom columns by kind: stem of the name, unit over the torque's, and expression of position x and velocity v.
+_CUSTOM = {
+    "viscosity by direction": (("FA", "*s/", "abs({v})"),),
+    "bent viscosity": (("FQ", "*s^2/", "({v})*abs({v})"),),
+    "torque by position": tuple((f"KP{n}", f"/^{n}", f"({{x}})**{n}") for n in (1, *POWERS_OF_POSITION)),
+    "ripple": (("RS", "", "sin({w}*({x}))"), ("RC", "", "cos({w}*({x}))")),
+}
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One change of a file.
+
+    Attributes:
+        file: which file.
+        operation: append to a list, set, add to a number, multiply it, exchange two entries of a list, or exclude
+            ranges of time.
+        path: keys from the top of the file; "channels" is every table of channels.
+        value: what is appended, set, added, multiplied by; indices of the entries; ranges, s.
+        index: entry of a list of numbers, one for each channel; None for all.
+    """
+
+    file: Literal["study", "device"]
+    operation: Literal["append", "set", "add", "multiply", "exchange", "exclude"]
+    path: tuple[str | int, ...]
+    value: Any
+    index: int | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "file": self.file,
+            "operation": self.operation,
+            "path": list(self.path),
+            "index": self.index,
+            "value": self.value,
+        }
+
+
+def edits_of(search: Trials, found: Proven, treatment: Treatment) -> tuple[Edit, ...]:
+    """The edits that carry out a proven candidate; none where files cannot say it."""
+    return tuple(_edits(search, found, treatment))
+
+
+def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit]:
+    one, device, values = found.candidate, search.model.device, found.values
+    match one.kind:
+        case kind if kind in _TERMS or kind in _CUSTOM:
+            for place, settings in zip(one.places, found.settings, strict=True):
+                yield from (
+                    Edit("device", "append", ("terms",), table) for table in _terms(device, kind, place, settings)
+                )
+        case "gain" | "torque sign" as kind:
+            factor = -1.0 if kind == "torque sign" else 1.0 / float(found.trial.whole.factors[one.indices[0]])
+            yield Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{factor:.6g}"), one.indices[0])
+        case "torque swap":
+            yield Edit("study", "exchange", ("channels", "torque", "channels"), list(one.indices))
+        case "position swap":
+            yield Edit("study", "exchange", ("channels", "position", "channels"), list(one.indices))
+        case "position sign":
+            for key in ("gain", "offset"):
+                yield Edit("study", "multiply", ("channels", "position", key), -1.0, one.indices[0])
+        case "time shift":
+            now = np.broadcast_to(treatment.torque_delay_s, len(search.model.measured_rows)).astype(float)
+            for k, value in zip(one.indices, values, strict=True):
+                now[k] += float(value[0])
+            yield Edit("study", "set", ("treatment", "torque_delay_s"), [float(f"{d:.5g}") for d in now])
+        case "zero offset":
+            log = search.motions[0].log
+            if log is not None and log.channels.position.side == "joint":
+                shift = float(f"{values[0][0]:.5g}")
+                yield Edit("study", "add", ("channels", "position", "offset"), shift, one.indices[0])
+        case "length":
+            if one.geometry is not None:
+                yield Edit("device", "add", one.geometry.key, float(f"{values[0][0]:.5g}"))
+        case "gravity direction":
+            down = np.asarray(device.gravity)
+            axes = np.linalg.svd(down[None] / np.linalg.norm(down))[2][1:]
+            tilt = sum(float(v[0]) * axes[k] for k, v in zip(one.indices, values, strict=True))
+            there = down + np.linalg.norm(down) * tilt
+            there = there * np.linalg.norm(down) / np.linalg.norm(there)
+            yield Edit("device", "set", ("gravity",), [float(f"{x:.6g}") for x in there])
+        case "clipped torque" | "stuck position" | "contact":
+            for number, ranges in excluded(search, found).items():
+                yield Edit("study", "exclude", ("logs", number), ranges)
+
+
+def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
+    """Ranges of time, s, that a fault or a contact spoils, by log of the fit."""
+    made: dict[int, list[list[float]]] = {}
+    if found.candidate.kind == "contact":
+        flagged = search.contact
+        for k in np.unique(search.rows.log[flagged]):
+            made[int(k)] = _ranges(search.rows.t, flagged & (search.rows.log == k))
+        return made
+    for k, fault in search.faults:
+        log = search.motions[k].log
+        if fault.kind == found.candidate.kind and fault.channel in found.candidate.indices and log is not None:
+            made[k] = _ranges(np.asarray(log.t), fault.samples)
+    return made
+
+
+def _ranges(t: np.ndarray, true: np.ndarray) -> list[list[float]]:
+    """First and last time of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
+    return [[float(f"{t[a]:.6g}"), float(f"{t[b - 1]:.6g}")] for a, b in edges]
+
+
+def _terms(device: Device, kind: str, place: str, settings: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Tables of [[terms]] for one coordinate."""
+    what, name = place.split(" ", 1)
+    on = {"motors" if what == "motor" else "joints": [name]}
+    if kind in _TERMS:
+        yield {"kind": _TERMS[kind], **on, **{key: float(f"{value:.5g}") for key, value in settings.items()}}
+        return
+    x, v, unit, torque = _coordinate(device, what, name)
+    w = f"{2 * np.pi / settings['period']:.6g}" if "period" in settings else ""
+    for stem, per, expression in _CUSTOM[kind]:
+        made = torque + (per + unit if per and not per.startswith("/^") else f"/{unit}{per[1:]}" if per else "")
+        yield {
+            "kind": "custom",
+            **on,
+            "name": f"{stem}_{name}",
+            "unit": made,
+            "expression": expression.format(x=x, v=v, w=w),
+        }
+
+
+def _coordinate(device: Device, what: str, name: str) -> tuple[str, str, str, str]:
+    """Position and velocity of a joint or motor coordinate as expressions, its unit and that of its torque."""
+    if what != "motor":
+        joint = next((j for j in device.joints if j.name == name), None)
+        unit = "m" if joint is not None and joint.prismatic else "rad"
+        return f"q_{name}", f"v_{name}", unit, "N" if unit == "m" else "N*m"
+    drive = next(d for d in device.drives if d.name == name)
+    names = [device.joints[j].name for j in device.active]
+    parts = [(w, n) for w, n in zip(drive.row.tolist(), names, strict=True) if w]
+    unit = "m" if device.joints[device.joint_names.index(parts[0][1])].prismatic else "rad"
+
+    def combined(symbol: str) -> str:
+        return " + ".join(f"{symbol}_{n}" if w == 1 else f"({w!r})*{symbol}_{n}" for w, n in parts)
+
+    return combined("q"), combined("v"), unit, "N" if unit == "m" else "N*m"
+
+
+def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, title: str = "") -> Path:
+    """Write study and device files with the edits into a folder; returns the path of the study file.
+
+    Paths of logs are relative to the new study. The device file is written where it is edited, or is a file.
+
+    Raises:
+        OutputFolderError: the folder cannot be written.
+    """
+    with study.path.open("rb") as file:
+        plan = tomllib.load(file)
+    tables, name = read_tables(study.device)
+    device = tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    root = data or study.path.parent
+    for log in plan["logs"]:
+        log["path"] = os.path.relpath(root / log["path"], out)
+    fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
+    for edit in edits:
+        if edit.file == "device":
+            _apply(device, edit.path, edit)
+        elif edit.path[0] == "logs":
+            log = plan["logs"][fitted[int(edit.path[1])]]
+            log["exclude"] = sorted([*log.get("exclude", []), *edit.value])
+        elif edit.path[0] == "channels":
+            for table in [plan, *plan["logs"]]:
+                if "channels" in table:
+                    _apply(table, edit.path, edit, len(table["channels"][edit.path[1]]["channels"]))
+        else:
+            _apply(plan, edit.path, edit)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if any(edit.file == "device" for edit in edits) or not isinstance(study.device, str):
+            checked_tables(copy.deepcopy(device), name)
+            plan["device"] = "device.toml"
+            (out / "device.toml").write_text(_commented(toml(device), title), encoding="utf-8")
+        path = out / "study.toml"
+        path.write_text(_commented(toml(plan), title), encoding="utf-8")
+    except OSError as error:
+        raise OutputFolderError(
+            f"cannot write into {out}: {error.strerror}.", where=out, advice="Choose a writable folder."
+        ) from error
+    read_study(path)
+    return path
+
+
+def _commented(text: str, title: str) -> str:
+    return "".join(f"# {line}\n" for line in title.splitlines()) + text
+
+
+def _apply(table: dict[str, Any], path: Sequence[str | int], edit: Edit, channels: int = 0) -> None:
+    """Carry an edit out on parsed tables."""
+    at: Any = table
+    for key in path[:-1]:
+        at = at.setdefault(key, {}) if isinstance(at, dict) else at[key]
+    last = path[-1]
+    match edit.operation:
+        case "append":
+            at.setdefault(last, []).append(edit.value)
+        case "set":
+            at[last] = edit.value
+        case "exchange":
+            i, j = edit.value
+            at[last][i], at[last][j] = at[last][j], at[last][i]
+        case "add" | "multiply":
+            neutral = 1.0 if last == "gain" else 0.0
+            now = at.get(last, neutral) if isinstance(at, dict) else at[last]
+            if edit.index is None:
+                at[last] = _combined(float(now), edit)
+            else:
+                every = list(now) if isinstance(now, list) else [now] * channels
+                every[edit.index] = _combined(float(every[edit.index]), edit)
+                at[last] = every
+
+
+def _combined(now: float, edit: Edit) -> float:
+    return now + float(edit.value) if edit.operation == "add" else now * float(edit.value)

@@ -1,0 +1,144 @@
+"""What the channels of a log show by themselves: dead, coarse, clipped and stuck ones; and their noise, simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError
+from haptid.log import Log
+from haptid.motion.channels import coordinates, torque_map
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.observation.augmented import torque_of
+
+# A channel is dead if more than this share of its samples is one value while its joint moves,
+DEAD = 0.3
+# and coarse with fewer values than this.
+_COARSE = 64
+# A torque is clipped where it stays at its extreme for this many samples, in this share of the log.
+CLIPPED_RUN, CLIPPED = 3, 0.002
+# A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
+# this share of its range.
+STUCK_STEPS, STUCK = 12.0, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelFault:
+    """A fault of a channel, and the samples that it spoils.
+
+    Attributes:
+        kind: "dead torque", "coarse torque", "clipped torque", "stuck position".
+        channel: index of it.
+        samples: spoiled, (n,); all of them for a dead channel.
+        share: of the samples.
+        size: the value at which it stays, or the step of a coarse one, in its own unit as the log has it.
+    """
+
+    kind: str
+    channel: int
+    samples: np.ndarray
+    share: float
+    size: float
+
+
+def faults(log: Log) -> Iterator[ChannelFault]:
+    """Faults of a log's channels."""
+    torque, position = np.asarray(log.torque), np.asarray(log.position)
+    for k in range(torque.shape[1]):
+        yield from _torque_faults(torque[:, k], k)
+    for k in range(position.shape[1]):
+        x = position[:, k]
+        stuck = _stuck(x)
+        if stuck.any():
+            yield ChannelFault("stuck position", k, stuck, float(stuck.mean()), float(x[np.argmax(stuck)]))
+
+
+def _torque_faults(tau: Array, k: int) -> Iterator[ChannelFault]:
+    values, count = np.unique(tau, return_counts=True)
+    if len(values) < 2:
+        return
+    most = int(np.argmax(count))
+    share = float(count[most]) / len(tau)
+    if share > DEAD and 0 < most < len(values) - 1:
+        yield ChannelFault("dead torque", k, np.ones(len(tau), dtype=bool), share, float(values[most]))
+        return
+    clipped = np.zeros(len(tau), dtype=bool)
+    for extreme in (values[0], values[-1]):
+        clipped |= _runs(tau == extreme, CLIPPED_RUN)
+    neighbours = count[1] + count[-2] if len(values) > 3 else len(tau)
+    if clipped.mean() > CLIPPED and clipped.sum() > 4 * neighbours:
+        yield ChannelFault("clipped torque", k, clipped, float(clipped.mean()), float(np.abs(values[[0, -1]]).max()))
+    if len(values) <= _COARSE:
+        yield ChannelFault("coarse torque", k, np.ones(len(tau), dtype=bool), 1.0, float(np.diff(values).min()))
+
+
+def _runs(true: np.ndarray, least: int) -> np.ndarray:
+    """Where a run of True has at least so many samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
+    made = np.zeros(len(true), dtype=bool)
+    for start, stop in edges:
+        if stop - start >= least:
+            made[start:stop] = True
+    return made
+
+
+def _stuck(x: Array) -> np.ndarray:
+    """Samples in which a position does not change although it moves fast right before or after."""
+    still = np.concatenate([np.diff(x) == 0, [False]])
+    made = np.zeros(len(x), dtype=bool)
+    steps = np.abs(np.diff(x))
+    step = float(steps[steps > 0].min()) if (steps > 0).any() else 0.0
+    least = max(STUCK_STEPS * step, STUCK * float(np.ptp(x)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]]))).reshape(-1, 2)
+    for start, stop in edges:
+        n = stop - start
+        if n < 5:
+            continue
+        after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
+        jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
+        # The motion on both sides would have gone on; a jump at the end says that it did.
+        if (before * after > 0 and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
+            made[start : stop + 1] = True
+    return made
+
+
+def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | None:
+    """The motion's log as the model would have made it, with the same noise of the encoders, treated the same.
+
+    What candidate columns have in it is made by noise, steps and filters and not by a missing term: positions are the
+    filtered ones with noise, or steps, of the log's size; the torque is the model's at the filtered positions.
+    None where there is no log, or the torque cannot be assigned to its channels.
+    """
+    log = motion.log
+    if log is None or motion.treatment.momentum:
+        return None
+    plain: Treatment = replace(motion.treatment, torque_delay_s=0.0)
+    try:
+        smooth = treat(log, plain)
+        low, high = smooth.usable
+        c, cd, cdd = coordinates(model.device, smooth, low, high)
+        mapped = torque_map(model.device, log)
+        tau = torque_of(model, raw_parameters(model, beta), c, cd, cdd)
+        torque = np.array(log.torque)
+        torque[low:high] = np.linalg.lstsq(mapped[list(model.measured_rows)], tau[list(model.measured_rows)])[0].T
+        q = np.asarray(smooth.q)
+        noisy = q + _noise(np.asarray(log.position) - q)
+        steps = [np.abs(np.diff(x)) for x in np.asarray(log.position).T]
+        for k, own in enumerate(steps):
+            step = float(own[own > 0].min()) if (own > 0).any() else 0.0
+            error = np.asarray(log.position)[low:high, k] - q[low:high, k]
+            if step > 0 and error.std() < step:
+                noisy[:, k] = step * np.round(q[:, k] / step)
+        return treat(replace(log, position=noisy, torque=torque), plain)
+    except HaptidError:
+        return None
+
+
+def _noise(error: Array) -> Array:
+    """The noise of the positions, backwards in time: with its spectrum, but not of this motion."""
+    return np.asarray(error[::-1])

@@ -1,0 +1,147 @@
+"""The rows on which advice is tried: W, candidate columns and every motor's torque, as Gram matrices of time blocks.
+
+Every trial is a choice of columns, a factor on each motor's model and an assignment of torque channels to motors, so
+that all of them are solved from the same Gram matrices, and the log is passed through once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.inference.diagnosis.subsample import MOST_SAMPLES, evenly_spaced, row_ranges
+from haptid.motion.treatment import Motion
+from haptid.observation.augmented import ResidualContext
+from haptid.observation.filtering import treated_columns
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk
+
+# Blocks of a trial, at most: neighbours are merged, since more do not sharpen a standard error.
+_MOST_BLOCKS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """Candidate columns along a motion.
+
+    Attributes:
+        values: torque of each column, (count, coordinates, samples), or where `weights` are given (count, samples).
+        weights: the coordinate that all act on, as a combination of the device's, (coordinates,); None: any.
+    """
+
+    values: Callable[[ResidualContext], Array]
+    weights: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TrialRows:
+    """Rows of an estimate, dense: few, because they are decimated.
+
+    Attributes:
+        W: columns of the base parameters, then of the candidates, (motors, rows, columns), SI.
+        y: torque of every motor's channel at every motor's rows, (motors, rows), N m or N.
+        used: whether a row is used, (motors, rows).
+        block: time block of each row, (rows,), from 0.
+        t: s; runs on from log to log, (rows,).
+        groups: columns of each candidate, in order.
+        position, velocity: of the torque rows' coordinates, (coordinates, rows), SI.
+        sample: index of the middle sample in its log, (rows,), and `log`, of which motion.
+    """
+
+    W: Array
+    y: Array
+    used: np.ndarray
+    block: np.ndarray
+    t: Array
+    groups: tuple[tuple[int, ...], ...]
+    position: Array
+    velocity: Array
+    sample: np.ndarray
+    log: np.ndarray
+
+    @property
+    def blocks(self) -> int:
+        return int(self.block.max()) + 1
+
+    def grams(self, mask: np.ndarray | None = None) -> Array:
+        """Gram matrices of [W y_1 .. y_m] of every block and motor, (blocks, motors, size, size).
+
+        Args:
+            mask: rows that count besides being used, (motors, rows).
+        """
+        motors, _, columns = self.W.shape
+        order = np.searchsorted(self.block, np.arange(self.blocks + 1))
+        made = np.empty((self.blocks, motors, columns + motors, columns + motors))
+        for k in range(motors):
+            kept = self.used[k] if mask is None else self.used[k] & mask[k]
+            whole = np.column_stack([self.W[k], self.y.T]) * kept[:, None]
+            for b, (low, high) in enumerate(pairwise(order)):
+                part = whole[low:high]
+                made[b, k] = part.T @ part
+        return made
+
+
+def trial_rows(
+    model: DynamicModel,
+    motions: Sequence[Motion],
+    beta: Array,
+    columns: Sequence[Column] = (),
+    like: Sequence[Motion] | None = None,
+) -> TrialRows:
+    """The rows of motions with candidate columns; of long logs, those of blocks spread evenly over them.
+
+    Args:
+        model: the dynamic model.
+        motions: treated signals.
+        beta: base parameters from which the candidates' signals are computed, (p,), SI.
+        columns: candidates.
+        like: motions whose rows are used, where these are simulated copies of them.
+    """
+    chi, own = raw_parameters(model, beta), list(model.measured_rows)
+    samples = sum(len(motion) for motion in motions)
+    parts, groups, blocks = [], _groups(model, motions[0], chi, columns), 0
+    for k, (motion, there) in enumerate(zip(motions, like or motions, strict=True)):
+        plan, wanted = Plan.of(model, motion), Plan.of(model, there)
+        every = wanted.blocks()
+        kept = evenly_spaced(len(every), samples) if samples > MOST_SAMPLES else np.arange(len(every))
+        for start, stop in row_ranges(wanted, [every[b] for b in kept]):
+            if (stop := min(stop, plan.rows)) > start:
+                part = _part(Chunk(plan, start, stop, model, tuple(own)), own, columns, chi)
+                block = blocks + np.arange(start, stop) // wanted.block
+                parts.append((*part, block, np.full(stop - start, k)))
+        blocks += len(every)
+    W, y, used, t, c, cd, sample, block, log = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    there_are, number = np.unique(block, return_inverse=True)
+    merged = -(-len(there_are) // _MOST_BLOCKS)
+    return TrialRows(np.ascontiguousarray(W.swapaxes(1, 2)), y, used, number // merged, t, groups, c, cd, sample, log)
+
+
+def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Array) -> tuple[Array, ...]:
+    """W with candidates, (motors, columns, rows), torque, rows used, times, state and middle samples."""
+    plan, window = chunk.plan, chunk.plan.window(chunk.start, chunk.stop)
+    context = ResidualContext(plan, chi, *window)
+    W = [treated_columns(plan, plan.signals(*window))[list(own)].swapaxes(1, 2)]
+    for column in columns:
+        values = column.values(context)
+        if column.weights is None:
+            W.append(np.stack([chunk.treated(one) for one in values], axis=1))
+        else:
+            W.append(column.weights[list(own)][:, None, None] * chunk.filtered(values)[None])
+    middle = plan.first + plan.motion.treatment.decimation * np.arange(chunk.start, chunk.stop)
+    state = chunk.centres(chunk.c), chunk.centres(chunk.cd)
+    return (np.concatenate(W, axis=1), chunk.measured(), chunk.used, chunk.t, *state, middle)  # type: ignore[return-value]
+
+
+def _groups(model: DynamicModel, motion: Motion, chi: Array, columns: Sequence[Column]) -> tuple[tuple[int, ...], ...]:
+    """Columns of each candidate, after those of the base parameters."""
+    plan = Plan.of(model, motion)
+    low, _ = plan.window(0, 1)
+    context = ResidualContext(plan, chi, low, low + 8)
+    ends = len(model.base) + np.cumsum([0, *(len(one.values(context)) for one in columns)])
+    return tuple(tuple(range(int(a), int(b))) for a, b in pairwise(ends))

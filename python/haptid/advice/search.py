@@ -1,0 +1,470 @@
+"""Search of actions: every candidate tried on the same rows, kept where its proof holds, sorted by its gain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from haptid._internal.arrays import Array
+from haptid.advice import columns as candidate_columns
+from haptid.advice.columns import Geometry, Source
+from haptid.advice.recorder import ChannelFault, faults, simulated_log
+from haptid.advice.rows import TrialRows, trial_rows
+from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError
+from haptid.inference.diagnosis.finding import SIGNIFICANCE
+from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
+from haptid.motion.channels import torque_map
+from haptid.motion.treatment import Motion, with_delay
+from haptid.observation.plan import OUTSIDE_GUARD, Plan
+
+# Least share of the unseen squared error that an action
+# has to remove, and of its standard errors.
+LEAST_GAIN, LEAST_SE = 0.03, 2.0
+# Largest sizes that are believed: s, rad, m.
+_LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
+# Share of the best gain that makes a simpler change the better one.
+NEARLY = 0.97
+# Time blocks of a log, at least.
+_MANY = 24
+# A channel is dead where the unseen error of its motor is this share of its torque.
+DEAD_ERROR = 0.15
+# Factors between torque and model that are no other than 1, on either side.
+SAME = 0.03
+# A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
+# state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
+CONTACT, CONTACT_S, _MOST_MASKED, MOST_CONTACTS, _NEAR, APART_S, SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class TriedChange:
+    """One change, executable on the rows.
+
+    Attributes:
+        kind: such as "spring".
+        places: where, in the order of `indices`.
+        setting: what is fitted.
+        sources: of its columns, if it has any.
+        indices: of motors, joints or friction coordinates.
+    """
+
+    kind: str
+    places: tuple[str, ...]
+    setting: Setting
+    sources: tuple[Source, ...] = ()
+    indices: tuple[int, ...] = ()
+    geometry: Geometry | None = None
+    fault: ChannelFault | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Proven:
+    """A candidate with its proof by unseen blocks.
+
+    Attributes:
+        candidate, trial, gain: what was tried, and what came of it.
+        values: parameters of each place's columns, SI.
+        settings: constants of the alternative that was chosen at each place.
+        figures: of rows left out: unseen error of all rows, and that of the others where the fit leaves them out, per
+            cent; paired standard error of what the others' error falls by.
+    """
+
+    candidate: TriedChange
+    trial: Trial
+    gain: Gain
+    values: tuple[Array, ...] = ()
+    settings: tuple[Mapping[str, Any], ...] = ()
+    figures: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """A log's rows with all candidates, and the trials on them.
+
+    Attributes:
+        model: the dynamic model.
+        motions: treated signals of the fit.
+        beta: the estimate, (p,).
+        rows: with candidate columns.
+        bench: trials.
+        candidates: all of them.
+        faults: of the channels, by log.
+    """
+
+    model: DynamicModel
+    motions: tuple[Motion, ...]
+    beta: Array
+    rows: TrialRows
+    bench: Bench
+    candidates: tuple[TriedChange, ...]
+    faults: tuple[tuple[int, ChannelFault], ...] = ()
+
+    @cached_property
+    def contact(self) -> np.ndarray:
+        """Rows in which something touches the device, (rows,)."""
+        return contact(self)
+
+    def base(self, setting: Setting | None = None) -> Trial:
+        return self.bench.run(setting or Setting(), test=False)
+
+
+def search_of(
+    model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int] = (), columns: bool = True
+) -> Trials:
+    """Rows and candidates of motions.
+
+    Args:
+        model: the dynamic model.
+        motions: treated signals of the fit.
+        beta: base parameters, (p,), SI.
+        zero: those of them that are fixed at zero.
+        columns: whether there are candidates with columns of their own.
+    """
+    motions = tuple(_finer(motion) for motion in motions)
+    rows = list(model.measured_rows)
+    found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
+    places = friction_coordinates(model, rows)
+    plain = trial_rows(model, motions, beta)
+    sources = list(_sources(model, places, rows, plain, beta)) if columns else []
+    scales = _scales(model, motions)
+    if scales is not None and columns:
+        of_channels = {(one.kind, one.channel): one for _, one in found}
+        sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
+    lengths = list(candidate_columns.geometry(model)) if columns else []
+    added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
+    whole = trial_rows(model, motions, beta, added)
+    weights = _weights(whole, len(beta), beta)
+    artefacts = [simulated_log(model, motion, beta) if columns else None for motion in motions]
+    null = None
+    if all(one is not None for one in artefacts):
+        there = trial_rows(model, [m for m in artefacts if m is not None], beta, added, motions)
+        null = there.grams() if there.blocks == whole.blocks else None
+    kept = np.array([k for k in range(len(beta)) if k not in zero])
+    bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions), null)
+    made, at = [], 0
+    for source, what in [(s, None) for s in sources] + [(s, g) for g, s in lengths]:
+        own = whole.groups[at : at + len(source.alternatives)]
+        at += len(source.alternatives)
+        setting = Setting(terms=(own,))
+        made.append(TriedChange(source.kind, (source.place,), setting, (source,), (source.index,), what))
+    labels = [model.device.row_labels[k] for k in rows]
+    for k, label in enumerate(labels):
+        made.append(TriedChange("gain", (label,), Setting(free=(k,)), (), (k,)))
+    for i, j in combinations(range(len(rows)), 2):
+        source_of = list(range(len(rows)))
+        source_of[i], source_of[j] = j, i
+        if bench.channel_factors[i, j]:
+            made.append(
+                TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
+            )
+    return Trials(model, motions, beta, whole, bench, tuple(made), found)
+
+
+def _sources(
+    model: DynamicModel, places: Sequence[FrictionCoordinate], rows: Sequence[int], plain: TrialRows, beta: Array
+) -> Iterator[Source]:
+    """Added columns that do not concern the geometry."""
+    ranges = candidate_columns.local_ranges(places, plain.position, plain.velocity)
+    yield from candidate_columns.terms(model, places, ranges)
+    low, high = float(plain.t.min()), float(plain.t.max())
+    yield from candidate_columns.channels(model, rows, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
+    yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())
+    residual = np.where(plain.used, plain.y - np.einsum("mrp,p->mr", plain.W, beta), 0.0)
+    for k, place in enumerate(places):
+        row = int(np.argmax(np.abs(place.weights[list(rows)])))
+        x = place.weights @ plain.position
+        if x.max() > x.min() and plain.used[row].sum() > 100:
+            periods = [_period(x, residual[row], plain.block, plain.used[row] & (plain.block % 2 == h)) for h in (0, 1)]
+            yield candidate_columns.ripple_columns(place, k, periods)
+
+
+def _period(x: Array, e: Array, block: np.ndarray, used: np.ndarray) -> float:
+    """Period of the strongest wave of a residual in position, over its spread from block to block."""
+    f, sums = fourier_sums(x[used], e[used] - e[used].mean(), block[used])
+    return float(1 / f[int(np.argmax(np.abs(sums.sum(axis=0)) ** 2 / (np.abs(sums) ** 2).sum(axis=0)))])
+
+
+def _weights(rows: TrialRows, base: int, beta: Array) -> Array:
+    """One over the rms residual of each motor, (motors,)."""
+    e = np.where(rows.used, rows.y - np.einsum("mrp,p->mr", rows.W[:, :, :base], beta), 0.0)
+    rms = np.sqrt((e**2).sum(axis=1) / np.maximum(rows.used.sum(axis=1), 1))
+    return np.asarray(1.0 / np.maximum(rms, 1e-9 * np.abs(rows.y).max()))
+
+
+def _finer(motion: Motion) -> Motion:
+    """The motion with _MANY time blocks at least: the residual of a wrong model has a longer memory than its noise."""
+    seconds = (motion.usable[1] - motion.usable[0]) * motion.dt
+    treatment = motion.treatment
+    return replace(motion, treatment=replace(treatment, block_s=min(treatment.block_s, seconds / _MANY)))
+
+
+def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
+    """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
+    if motions[0].log is None:
+        return np.ones(len(model.measured_rows))
+    change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
+    square = change.shape[0] == change.shape[1]
+    return np.diag(change) if square and not np.count_nonzero(change - np.diag(np.diag(change))) else None
+
+
+def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
+    """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
+    scales = _scales(model, motions)
+    return np.eye(len(model.measured_rows)) if scales is None else scales[:, None] / scales
+
+
+def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
+    """The search on rows without those that channels or a contact spoil, where leaving them out is proven to help."""
+    found: list[Proven] = []
+    base = search.base()
+    kept = np.ones(search.rows.used.shape, dtype=bool)
+    for one, mask in _masks(search):
+        made = _masked(search, base, one, mask)
+        if made is not None:
+            found.append(made)
+            kept &= mask
+    if not found:
+        return search, found
+    return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
+
+
+def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
+    """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
+
+    A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
+    is a good part of the error; a contact has to harm the others too.
+    """
+    share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
+    if share <= 0:
+        return None
+    bench = search.bench.with_rows("clean", search.rows.grams(mask))
+    trial, before = bench.run(Setting(rows="clean"), test=False), bench.run(Setting(), judged="clean", test=False)
+    made = gain(before, trial)
+    total = 1.0 - trial.total / (1.0 - share) / base.total
+    harmless = one.fault is not None and made.share > -LEAST_SE * made.se
+    dead = one.kind == "dead torque" and _unseen(search, base)[one.indices[0]] > DEAD_ERROR
+    helps = made.p < SIGNIFICANCE / 4 and made.share > LEAST_SE * made.se
+    if not (helps or dead or (harmless and total > LEAST_GAIN)):
+        return None
+    w = bench.weights**2
+    own = float(
+        (bench.grams["clean"].sum(axis=0)[range(bench.motors), range(-bench.motors, 0), range(-bench.motors, 0)]).sum()
+    )
+    errors = [100 * float(np.sqrt((each.errors / w).sum() / own)) for each in (before, trial)]
+    whole = 100 * float(np.sqrt((base.errors / w).sum() / bench.squares(Setting()).sum()))
+    paired = ((before.errors - trial.errors) / w).sum(axis=1)
+    se = 100 * float(np.sqrt(len(paired)) * paired.std(ddof=1)) / own / max(sum(errors) / 100, 1e-300)
+    proof = replace(made, share=max(total, made.share))
+    return Proven(one, trial, proof, figures=(whole, errors[1], se))
+
+
+def _unseen(search: Trials, trial: Trial) -> Array:
+    """Unseen error of every motor over its torque, (motors,)."""
+    own = search.bench.squares(trial.setting).sum(axis=0)
+    left = trial.errors.sum(axis=0) / search.bench.weights**2
+    return np.asarray(np.sqrt(left / np.maximum(own, np.finfo(float).tiny)))
+
+
+def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
+    """Rows that are left when one fault's are not used, (motors, rows)."""
+    rows, model = search.rows, search.model
+    for log, fault in search.faults:
+        if fault.kind in ("coarse torque", "clipped torque"):
+            continue
+        mask = np.ones(rows.used.shape, dtype=bool)
+        touched = _touched(search, log, fault.samples)
+        which = slice(None) if fault.kind == "stuck position" else slice(fault.channel, fault.channel + 1)
+        mask[which, touched] = False
+        position = fault.kind == "stuck position"
+        names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
+        label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
+        yield TriedChange(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
+    flagged = search.contact
+    if flagged.any():
+        mask = np.broadcast_to(~flagged, rows.used.shape)
+        yield TriedChange("contact", ("the device",), Setting(rows="clean")), mask
+
+
+def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
+    """Rows of a log whose filter window has a spoiled sample, (rows,)."""
+    plan = Plan.of(search.model, search.motions[log])
+    back, ahead = plan.filter.main_part(OUTSIDE_GUARD)
+    count = np.concatenate([[0], np.cumsum(samples)])
+    middle = search.rows.sample
+    high, low = np.clip(middle + ahead + 1, 0, len(samples)), np.clip(middle - back, 0, len(samples))
+    return np.asarray((search.rows.log == log) & (count[high] > count[low]))
+
+
+def contact(search: Trials) -> np.ndarray:
+    """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
+
+    A term that the model lacks is a function of the state; a hand on the device is not.
+    """
+    rows, bench = search.rows, search.bench
+    use: np.ndarray = np.asarray(rows.used.any(axis=0))
+    none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
+    flagged = none
+    step = float(np.median(np.diff(rows.t))) or 1.0
+    width = max(3, round(CONTACT_S / step))
+    for _ in range(3):
+        fitted = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape))).fit(
+            Setting(rows="clean"), np.arange(bench.blocks)
+        )
+        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
+        power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
+        smooth = ndimage.uniform_filter1d(power, width)
+        # Rows that are not used, at reversals, do not end an episode.
+        flagged = ndimage.binary_closing(smooth > CONTACT * np.median(smooth[use]), iterations=width)
+        flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
+        if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
+            return none
+    runs = int((np.diff(flagged.astype(int)) == 1).sum())
+    flagged = flagged & use
+    return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
+
+
+def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
+    """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
+    state = np.vstack([rows.position, rows.velocity])
+    state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
+    stride = max(1, round(SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
+    clean = np.flatnonzero(use & ~flagged)[::stride]
+    tree = cKDTree(state[:, clean].T)
+
+    def distance(which: np.ndarray) -> float:
+        near, at = tree.query(state[:, which].T, k=min(60, len(clean)))
+        other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > APART_S, near, np.inf)
+        return float(np.median(other.min(axis=1)))
+
+    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
+
+
+def positions(search: Trials) -> Iterator[TriedChange]:
+    """Signs and assignments of the position channels; each is another pass over the log, stored with the trials."""
+    model, motions = search.model, search.motions
+    names = [model.device.joints[k].name for k in model.device.active]
+    units = [model.device.joints[k].prismatic for k in model.device.active]
+    changes: list[tuple[str, tuple[int, ...]]] = [("position sign", (k,)) for k in range(len(names))]
+    changes += [
+        ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
+    ]
+    # The delay of a wrong model is none: that of a command that is held.
+    plain = [m if m.log is None else with_delay(m, 0.5 * m.dt) for m in motions]
+    grams = dict(search.bench.grams)
+    for kind, which in changes:
+        try:
+            there = trial_rows(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
+        except HaptidError:
+            continue
+        if there.blocks == search.rows.blocks:
+            key = f"{kind} {which}"
+            grams[key] = _embedded(there.grams(), search.bench)
+            yield TriedChange(kind, tuple(f"joint {names[k]}" for k in which), Setting(rows=key), indices=which)
+    object.__setattr__(search.bench, "grams", grams)
+
+
+def _repositioned(motion: Motion, which: tuple[int, ...]) -> Motion:
+    """The motion with the sign of one position channel changed, or with two of them exchanged."""
+    q = np.array(motion.q)
+    if len(which) == 1:
+        q[:, which[0]] *= -1
+    else:
+        q[:, list(which)] = q[:, list(which[::-1])]
+    return replace(motion, q=q)
+
+
+def _embedded(grams: Array, bench: Bench) -> Array:
+    """Gram matrices without candidates in the places of those with them."""
+    size = bench.grams["used"].shape[-1]
+    at = np.r_[: bench.base, size - bench.motors : size]
+    made = np.zeros((*grams.shape[:2], size, size))
+    made[:, :, at[:, None], at] = grams
+    return made
+
+
+def proven(search: Trials, before: Trial | None = None, on: Setting | None = None) -> list[Proven]:
+    """All candidates whose proof holds, in addition to a setting, sorted by their gain."""
+    on = on or Setting()
+    base = before or search.base(on)
+    singles: dict[str, list[tuple[TriedChange, Trial, Gain]]] = {}
+    tests = len(search.candidates)
+    for one in search.candidates:
+        if _contained(one.setting, on):
+            continue
+        trial = search.bench.run(on.plus(one.setting))
+        made = gain(base, trial)
+        p = min(1.0, 2 * min(trial.p, made.p)) if one.setting.terms and not on.terms else made.p
+        if min(p * tests, 1.0) < SIGNIFICANCE and made.share > made.se and _matters(one, trial):
+            singles.setdefault(_group(one), []).append((one, trial, made))
+    found = []
+    for members in singles.values():
+        merged = _merged([one for one, _, _ in members])
+        trial = members[0][1] if len(members) == 1 else search.bench.run(on.plus(merged.setting), test=False)
+        made = members[0][2] if len(members) == 1 else gain(base, trial)
+        best = max(members, key=lambda each: each[2].share)
+        if best[2].share > made.share:
+            merged, trial, made = best
+        if made.share > LEAST_GAIN and made.share > LEAST_SE * made.se:
+            found.append(Proven(merged, trial, made))
+    return _ranked(found)
+
+
+def _ranked(found: Sequence[Proven]) -> list[Proven]:
+    """By gain; of those that nearly have the gain of the best one, that with the fewest columns first."""
+    left, made = sorted(found, key=lambda each: -each.gain.share), []
+    while left:
+        alike = [one for one in left if _within(left[0], one)]
+        made.append(min(alike, key=lambda one: (len(one.trial.whole.columns), -one.gain.share)))
+        left.remove(made[-1])
+    return made
+
+
+def _within(best: Proven, other: Proven) -> bool:
+    """Whether another has NEARLY all of the gain, or the paired difference is within a standard error."""
+    worse = gain(other.trial, best.trial)
+    return worse.share <= worse.se or other.gain.share > NEARLY * best.gain.share
+
+
+def _contained(one: Setting, on: Setting) -> bool:
+    return bool(
+        (one.terms and set(one.terms) <= set(on.terms))
+        or (one.free and set(one.free) <= set(on.free))
+        or (one.source and one.source == on.source)
+    )
+
+
+def _matters(one: TriedChange, trial: Trial) -> bool:
+    """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
+    if one.kind in _LIMITS and np.abs(trial.whole.theta[-1]) > _LIMITS[one.kind]:
+        return False
+    return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
+
+
+def _group(one: TriedChange) -> str:
+    """Candidates that are one action together."""
+    alone = one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
+    return f"{one.kind} {one.places}" if alone else one.kind
+
+
+def _merged(members: Sequence[TriedChange]) -> TriedChange:
+    """One candidate of one kind on several motors."""
+    if len(members) == 1:
+        return members[0]
+    setting = members[0].setting
+    for one in members[1:]:
+        setting = setting.plus(one.setting)
+    return TriedChange(
+        members[0].kind,
+        tuple(place for one in members for place in one.places),
+        setting,
+        tuple(source for one in members for source in one.sources),
+        tuple(index for one in members for index in one.indices),
+    )

@@ -1,0 +1,296 @@
+"""Trials: a change of the model or of the channels, fitted on half of the time blocks, its error stated on the others.
+
+Blocks alternate between two halves. Constants (a Stribeck velocity, a gain) are chosen on the half of the fit too, so
+that no block's error has been minimised. The gain is the difference of the errors block by block, and its standard
+error that of these paired differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, optimize, stats
+
+from haptid._internal.arrays import Array
+
+# Relative size of what is added to the diagonal of a scaled Gram matrix: columns more alike than this are one.
+_RIDGE = 1e-11
+# Factors between torque and model that are tried first, of both signs.
+_FACTORS = np.geomspace(5e-4, 2e3, 23)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a trial fits.
+
+    Attributes:
+        terms: of each added term its alternatives, of which the fit chooses one: columns each.
+        free: motors whose torque is a factor times the model's, which the fit chooses.
+        factors: fixed factors by motor, others are 1.
+        source: motor whose torque channel is read for each motor; each its own where empty.
+        rows: which set of rows.
+    """
+
+    terms: tuple[tuple[tuple[int, ...], ...], ...] = ()
+    free: tuple[int, ...] = ()
+    factors: tuple[tuple[int, float], ...] = ()
+    source: tuple[int, ...] = ()
+    rows: str = "used"
+
+    def plus(self, other: Setting) -> Setting:
+        """Both changes together."""
+        source = other.source or self.source
+        if self.source and other.source:
+            source = tuple(self.source[k] for k in other.source)
+        return Setting(
+            self.terms + tuple(term for term in other.terms if term not in self.terms),
+            tuple(dict.fromkeys(self.free + other.free)),
+            tuple(dict(self.factors + other.factors).items()),
+            source,
+            other.rows if other.rows != "used" else self.rows,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit on some blocks.
+
+    Attributes:
+        columns: that it has, base parameters first.
+        chosen: alternative of each term.
+        factors: of each motor, (motors,).
+        theta: parameters of the columns, SI.
+    """
+
+    columns: np.ndarray
+    chosen: tuple[int, ...]
+    factors: Array
+    theta: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Errors of a setting on blocks that its fits have not seen.
+
+    Attributes:
+        setting: what was fitted.
+        errors: weighted squared errors of unseen rows, (blocks, motors).
+        whole: the fit on all blocks.
+        p: p-value of the cluster-robust test that the added columns are zero; 1 where there are none.
+        se: cluster-robust standard errors of the added columns' parameters.
+    """
+
+    setting: Setting
+    errors: Array
+    whole: Fitted
+    p: float = 1.0
+    se: Array = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def total(self) -> float:
+        return float(self.errors.sum())
+
+    def added(self, base: int) -> Array:
+        """Parameters of the added columns."""
+        return self.whole.theta[base:]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """How much smaller the error on unseen rows is.
+
+    Attributes:
+        share: of the weighted squared error that goes away.
+        se: standard error of the paired block differences, of the same share.
+        dof: degrees of freedom.
+    """
+
+    share: float
+    se: float
+    dof: int
+
+    @property
+    def p(self) -> float:
+        """One-sided p-value that there is no gain."""
+        return float(stats.t.sf(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
+
+
+def gain(before: Trial, after: Trial) -> Gain:
+    """The gain of one trial over another on the same blocks."""
+    difference = (before.errors - after.errors).sum(axis=1)
+    total, blocks = before.total, len(difference)
+    se = float(np.sqrt(blocks) * difference.std(ddof=1)) if blocks > 1 else np.inf
+    return Gain(float(difference.sum()) / total, se / total, max(blocks - 1, 1)) if total > 0 else Gain(0.0, 0.0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Gram matrices of a log's rows, and the trials on them.
+
+    Attributes:
+        grams: by set of rows: of [W, candidates, y_1 .. y_m], (blocks, motors, size, size).
+        base: number of base parameters; `kept` are those of them that are not fixed at zero.
+        weights: of each motor's rows, (motors,).
+        channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
+        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero; None: not known.
+    """
+
+    grams: dict[str, Array]
+    base: int
+    kept: np.ndarray
+    weights: Array
+    channel_factors: Array
+    artefact: Array | None = None
+
+    @property
+    def motors(self) -> int:
+        return len(self.weights)
+
+    @property
+    def blocks(self) -> int:
+        return len(self.grams["used"])
+
+    def with_rows(self, name: str, grams: Array) -> Bench:
+        return replace(self, grams={**self.grams, name: grams})
+
+    def fit(self, setting: Setting, blocks: np.ndarray, grams: Array | None = None) -> Fitted:
+        """Least squares on some blocks; alternatives and factors are those of the least error."""
+        G = (self.grams[setting.rows] if grams is None else grams)[blocks].sum(axis=0)
+        factors = np.ones(self.motors)
+        for k, factor in setting.factors:
+            factors[k] = factor
+        chosen: list[int] = []
+        for term in setting.terms:
+            errors = [
+                self._solved(G, setting, factors, (*chosen, k, *[0] * (len(setting.terms) - len(chosen) - 1)))[1]
+                if len(term) > 1
+                else 0.0
+                for k in range(len(term))
+            ]
+            chosen.append(int(np.argmin(errors)))
+        for k in setting.free:
+            factors[k] = self._factor(G, setting, factors, tuple(chosen), k)
+        theta, _, columns = self._solved(G, setting, factors, tuple(chosen))
+        return Fitted(columns, tuple(chosen), factors, theta)
+
+    def _factor(self, G: Array, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
+        """The factor of motor k of the least error."""
+
+        def error(x: float) -> float:
+            own = factors.copy()
+            own[k] = x
+            return self._solved(G, setting, own, chosen)[1]
+
+        grid = np.concatenate([-_FACTORS[::-1], _FACTORS])
+        at = int(np.argmin([error(x) for x in grid]))
+        low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+        if low * high < 0:
+            low, high = sorted((grid[at] * 0.5, grid[at] * 2.0))
+        found = optimize.minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * high})
+        return float(found.x)
+
+    def _solved(
+        self, G: Array, setting: Setting, factors: Array, chosen: Sequence[int]
+    ) -> tuple[Array, float, np.ndarray]:
+        """Parameters, weighted squared error and columns, from Gram matrices (motors, size, size)."""
+        picked = (t for term, c in zip(setting.terms, chosen, strict=True) for t in term[c])
+        columns = np.array([*self.kept, *dict.fromkeys(picked)], dtype=int)
+        w = self.weights**2
+        A = np.einsum("k,kij->ij", w * factors**2, G[:, columns[:, None], columns])
+        r = np.einsum("k,ki->i", w * factors, self._right(G, setting, columns))
+        yy = float(w @ self._squares(G, setting))
+        scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+        scaled = A * scale[:, None] * scale + _RIDGE * np.eye(len(A))
+        theta = scale * linalg.solve(scaled, scale * r, assume_a="sym", check_finite=False)
+        return theta, float(yy - 2 * theta @ r + theta @ A @ theta), columns
+
+    def _channels(self, setting: Setting) -> tuple[np.ndarray, Array]:
+        """For each motor the place of its torque channel among a Gram matrix' columns, and the channel's factor."""
+        source = np.array(setting.source or range(self.motors))
+        size = self.grams["used"].shape[-1]
+        return size - self.motors + source, self.channel_factors[np.arange(self.motors), source]
+
+    def _right(self, G: Array, setting: Setting, columns: np.ndarray) -> Array:
+        """W'y, (..., motors, columns)."""
+        at, factor = self._channels(setting)
+        return np.stack([factor[k] * G[..., k, columns, at[k]] for k in range(self.motors)], axis=-2)
+
+    def _squares(self, G: Array, setting: Setting) -> Array:
+        """y'y, (..., motors)."""
+        at, factor = self._channels(setting)
+        return np.stack([factor[k] ** 2 * G[..., k, at[k], at[k]] for k in range(self.motors)], axis=-1)
+
+    def squares(self, setting: Setting) -> Array:
+        """Squared torque of each block and motor, (blocks, motors)."""
+        return self._squares(self.grams[setting.rows], setting)
+
+    def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None) -> Array:
+        """Squared errors of each block and motor, weighted, (blocks, motors)."""
+        G, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
+        inner = np.einsum("i,bkij,j->bk", fitted.theta, G[:, :, c[:, None], c], fitted.theta)
+        cross = self._right(G, setting, c) @ fitted.theta
+        squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
+        return np.asarray(np.maximum(squares, 0.0) * self.weights**2)
+
+    def run(self, setting: Setting, judged: str | None = None, test: bool = True) -> Trial:
+        """A trial: two fits on alternate blocks, each judged on the other half; and one on all blocks.
+
+        Args:
+            setting: what is fitted.
+            judged: the rows on which errors are stated; those of the fit where None.
+            test: whether to test the added columns.
+        """
+        every = np.arange(self.blocks)
+        errors = np.empty((self.blocks, self.motors))
+        for half in (0, 1):
+            fitted = self.fit(setting, every[every % 2 == half])
+            errors[every % 2 != half] = self.errors(fitted, setting, judged)[every % 2 != half]
+        whole = self.fit(setting, every)
+        made = Trial(setting, errors, whole)
+        return self._tested(made) if test and len(whole.theta) > len(self.kept) else made
+
+    def _tested(self, made: Trial) -> Trial:
+        """With the Wald test of the added columns, by scores of the blocks corrected for their leverage.
+
+        What the same columns have in the simulated log, in which they are zero, is taken from them.
+        """
+        setting, fitted = made.setting, made.whole
+        G, c, h = self.grams[setting.rows], fitted.columns, fitted.factors
+        first, w = len(self.kept), self.weights**2
+        A = np.einsum("k,bkij->bij", w * h**2, G[:, :, c[:, None], c])
+        r = np.einsum("k,bki->bi", w * h, self._right(G, setting, c))
+        whole = A.sum(axis=0)
+        scale = 1 / np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+        L = (scale[:, None] * linalg.pinvh(whole * scale[:, None] * scale, rtol=1e-10) * scale)[first:]
+        leverage = np.einsum("qi,bij,qj->bq", L, A, L) / np.maximum(np.einsum("qi,ij,qj->q", L, whole, L), 1e-300)
+        scores = (r - A @ fitted.theta) @ L.T / np.maximum(1 - leverage, 0.05)
+        covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
+        inverse = np.linalg.pinv(L @ whole @ L.T, hermitian=True)
+        together = np.einsum("qr,ri,bij,qj->b", inverse, L, A, L, optimize=True) / len(L)
+        dof = max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0)
+        theta = fitted.theta[first:] - self._artefact(setting, fitted)
+        size = np.sqrt(np.diag(covariance))
+        there = size > 0  # a column may have no effect on this device
+        k, dof = int(there.sum()), min(dof, float(self.blocks))
+        if k == 0 or dof - k + 1 < 1:
+            return replace(made, se=size)
+        z, own = (theta / np.where(there, size, 1.0))[there], size[there]
+        correlation = covariance[np.ix_(there, there)] / np.outer(own, own)
+        T2 = float(z @ np.linalg.pinv(correlation, hermitian=True) @ z)
+        p = float(stats.f.sf(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
+        many = int(np.prod([len(term) for term in setting.terms]))
+        return replace(made, p=min(1.0, p * many), se=size)
+
+    def _artefact(self, setting: Setting, fitted: Fitted) -> Array:
+        """What the added columns have in the simulated log, no larger than in the true one."""
+        found = fitted.theta[len(self.kept) :]
+        if self.artefact is None:
+            return np.zeros(len(found))
+        term = (tuple(t for term, c in zip(setting.terms, fitted.chosen, strict=True) for t in term[c]),)
+        null = self.fit(Setting((term,)), np.arange(self.blocks), self.artefact).theta[len(self.kept) :]
+        if len(null) != len(found):  # two terms share a column
+            return np.zeros(len(found))
+        return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)

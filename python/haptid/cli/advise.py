@@ -1,0 +1,70 @@
+"""`haptid advise`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+
+HELP = """\
+Try changes of a study and its device on the study's own logs, and list those that are proven, by their gain.
+
+Tried are missing terms (friction, springs, rotor inertia, ripple), signs, gains and assignments of channels, time
+shifts, lengths and zeros, dead, coarse, clipped or stuck channels, contact, payloads and drift. Fits on every other
+time block are judged on the blocks between. Where a change would only rescale parameters, the proof is by bodies that
+can exist, or by the device file's prior bodies. What cannot be told from the log is said.
+
+With --apply OUT, the best combination is written as OUT/study.toml, with OUT/device.toml where the device changes, and
+identified again: it is kept where this confirms it, and both errors are printed. The study itself is not changed.
+
+Exit status: 0 on success, 2 on an error; the message says what to do.
+
+Example: haptid advise examples/emps/study.toml --data ../shared/data/emps --apply emps-advised
+"""
+
+
+@app.command(help=HELP)
+def advise(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    data: Annotated[
+        Path | None,
+        typer.Option(help="folder of the study's relative log paths (default: the study's folder)"),
+    ] = None,
+    apply: Annotated[Path | None, typer.Option(help="folder for study and device with the best combination")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no sentences")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of sentences")] = False,
+) -> None:
+    from haptid.advice import advise as advised
+    from haptid.advice import apply_advice as applied
+    from haptid.inference.diagnosis import diagnose
+    from haptid.study import read_study
+    from haptid.study.identify import identify
+
+    with errors_shown(), progress_bars(quiet or as_json) as bars:
+        progress = progress_callback(bars)
+        plan = read_study(study)
+        found = identify(plan, data, progress)
+        progress("trying changes", 0.0)
+        made = advised(found, diagnose(found.estimate, None, plan.controller))
+        progress("trying changes", 1.0)
+        after = applied(made, found, apply, data) if apply is not None else None
+    if as_json:
+        values = made.to_dict()
+        if after is not None:
+            values["applied"] = {"kinds": [a.kind for a in after.actions], "before": after.before, "after": after.after}
+        sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
+    elif not quiet:
+        lines = made.sentences or (f"None of {made.tried} changes is proven to lower the error on unseen blocks.",)
+        for line in lines:
+            out.print(line, highlight=False, soft_wrap=True)
+        if after is not None:
+            kinds = ", ".join(action.kind for action in after.actions)
+            text = f"{after.study} has {kinds}: identified again, the error on unseen rows is {after.after:.3g} %"
+            out.print(f"{text} instead of {after.before:.3g} %.", highlight=False, soft_wrap=True)
+        elif apply is not None:
+            out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")

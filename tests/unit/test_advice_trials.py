@@ -1,0 +1,99 @@
+"""Trials of advice: fits from Gram matrices are least squares, and no block's error has been minimised."""
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.advice.recorder import faults
+from haptid.advice.rows import TrialRows
+from haptid.advice.trial import Bench, Setting, gain
+from haptid.errors import LogTimeError
+
+
+def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
+    """TrialRows of two motors in 12 blocks: three base columns and one candidate, with unit noise."""
+    rng = np.random.default_rng(seed)
+    W, beta = rng.normal(size=(2, 1200, 4)), np.array([10.0, -20.0, 30.0, extra])
+    y = np.array([factor, 1.0])[:, None] * (W @ beta) + rng.normal(size=(2, 1200))
+    block = np.arange(1200) // 100
+    y = y[::-1] if swapped else y
+    used = np.ones((2, 1200), dtype=bool)
+    rows = TrialRows(W, y, used, block, np.arange(1200.0), ((3,),), y, y, block, block)
+    return rows, Bench({"used": rows.grams()}, 3, np.arange(3), np.ones(2), np.ones((2, 2)))
+
+
+def test_a_fit_is_least_squares():
+    rows, made = bench(extra=1.0)
+    fitted = made.fit(Setting(terms=(((3,),),)), np.arange(12))
+    expected = np.linalg.lstsq(rows.W.reshape(-1, 4), rows.y.ravel())[0]
+    np.testing.assert_allclose(fitted.theta, expected, rtol=1e-8)
+
+
+def test_errors_are_those_of_fits_on_the_other_half():
+    rows, made = bench(extra=1.0)
+    trial = made.run(Setting())
+    for half in (0, 1):
+        fit, unseen = rows.block % 2 == half, rows.block % 2 != half
+        beta = np.linalg.lstsq(rows.W[:, fit, :3].reshape(-1, 3), rows.y[:, fit].ravel())[0]
+        e = rows.y[:, unseen] - rows.W[:, unseen, :3] @ beta
+        np.testing.assert_allclose(trial.errors[1 - half :: 2].sum(axis=0), (e**2).sum(axis=1), rtol=1e-6)
+
+
+def test_tests_of_columns_that_are_not_there_have_their_level():
+    p = [bench(seed)[1].run(Setting(terms=(((3,),),))).p for seed in range(300)]
+    assert 3 <= sum(value < 0.05 for value in p) <= 30
+
+
+def test_what_is_there_is_found_with_its_gain():
+    _, made = bench(extra=1.0)
+    base, more = made.run(Setting()), made.run(Setting(terms=(((3,),),)))
+    assert more.p < 1e-4
+    assert gain(base, more).share == pytest.approx(0.5, abs=0.1)
+    assert gain(base, base).share == 0
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.001, 1.3, 1000.0])
+def test_factors_are_found(factor):
+    _, made = bench(factor=factor)
+    assert made.run(Setting(free=(0,))).whole.factors[0] == pytest.approx(factor, rel=0.05, abs=0.03)
+
+
+def test_swapped_channels_are_found():
+    _, made = bench(swapped=True)
+    assert gain(made.run(Setting()), made.run(Setting(source=(1, 0)))).share > 0.99
+
+
+def log(position, torque):
+    n = len(position)
+    channels = haptid.Channels(
+        position=haptid.Signal(("q",), "rad"), torque=haptid.Signal(("u",), "N m"), rate_hz=1000.0
+    )
+    return haptid.Log("x.csv", "", np.arange(n) / 1000, position[:, None], torque[:, None], channels)
+
+
+def test_faults_of_channels_are_seen_and_good_channels_have_none():
+    t = np.arange(4000) / 1000
+    rng = np.random.default_rng(0)
+    q, u = np.sin(6 * t), np.cos(6 * t) + 0.01 * rng.normal(size=4000)
+    assert not list(faults(log(q, u)))
+    assert not list(faults(log(1e-4 * np.round(1e4 * q), u)))
+    assert [f.kind for f in faults(log(q, np.where(t > 1.0, 0.0, u)))] == ["dead torque"]
+    assert [f.kind for f in faults(log(q, np.clip(u, -0.98, 0.98)))] == ["clipped torque"]
+    assert [f.kind for f in faults(log(q, 0.1 * np.round(10 * u)))] == ["coarse torque"]
+    stuck = q.copy()
+    stuck[2000:2100] = stuck[2000]
+    (fault,) = faults(log(stuck, u))
+    assert fault.kind == "stuck position"
+    assert fault.samples[2000:2100].all()
+    assert fault.samples.sum() < 110
+
+
+def test_parts_of_a_log_are_left_out_with_a_split():
+    t = np.arange(100) / 1000
+    whole = log(np.sin(t), np.cos(t))
+    part = whole.without([(0.0495, 0.0595)])
+    assert part.segments == ((0, 50), (50, 90))
+    np.testing.assert_array_equal(part.t[50:], whole.t[60:])
+    assert whole.without([]) is whole
+    with pytest.raises(LogTimeError, match="leaves no part"):
+        whole.without([(-1.0, 1.0)])

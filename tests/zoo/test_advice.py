@@ -1,0 +1,117 @@
+"""Advice on a small zoo: the first action mends the cause of a wrong log, and right logs get none.
+
+`benchmarks/zoo --advice` has hundreds; here is one log for each kind of proof.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from haptid.advice import advise
+from haptid.advice import apply_advice as applied
+from haptid.cli.common import app
+from haptid.inference.diagnosis import diagnose
+from haptid.study.identify import Identification
+from zoo.advised import rank
+from zoo.case import Case
+from zoo.wrong import WrongPlant, identified, written
+
+ARM = Case(1, "arm2", 250, 16, 1.2, 3, bits=16, friction=0.3, level=0.01)
+AXIS = Case(2, "axis", 250, 12, 1.5, 4, bits=16, friction=0.3, level=0.01)
+WRONG = {
+    "stribeck": AXIS,
+    "spring": AXIS,
+    "ripple": AXIS,
+    "drift": AXIS,
+    "contact": ARM,
+    "torque swap": ARM,
+    "position sign": ARM,
+    "gain": ARM,
+    "time shift": ARM,
+    "length": ARM,
+    "payload": ARM,
+}
+RIGHT = {
+    "white noise": ARM,
+    "coarse encoders": Case(3, "arm2", 500, 12, 1.2, 3, bits=11, friction=0.5, noise="AR", level=0.01),
+    "noise inside the loop": Case(4, "arm2", 500, 8, 1.2, 3, bits=16, level=0.01, loop=True, delay=1.0),
+}
+
+
+def found(case: Case, cause: str, folder: Path) -> tuple[WrongPlant, Identification]:
+    plant = WrongPlant(case, cause)
+    return plant, identified(plant, folder)
+
+
+@pytest.mark.parametrize("cause", WRONG)
+def test_the_first_action_mends_the_cause(cause: str, tmp_path: Path) -> None:
+    plant, wrong = found(WRONG[cause], cause, tmp_path)
+    made = advise(wrong)
+    assert rank(plant, [[action.kind, *action.places] for action in made.actions]) == 1, made.sentences
+    first = made.actions[0]
+    assert first.after < first.before
+    assert first.se is not None
+    assert first.before - first.after > 2 * first.se or first.kind == "contact"
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_models_get_no_advice(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.kept.CACHE", tmp_path)
+    _, right = found(RIGHT[name], "none", tmp_path)
+    assert advise(right).actions == ()
+
+
+def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: Path) -> None:
+    _, wrong = found(AXIS, "torque sign", tmp_path)
+    made = advise(wrong)
+    assert [(action.kind, action.proof) for action in made.actions] == [("torque sign", "possible bodies")]
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
+
+
+def test_a_gain_of_one_axis_cannot_be_told(tmp_path: Path) -> None:
+    _, wrong = found(AXIS, "gain", tmp_path)
+    made = advise(wrong, diagnose(wrong.estimate))
+    assert made.actions == ()
+    assert "gain of the torque (motor 1)" in made.untold[0]
+
+
+def test_the_best_combination_is_written_and_identified_again(tmp_path: Path) -> None:
+    _, before = found(AXIS, "stribeck", tmp_path)
+    given = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    made = CliRunner().invoke(app, ["advise", str(tmp_path / "study.toml"), "--apply", str(tmp_path / "out"), "--json"])
+    assert made.exit_code == 0, made.output
+    values: dict[str, Any] = json.loads(made.stdout)
+    assert values["actions"][0]["edits"][0]["value"]["kind"] == "stribeck"
+    assert values["applied"]["after"] < 0.5 * values["applied"]["before"]
+    assert values["applied"]["before"] == pytest.approx(before.unseen[0].comparable.relative)
+    assert 'kind = "stribeck"' in (tmp_path / "out" / "device.toml").read_text()
+    assert all(path.read_bytes() == content for path, content in given.items())
+
+
+def test_rows_of_a_contact_are_excluded_in_the_written_study(tmp_path: Path) -> None:
+    plant, wrong = found(ARM, "contact", tmp_path)
+    after = applied(advise(wrong), wrong, tmp_path / "out")
+    assert after is not None
+    (log,) = after.identification.study.logs
+    for start in (0.15, 0.45, 0.75):
+        middle = (start + 0.03) * plant.case.seconds
+        assert any(low < middle < high for low, high in log.exclude)
+    clean = WrongPlant(ARM)
+    off = np.abs(after.identification.estimate.beta - clean.beta) / after.identification.estimate.se
+    assert off.max() < 5
+
+
+def test_a_study_that_is_in_order_is_not_written(tmp_path: Path) -> None:
+    written(WrongPlant(AXIS), tmp_path)
+    made = CliRunner().invoke(app, ["advise", str(tmp_path / "study.toml"), "--apply", str(tmp_path / "out")])
+    assert made.exit_code == 0
+    assert "Nothing is written" in made.stdout
+    assert not (tmp_path / "out").exists()
