@@ -35,7 +35,7 @@ RIDGE_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (k / 2) for k in range(-8, 9)
 ENTROPIC_STRENGTHS: tuple[float, ...] = tuple(10.0 ** (1.5 * k) for k in range(-2, 5))
 FOLDS = 5
 # Tolerance of the solver where strengths are compared.
-_COARSE = 1e-8
+COARSE = 1e-8
 # Least entropic strength that double precision distinguishes from none.
 WEAKEST = 1e-6
 
@@ -320,6 +320,6 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
         unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
         T, V = seen.stack(weights), unseen.stack(weights)
         for k, strength in enumerate(ENTROPIC_STRENGTHS):
-            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength, _COARSE)
+            x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength, COARSE)
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))
     return ENTROPIC_STRENGTHS[int(np.argmin(errors))]
