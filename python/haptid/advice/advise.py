@@ -31,7 +31,8 @@ from haptid.study.identify import Identification
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-_ROUGH = 3.0
+# The lower one where parameters are found that no bodies have.
+_ROUGH, _LARGE = 20.0, 10.0
 # Unseen error, per cent, below which nothing needs to be said of what remains.
 CLOSE = 5.0
 # Actions of a combination, and actions that are shown.
@@ -190,7 +191,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     """Try every change that haptid knows on the rows of an identification, and keep those with a proof.
 
     Fits on every other time block are judged on the blocks between; a change is proposed where its test is significant
-    at 0.01 over all candidates together and its gain is more than two standard errors of the paired block differences.
+    at 0.01 over all candidates together and its gain is more than three standard errors of paired block differences.
     Where a change would only rescale parameters, the proof is by bodies that can exist, or by the device file's prior
     bodies. Nothing is changed.
 
@@ -210,7 +211,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     base = search.base()
     before = _percent(search, base)
     negative = list(impossible(part, search.rows.position))
-    if before > _ROUGH or negative:
+    if before > (_LARGE if negative else _ROUGH):
         search = replace(search, candidates=(*search.candidates, *positions(search)))
     made = [_named(one) for one in proven(search, base)]
     chosen, after = _combined(search, base, made)

@@ -144,6 +144,7 @@ class Bench:
     weights: Array
     channel_factors: Array
     artefact: Array | None = None
+    _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def motors(self) -> int:
@@ -158,7 +159,7 @@ class Bench:
 
     def fit(self, setting: Setting, blocks: np.ndarray, grams: Array | None = None) -> Fitted:
         """Least squares on some blocks; alternatives and factors are those of the least error."""
-        G = (self.grams[setting.rows] if grams is None else grams)[blocks].sum(axis=0)
+        G = self._sum(self.grams[setting.rows] if grams is None else grams, blocks)
         factors = np.ones(self.motors)
         for k, factor in setting.factors:
             factors[k] = factor
@@ -175,6 +176,13 @@ class Bench:
             factors[k] = self._factor(G, setting, factors, tuple(chosen), k)
         theta, _, columns = self._solved(G, setting, factors, tuple(chosen))
         return Fitted(columns, tuple(chosen), factors, theta)
+
+    def _sum(self, grams: Array, blocks: np.ndarray) -> Array:
+        """Sum of the Gram matrices of some blocks, (motors, size, size); a hundred fits have the same few."""
+        key = (id(grams), blocks.tobytes())
+        if key not in self._sums:  # the matrices are kept with their sum, so that no others get their id
+            self._sums[key] = (grams, grams[blocks].sum(axis=0))
+        return self._sums[key][1]
 
     def _factor(self, G: Array, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
         """The factor of motor k of the least error."""

@@ -9,6 +9,7 @@ parallel filter; Tahmasebi, Taati, Mobasser and Hashtrudi-Zaad (2005), IEEE Conf
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -34,6 +35,8 @@ CUT = 1e-6
 LOWEST = 1e-5
 # Initial transient of a differentiator that is neglected, as a share: below double precision.
 _FORGOTTEN = 1e-17
+# Filters whose design is kept.
+_DESIGNS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,19 +101,21 @@ class KaiserSmoother:
         del decimation
         return KAISER_REACH / cutoff
 
+    @lru_cache(maxsize=_DESIGNS)  # noqa: B019 - one instance
     def taps(self, cutoff: float, decimation: int) -> Array:
         """Weights, (odd,), unit sum; the cut-off in cycles per sample."""
         del decimation
         if cutoff > WIDEST_KAISER:  # too short for a window: three taps with the same cut-off
             side = (1 - np.sqrt(0.5)) / (2 - 2 * np.cos(2 * np.pi * cutoff))
-            return np.array([side, 1 - 2 * side, side])
+            return read_only(np.array([side, 1 - 2 * side, side]))
 
         def excess(half: float) -> float:
             weight = kaiser(half)
             n = np.arange(len(weight)) - len(weight) // 2
             return float(weight @ np.cos(2 * np.pi * cutoff * n) - np.sqrt(0.5))
 
-        return kaiser(float(optimize.brentq(excess, 0.5 * KAISER_REACH / cutoff, 2 * KAISER_REACH / cutoff, xtol=1e-3)))
+        reach = KAISER_REACH / cutoff
+        return read_only(kaiser(float(optimize.brentq(excess, 0.5 * reach, 2 * reach, xtol=1e-3))))
 
 
 def kaiser(half: float) -> Array:
@@ -134,6 +139,7 @@ class WindowedSinc:
         """Samples to either side."""
         return SINC_HALF_LENGTH * max(decimation, 0.4 / cutoff)
 
+    @lru_cache(maxsize=_DESIGNS)  # noqa: B019 - one instance
     def taps(self, cutoff: float, decimation: int) -> Array:
         """Weights, (odd,), unit sum; the cut-off in cycles per sample."""
         half = round(self.reach(cutoff, decimation))
@@ -146,7 +152,7 @@ class WindowedSinc:
             return float(abs(gain[0]) - np.sqrt(0.5))
 
         highest = min(2 * cutoff, 0.4995)
-        return design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff)))
+        return read_only(design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff))))
 
 
 Shape = KaiserSmoother | WindowedSinc

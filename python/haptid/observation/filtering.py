@@ -29,7 +29,11 @@ def decimate(signals: Array, taps: Array, decimation: int) -> Array:
     kernel = np.concatenate([np.zeros(late), taps[::-1]])
     rows = (signals.shape[-1] - len(taps)) // decimation + 1
     first = (len(taps) - 1 + late) // decimation
-    return np.asarray(signal.upfirdn(kernel, signals, down=decimation, axis=-1)[..., first : first + rows])
+    flat = signals.reshape(-1, signals.shape[-1])
+    made, there = np.zeros((len(flat), rows)), flat.any(axis=1)  # half of a serial arm's columns are zero
+    if there.any():
+        made[there] = signal.upfirdn(kernel, flat[there], down=decimation, axis=-1)[:, first : first + rows]
+    return made.reshape(*signals.shape[:-1], rows)
 
 
 def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals) -> Array:
