@@ -104,6 +104,7 @@ def test_folders_without_code_and_code_that_does_not_compile(tmp_path, monkeypat
         bench.Compiled.of(tmp_path)
     assert raised.value.where == "no-such-compiler"
     monkeypatch.delenv("CC")
+    (made.folder / "haptid-files.json").unlink()
     (made.folder / "dev.c").write_text("this is no C")
     with pytest.raises(errors.ExportError) as raised:
         bench.Compiled.of(tmp_path)

@@ -33,7 +33,7 @@ def test_stribeck_friction_that_the_model_lacks_is_found():
     hits = [each["friction near standstill"].status == "bad" for each in found]
     # Clusters of independent length leave fewer degrees of freedom: in 12 logs a power of 0.9 may miss three.
     assert sum(hits) >= stats.binom.ppf(0.01, RUNS, 0.9)
-    assert 'kind "stribeck"' in found[0]["friction near standstill"].sentence
+    assert "Stribeck" in found[0]["friction near standstill"].sentence
     assert "near standstill" not in found[0].verdict.sentences[0]
     assert "Stribeck" in found[0].verdict.sentences[3]
 

@@ -81,7 +81,7 @@ def test_the_diagnosis_sees_it_where_it_is_missing(model, tmp_path):
     plain = read(tmp_path, DEVICE)
     finding = haptid.diagnose(haptid.estimate(haptid.observe(plain, moved(model)), haptid.WLS()))["friction by load"]
     assert finding.status != "ok"
-    assert '"load-friction"' in finding.sentence
+    assert "load-dependent dry friction" in finding.sentence
 
 
 def test_rows_without_accelerations_and_exports_are_rejected(model, tmp_path):

@@ -85,7 +85,7 @@ def test_the_diagnosis_names_it_where_it_is_missing(tmp_path):
     )
     finding = found["viscosity by direction"]
     assert finding.status != "ok"
-    assert "viscous-by-direction" in finding.sentence
+    assert "direction-dependent viscous friction" in finding.sentence
 
 
 def test_a_motor_s_velocity_is_that_of_all_its_joints(tmp_path):

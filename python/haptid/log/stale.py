@@ -37,6 +37,8 @@ CATCHES_UP = 1.75
 LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
 # Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
 TOGETHER = 0.8
+# Percentile of the steps that stands for a count where there are none.
+SLOWEST = 2.0
 # A torque with fewer distinct values than this share of the samples is coarse: its repeats prove nothing.
 FINE = 0.25
 # Share of slow rows with repeated positions whose torques repeat too, from which on torques follow positions.
@@ -155,13 +157,13 @@ def _catching_up(positions: Callable[[], Iterable[Array]], repeated: Mask) -> fl
 
 
 def smallest_step(channel: Array) -> float:
-    """Count of an encoder; where there are no counts, the step that a quarter of the moving rows stays below."""
+    """Count of an encoder; where there are no counts, the step that few of the moving rows stay below."""
     part = channel[: 4 * ROWS_COUNTED]
     if step := lattice_step(part):
         return step
     steps = np.abs(np.diff(part))
     steps = steps[steps > 0]
-    return float(np.percentile(steps, 25)) if steps.size else 0.0
+    return float(np.percentile(steps, SLOWEST)) if steps.size else 0.0
 
 
 def _is_fine(channel: Array) -> bool:
