@@ -44,6 +44,7 @@ def test_the_good_one_is_good(folder):
     done = identify(folder)
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in (folder / "out").iterdir()) == [
+        "clusters.npz",
         "correlation.csv",
         "haptid-files.json",
         "parameters.csv",

@@ -95,7 +95,8 @@ class OutsideError(Exception):
 
 def _guard(folders: Sequence[str]) -> None:
     """Refuse to open files outside these folders and Python's own, and to start processes or connections."""
-    own = [*sys.path, sys.prefix, sys.base_prefix, os.getcwd(), os.path.dirname(os.__file__)]
+    packages = [path for path in sys.path if os.path.basename(path) in ("site-packages", "dist-packages")]
+    own = [*packages, sys.prefix, sys.base_prefix, os.path.dirname(os.__file__)]
     roots = [os.path.realpath(folder) for folder in (*folders, *own) if folder]
 
     def audit(event: str, arguments: tuple[Any, ...]) -> None:
