@@ -25,6 +25,8 @@ estimator. Writes into OUT:
 
   correlation.csv  correlation of their errors
 
+  clusters.npz     scores of the time blocks, for joint tests of `haptid compare`
+
   torque-*.png     measured and predicted torque, one plot for each log
 
   haptid-files.json  SHA-256 of these files: a reader refuses one of another run

@@ -79,7 +79,7 @@ class UseCandidate:
 
     @property
     def is_better(self) -> bool:
-        """Whether its held-out error is lower by more than one standard error, and by more than a fiftieth."""
+        """Whether its held-out error is lower by more than one standard error and by more than 2 %."""
         difference, se = self.excess
         return difference < -se and self.gain > _LEAST_GAIN
 
@@ -117,7 +117,7 @@ def model_for_use(made: Estimate, reference: Observation | None = None, wanted: 
 
     The physically consistent fit is replaced by the free one, or by one with a prior where the device has prior values,
     only if the error on held-out blocks is smaller by more than one standard error of the paired differences, and by
-    more than a fiftieth.
+    more than 2 %.
     Strengths of priors are those of least held-out error. An estimate with constraints or a prior of its own, or by
     another method than least squares on weighted rows, is used as it is.
 
@@ -162,8 +162,8 @@ def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
         others = ", ".join(f"{one.error:.3g} % of {NAMES[one.name]}" for one in found[1:])
         return (
             f"The model for use is {NAMES[CONSISTENT]}: its error on held-out blocks is {best.error:.3g} %, against "
-            f"{others}, none better by one standard error of the paired differences "
-            f"and a fiftieth."
+            f"{others}, none better by both one standard error of the paired "
+            f"differences and 2 %."
         )
     difference, se = best.excess
     return (
