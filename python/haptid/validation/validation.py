@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptid._internal.arrays import Array
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
@@ -92,7 +93,8 @@ def validate(
         estimate: whose torque.
         unseen: a motion of the same device, or an observation of one.
         reference: the same log behind the reference filter with all rows, `treat(log, proposal.reference)`; only the
-            rows within the blocks of `unseen` count, and without any there is no reference.
+            rows that are nearer to the blocks of `unseen` than to fitted ones count, and without any there is no
+            reference.
 
     Raises:
         SharedRowsError: rows of the observation were fitted.
@@ -114,20 +116,32 @@ def validate(
         return made
     if isinstance(reference, Motion):
         reference = observe(estimate.model, reference)
-    inside = _within(reference, unseen)
+    inside = _within(reference, unseen, estimate.observation)
     return replace(made, reference=None if inside is None else _compare(estimate, inside, seen=False))
 
 
-def _within(rows: Observation, unseen: Observation) -> Observation | None:
-    """The blocks of some rows whose middle lies within a block of other rows of the same logs; None without any."""
+def _within(rows: Observation, unseen: Observation, fitted: Observation) -> Observation | None:
+    """The blocks of some rows that are nearer to unseen blocks of their logs than to fitted ones; None without any.
+
+    The filters of a treatment take rows from both ends of a log: those of the reference there count as well, so that
+    treatments are compared on the same rows.
+    """
     middles = np.array([0.5 * (block.start + block.stop) for block in rows.blocks])
     inside = np.zeros(len(rows.blocks), dtype=bool)
     for name in {block.log for block in unseen.blocks}:
         own = np.array([block.log == name for block in rows.blocks])
-        spans = [(block.start, block.stop) for block in unseen.blocks if block.log == name]
-        for start, stop in spans:
-            inside |= own & (middles >= start) & (middles < stop)
+        to_unseen, to_fitted = (_distance(middles, name, part) for part in (unseen, fitted))
+        inside |= own & (to_unseen <= to_fitted)
     return rows.pick(np.flatnonzero(inside)) if inside.any() else None
+
+
+def _distance(times: Array, log: str, observation: Observation) -> Array:
+    """From each time to the nearest block of a log in an observation, s; infinite without any."""
+    found = np.full(len(times), np.inf)
+    for block in observation.blocks:
+        if block.log == log:
+            found = np.minimum(found, np.maximum(np.maximum(block.start - times, times - block.stop), 0.0))
+    return found
 
 
 def fit_errors(estimate: Estimate, observation: Observation | None = None) -> Validation:
