@@ -38,7 +38,7 @@ LEAST_TOGETHER, FEWEST_TOGETHER = 0.002, 10
 # Share of stale positions whose torque repeats too, from which on whole rows are taken as stale.
 TOGETHER = 0.8
 # Percentile of the steps that stands for a count where there are none.
-SLOWEST = 2.0
+_SLOWEST = 2.0
 # A torque with fewer distinct values than this share of the samples is coarse: its repeats prove nothing.
 FINE = 0.25
 # Share of slow rows with repeated positions whose torques repeat too, from which on torques follow positions.
@@ -163,7 +163,7 @@ def smallest_step(channel: Array) -> float:
         return step
     steps = np.abs(np.diff(part))
     steps = steps[steps > 0]
-    return float(np.percentile(steps, SLOWEST)) if steps.size else 0.0
+    return float(np.percentile(steps, _SLOWEST)) if steps.size else 0.0
 
 
 def _is_fine(channel: Array) -> bool:
