@@ -35,7 +35,6 @@ def test_stribeck_friction_that_the_model_lacks_is_found():
     assert sum(hits) >= stats.binom.ppf(0.01, RUNS, 0.9)
     assert "Stribeck" in found[0]["friction near standstill"].sentence
     assert "near standstill" not in found[0].verdict.sentences[0]
-    assert "Stribeck" in found[0].verdict.sentences[3]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
