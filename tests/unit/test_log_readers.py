@@ -229,9 +229,21 @@ def test_ragged_row_names_its_line(tmp_path: Path) -> None:
     assert (raised.value.where, raised.value.found, raised.value.limit) == (17, 3, 5)
     assert raised.value.__cause__ is not None
     with pytest.raises(errors.LogFileError) as raised:
-        read_log(broken(tmp_path, 201, "1,2"))
-    assert raised.value.where == 201
-    assert "cut short" in raised.value.advice
+        read_log(broken(tmp_path, 17, "1,2,3,4,5,6"))
+    assert raised.value.found == 6
+
+
+def test_the_last_row_of_a_recording_that_was_stopped_is_dropped(tmp_path: Path) -> None:
+    path = broken(tmp_path, 201, "1,2")
+    log = read_log(path)
+    assert log.t.size == 199
+    assert any("2 cells of 5" in note for note in log.notes)
+    # One more short row is damage.
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:90], "1,2", *lines[91:]]))
+    with pytest.raises(errors.LogFileError) as raised:
+        read_log(path)
+    assert raised.value.where == 91
 
 
 def test_text_cell_names_line_and_channel(tmp_path: Path) -> None:

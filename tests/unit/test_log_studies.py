@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,14 @@ import recorders
 import small_study
 from haptid import errors
 from haptid.cli import app
+from haptid.device import read_device
 from haptid.log.survey import survey
 from haptid.study import read_study
+from haptid.study.draft import draft_study
 from haptid.study.identify import identify
 
 JOINTS = ("arm/upper", "arm/lower")
+SIGNALS = {"observation.state": "pos", "observation.current": "current"}
 KIND = "sensor_msgs/msg/JointState"
 CHANNELS = {
     "mcap": """
@@ -194,3 +198,26 @@ def test_channels_of_what_is_no_log(tmp_path: Path) -> None:
     for path in (tmp_path / "log.mcap", tmp_path):
         result = CliRunner().invoke(app, ["channels", str(path)])
         assert result.exit_code == 2
+
+
+def test_a_study_is_drafted_for_the_joints_of_a_device(tmp_path: Path) -> None:
+    """Channels are chosen and ordered by names and aliases of the joints; further logs validate."""
+    (tmp_path / "arm.toml").write_text(
+        'schema = 1\nname = "arm"\ngravity = [0.0, 0.0, -9.81]\nconvention = "modified-dh"\n'
+        '[[joints]]\nname = "elbow"\n[[joints]]\nname = "wrist_1"\nalias = "wrist 1"\nd = 0.2\n'
+    )
+    rng = np.random.default_rng(3)
+    states = [rng.uniform(-90, 90, (50, 3)).astype(np.float32) for _ in range(2)]
+    frames = [{"observation.state": x, "observation.current": x / 100} for x in states]
+    named = {key: [f"{x}.{end}" for x in ("gripper", "wrist 1", "elbow")] for key, end in SIGNALS.items()}
+    recorders.lerobot(tmp_path / "moves", frames, named, 50.0)
+    device = read_device(tmp_path / "arm.toml")
+    text, _ = draft_study([tmp_path / "moves", tmp_path / "more"], device, str(tmp_path / "arm.toml"), tmp_path)
+    made = tomllib.loads(text)
+    assert made["device"] == "arm.toml"
+    assert made["channels"]["position"]["joints"] == ["elbow.pos", "wrist 1.pos"]
+    assert made["channels"]["torque"]["joints"] == ["elbow.current", "wrist 1.current"]
+    assert (made["channels"]["torque"]["unit"], made["channels"]["torque"]["side"]) == ("A", "motor")
+    assert [log.get("role") for log in made["logs"]] == [None, "validate"]
+    (tmp_path / "study.toml").write_text(text)
+    assert len(read_study(tmp_path / "study.toml").logs) == 2

@@ -1,5 +1,8 @@
 """The treatment does to signals what it says, in hertz."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -113,6 +116,24 @@ def test_what_stands_still_is_exactly_still_behind_the_filter():
     log = haptid.Log("made", "", 1e-3 * np.arange(3000), np.full((3000, 1), 0.3), torque, channels)
     motion = haptid.treat(log, haptid.Treatment(40.0))
     assert (motion.qd == 0).all()
+
+
+def test_motions_of_one_log_share_their_differences_and_nothing_else():
+    channels = haptid.Channels(haptid.Signal(("a",), "rad"), haptid.Signal(("u",), "N m"), rate_hz=1000.0)
+    walk = np.cumsum(np.random.default_rng(0).normal(size=(2, 3000)), axis=1)
+    log = haptid.Log("made", "", 1e-3 * np.arange(3000), walk[:1].T, walk[1:].T, channels)
+    first, again, other = (haptid.treat(log, haptid.Treatment(cutoff)) for cutoff in (40.0, 40.0, 60.0))
+    assert again.q is first.q
+    assert (again.qd == first.qd).all()
+    assert not np.allclose(other.qd, first.qd)
+    doubled = replace(first, q=2 * first.q)  # shares what first has kept, which is of other positions
+    assert np.allclose(doubled.qd, 2 * first.qd, rtol=1e-12)
+    assert np.allclose(doubled.qdd, 2 * first.qdd, rtol=1e-12)
+    assert (pickle.loads(pickle.dumps(first)).qdd == first.qdd).all()
+    alone = haptid.Motion(1e-3, first.q, first.tau, first.treatment)
+    part, whole = alone.kinematics(100, 200), first.kinematics(4, 2996)
+    for piece, all_samples in zip(part, whole, strict=True):
+        assert (piece == all_samples[:, 96:196]).all()
 
 
 def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():

@@ -58,7 +58,10 @@ def latex_text(text: str) -> str:
 def json_text(value: Any) -> str:
     """JSON over several lines, readable in any language; characters that a terminal would act on are escaped."""
     text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
-    return "".join(c if c == "\n" or _shown(c) else json.dumps(c)[1:-1] for c in text) + "\n"
+    for character in set(text) - {"\n"}:
+        if not _shown(character):
+            text = text.replace(character, json.dumps(character)[1:-1])
+    return text + "\n"
 
 
 def csv_cell(value: object) -> object:

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import polynomial_filter
 from haptid.log.resampling import Spans
 
 # Windows spread over the log, and samples in each at most.
@@ -92,7 +92,7 @@ def _window(position: Array, torque: Array, start: float, length: float) -> tupl
     inside = slice(_ROWS // 2, -(_ROWS // 2))
 
     def smooth(x: Array, order: int) -> Array:
-        return np.asarray(signal.savgol_filter(x, _ROWS, 3, deriv=order, axis=0))[inside]
+        return polynomial_filter(x, _ROWS, 3, order)[inside]
 
     q, qd, qdd = (smooth(position, k) for k in (0, 1, 2))
     tau, rate = smooth(torque, 0), smooth(torque, 1)

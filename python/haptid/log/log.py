@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
@@ -156,6 +157,7 @@ class Channels:
         return units.scale(self.torque.unit, "torque")[0]
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Log:
     """Checked recording of positions and torques, in SI, on a uniform grid.
@@ -294,6 +296,17 @@ class Log:
         total = np.concatenate([[0.0], np.cumsum(self.profile.activity)])
         start = int(np.argmax(total[keep:] - total[:-keep]))
         return self.between(start, start + keep)
+
+    def _shown(self) -> Overview:
+        unit = units.scale(self.channels.position.unit, "position")[0]
+        rows = [[name, "on disk", unit] for name in self.channels.position.channels]
+        if not isinstance(self.position, OnDisk):
+            rows = [
+                [row[0], f"{low:.4g} .. {high:.4g}", unit] for row, (low, high) in zip(rows, self.spans, strict=True)
+            ]
+        about = f"{self.t.size} samples, {self.rate_hz:.5g} Hz, {float(self.t[-1] - self.t[0]):.4g} s"
+        torques = f"torques {', '.join(self.channels.torque.channels)} in {self.channels.torque_unit}"
+        return Overview(f"Log {self.path.name}: {about}", ("position", "range", "unit"), rows, (torques, *self.notes))
 
 
 def _channel_major(array: ArrayLike) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
 from haptid._internal.bounded_files import LOG_FILE, open_regular
+from haptid._internal.extras import needing
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
 from haptid.log.channel_clocks import clock_drift
@@ -51,7 +52,8 @@ class Format:
 
     @property
     def _reader(self) -> Any:
-        return import_module(f"haptid.log.formats.{self.module}")
+        with needing(f"reading {self.name}"):
+            return import_module(f"haptid.log.formats.{self.module}")
 
     def names(self, path: Path) -> list[str]:
         """Every channel of the file."""

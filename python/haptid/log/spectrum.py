@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import kaiser_window, welch, without_line
 
 if TYPE_CHECKING:
     from haptid.log.log import Log
 
 # Kaiser window of the spectra: its side lobes, 105 dB down, are finer than an encoder.
-_WINDOW = ("kaiser", 14.0)
+_SHAPE = 14.0
 # Length of the log over that of the segments whose spectra are averaged; fewest samples of a segment.
 _SEGMENTS, _FEWEST = 2, 256
 # Bands of the noise in an octave, and the exponent of frequency by which its power rises at most.
@@ -78,9 +78,7 @@ class Spectrum:
         n = len(channel)
         length = min(max(min(n, _FEWEST), n // _SEGMENTS), _LONGEST_SEGMENT)
         # A line is removed first: the window of so few segments leaks a drift into its neighbours.
-        f, power = signal.welch(
-            signal.detrend(channel), 1 / dt, window=_WINDOW, nperseg=length, noverlap=length // 2, detrend="linear"
-        )
+        f, power = welch(without_line(channel), dt, kaiser_window(length, _SHAPE), line=True)
         inner = slice(1, -1) if highest is None else (f > 0) & (f <= highest) & (f < f[-1])
         return _apart(f[inner], power[inner], quantum(channel))
 

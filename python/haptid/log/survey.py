@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
-from haptid.log.formats import lerobot
 from haptid.log.formats.messages.containers import Topic, containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
@@ -37,6 +36,8 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "theta", "joint", "state", "enc",
                             "encoder", "phi"})),
 )  # fmt: skip
+# A command of nothing in particular stands for a torque.
+_COMMAND = frozenset({"command", "commands", "commanded", "cmd"})
 _CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
 # Less likely to be measured: the wanted value, and not the motion.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
@@ -139,8 +140,13 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def survey(path: str | Path) -> Survey:
+def survey(path: str | Path, joints: Sequence[tuple[str, ...]] = (), motors: Sequence[tuple[str, ...]] = ()) -> Survey:
     """Look through a log.
+
+    Args:
+        path: of the file or folder.
+        joints: names of every joint that is wanted, in order: positions are chosen and ordered by them.
+        motors: the same of torques; those of the joints where left out.
 
     Raises:
         LogFileError: it cannot be read.
@@ -148,7 +154,7 @@ def survey(path: str | Path) -> Survey:
     path = Path(path)
     kind, notes = format_of(path), list[str]()
     topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes)]
-    return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind))
+    return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind, joints, motors or joints))
 
 
 @dataclass
@@ -263,7 +269,10 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channels.append(channel)
     named = (m["element"] for c in channels if (m := _ELEMENT.match(c.name)) and not _UNIT_LIKE.search(c.name))
     joints = dict.fromkeys(element for element in named if not element.isdecimal())
-    rate = lerobot.describe(path).fps if kind is LEROBOT else rate
+    if kind is LEROBOT:
+        from haptid.log.formats import lerobot  # needs pyarrow
+
+        rate = lerobot.describe(path).fps
     return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels))
 
 
@@ -315,6 +324,8 @@ def _guessed(
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
     words = _words(base) or _words(name)
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
+    if words and words <= _COMMAND:
+        quantity = "torque"
     if quantity == "other" and topic and base == "data":
         words, quantity = topic, next((q for q, known in _WORDS if topic & known), "other")
     elif quantity == "other" and (m := _ELEMENT.match(name)):
@@ -383,6 +394,14 @@ class _Family:
         """Name before the last point."""
         return self.array.rpartition(".")[0]
 
+    def of(self, joints: Sequence[tuple[str, ...]]) -> _Family:
+        """The channels of these joints, in their order; all channels where not every joint is found by a name."""
+        if not joints:
+            return self
+        heads = [_joint_words(c.name, self.channels) for c in self.channels]
+        found = [[c for c, head in zip(self.channels, heads, strict=True) if head in names] for names in joints]
+        return replace(self, channels=tuple(c for (c,) in found)) if all(len(x) == 1 for x in found) else self
+
     def ordered(self, other: _Family) -> _Family:
         """The channels in the order of another family that has the same elements."""
         own = {m["element"]: c for c in self.channels if (m := _ELEMENT.match(c.name))}
@@ -397,6 +416,19 @@ def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
     same = position.topic is torque.topic and position.prefix == torque.prefix
     equal = len(position.channels) == len(torque.channels)
     return position.rank[0], torque.rank[0], equal, position.rank[1], torque.rank[1], same, position.rank, torque.rank
+
+
+def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
+    """The part of a channel's name that differs between the channels of its family: the joint's name."""
+    names = [c.name.rpartition("[")[2].rstrip("]") if _ELEMENT.match(c.name) else c.name for c in family]
+    own = name.rpartition("[")[2].rstrip("]") if _ELEMENT.match(name) else name
+    words = re.split(r"([./ ])", own)
+    alike = [re.split(r"([./ ])", one) for one in names]
+    while len(words) > 1 and all(one[-1] == words[-1] for one in alike if one):
+        words, alike = words[:-1], [one[:-1] for one in alike]
+    while len(words) > 1 and all(one[0] == words[0] for one in alike if one):
+        words, alike = words[1:], [one[1:] for one in alike]
+    return "".join(words)
 
 
 def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family]:
@@ -415,12 +447,17 @@ def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family
 _UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
 
 
-def _toml(topics: Sequence[TopicSurvey], kind: Format) -> str:
+def _toml(
+    topics: Sequence[TopicSurvey], kind: Format, joints: Sequence[tuple[str, ...]], motors: Sequence[tuple[str, ...]]
+) -> str:
     """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
-    positions, torques = _families(topics, "position"), _families(topics, "torque")
+    positions = [family.of(joints) for family in _families(topics, "position")]
+    torques = [family.of(motors) for family in _families(topics, "torque")]
+    if joints and any(len(family.channels) == len(joints) for family in positions):
+        positions = [family for family in positions if len(family.channels) == len(joints)]
     if not positions:
         return ""
-    pairs = [(p, t.ordered(p)) for p in positions for t in torques]
+    pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
     lines = ["[channels]  # units and choices are guesses: check each of them"]
     lines.append(_time_line(position, torque, kind))
@@ -439,14 +476,14 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
         headers = all(f.topic.header for f in (position, torque) if f is not None)
         stamp = "header" if headers else "receive"
         why = "" if headers else "  # not every topic has stamps in its messages"
-        return f"time = {{ topic = {_text(position.topic.name)}, stamp = {_text(stamp)} }}{why}"
+        return f"time = {{ topic = {basic_string(position.topic.name)}, stamp = {basic_string(stamp)} }}{why}"
     if kind is LEROBOT:
-        return f"time = {_text(lerobot.TIME)}  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes"
+        return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
     times = [channel for channel in position.topic.channels if channel.quantity == "time"]
     if not times:
         return "rate_hz = 1000.0  # no channel of times was found: write the rate at which the log was sampled"
     time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
-    return f"time = {_text(time.name)}\ntime_unit = {_text(time.unit)}  # guess: {time.reason}"
+    return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
 
 def _signal_line(key: str, family: _Family) -> str:
@@ -454,19 +491,22 @@ def _signal_line(key: str, family: _Family) -> str:
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     elements = [m["element"] for channel in family.channels if (m := _ELEMENT.match(channel.name))]
     if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
-        topic = f"topic = {_text(family.topic.name)}, " if family.topic.name else ""
-        joints = ", ".join(e if e.isdecimal() else _text(e) for e in elements)
-        where = f"{topic}field = {_text(family.array)}, joints = [{joints}]"
+        topic = f"topic = {basic_string(family.topic.name)}, " if family.topic.name else ""
+        joints = ", ".join(e if e.isdecimal() else basic_string(e) for e in elements)
+        where = f"{topic}field = {basic_string(family.array)}, joints = [{joints}]"
     else:
         prefix = f"{family.topic.name}." if family.topic.name else ""
-        where = "channels = [" + ", ".join(_text(prefix + channel.name) for channel in family.channels) + "]"
+        where = "channels = [" + ", ".join(basic_string(prefix + channel.name) for channel in family.channels) + "]"
     reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 else "")
     still = [channel.name for channel in family.channels if not channel.usable]
     if still:
         reason += f"; without a change: {', '.join(still[:6])}"
-    return f"{key} = {{ {where}, unit = {_text(next(iter(units)))} }}  # guess: {reason}"
+    unit = next(iter(units))
+    commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or _words(family.array) <= _COMMAND)
+    side = ', side = "motor"' if commanded else ""
+    return f"{key} = {{ {where}, unit = {basic_string(unit)}{side} }}  # guess: {reason}"
 
 
-def _text(text: str) -> str:
+def basic_string(text: str) -> str:
     """A TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -10,7 +10,9 @@ recognised, acted on by itself, and reported in a sentence with its size. A log 
    of the positions is regressed on speed times deviation: the slope is 1 where the stamps say when samples were taken,
    and 0 where sampling is regular and only the stamps jitter. Above one half the stamps are used, else the grid.
 4. Stale rows are dropped, see `haptid.log.stale`.
-5. Samples that are not on the grid are brought to it by a least-squares spline, see `haptid.log.resampling`.
+5. Where the motion shows that samples are whole sampling periods apart, but others than the times found so far say, the
+   motion's count is the time, see `haptid.log.sample_counts`.
+6. Samples that are not on the grid are brought to it by a least-squares spline, see `haptid.log.resampling`.
 """
 
 from __future__ import annotations
@@ -23,16 +25,18 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.signals import polynomial_filter
 from haptid.errors import LogTimeError
 from haptid.log.resampling import CARRIED, KNOT, Resampling, Spans
+from haptid.log.sample_counts import count_steps
 from haptid.log.spectrum import Spectrum
 from haptid.log.stale import Stale, find_stale
 from haptid.log.stamps import FEWEST_SAMPLES, Stamps
 
 Sampling = Literal["auto", "stamps", "regular"]
+TimesFrom = Literal["regular", "stamps", "line", "counted"]
 
 # Stamps this close to a uniform grid, in steps, are on it; so are ones whose jitter has this standard deviation: the
 # position error is below any encoder's resolution.
@@ -55,6 +59,8 @@ COUNTED = 0.12
 TELL, ROWS_TOLD = 0.5, 2**17
 # Rows of the smoothing filters of that regression: of the speed, and of the roughness.
 _WIDE, _NARROW = 51, 11
+# Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
+_MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
 # Steps above which a median is estimated from every second one, every third one, ...
 _SAMPLED = 2**18
 
@@ -64,8 +70,8 @@ class TimeBaseReport:
     """What was found in the time base of a log, and what was done.
 
     Attributes:
-        method: regular (samples are the grid), stamps (resampled from the times of the stamps) or line (sampling is
-            regular, the stamps jitter).
+        method: regular (samples are the grid), stamps (resampled from the times of the stamps), line (sampling is
+            regular, the stamps jitter) or counted (periods between rows are counted by the motion).
         jitter: standard deviation of the stamps about the grid, steps; 0 where they are regular.
         slope, slope_se: of the positions' roughness on speed times deviation, and its standard error; 1 where stamps
             are right, 0 where the grid is; None where it was not needed.
@@ -77,7 +83,7 @@ class TimeBaseReport:
         sentences: the same in words; empty for a regular log.
     """
 
-    method: Literal["regular", "stamps", "line"] = "regular"
+    method: TimesFrom = "regular"
     jitter: float = 0.0
     slope: float | None = None
     slope_se: float | None = None
@@ -152,7 +158,7 @@ class _Times:
         smooth: whether missing samples are too many to be interpolated.
     """
 
-    method: Literal["regular", "stamps", "line"]
+    method: TimesFrom
     step: float
     first: tuple[float, ...]
     times: Array
@@ -194,6 +200,8 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
     found = _regular(seconds, spans, stamps.fineness)
     if found is None:
         found = _irregular(seconds, spans, recorded, stale, sampling)
+    if sampling == "auto" and not keep_stale:
+        found, stale = _counted(seconds, spans, recorded, stale, found)
     return _assembled(found, spans, gaps, stale, rows, seconds.size, sentences)
 
 
@@ -201,8 +209,10 @@ def at_rate(start: int, stop: int, rate_hz: float, recorded: RawSignals, keep_st
     """The time base of rows start..stop at a given rate."""
     t = np.arange(start, stop) / rate_hz
     stale = None if keep_stale else recorded.stale()
-    found = _Times("regular", 1 / rate_hz, (float(t[0]),), t, np.arange(t.size))
-    return _assembled(found, ((0, t.size),), (), stale, None, t.size, [], t)
+    found, spans = _Times("regular", 1 / rate_hz, (float(t[0]),), t, np.arange(t.size)), ((0, t.size),)
+    if not keep_stale:
+        found, stale = _counted(t, spans, recorded, stale, found)
+    return _assembled(found, spans, (), stale, None, t.size, [], t if found.method == "regular" else None)
 
 
 def _assembled(
@@ -465,6 +475,48 @@ def _irregular(seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale 
     return _Times("line", step, first, times, slots, missing, smooth, jitter, slope, tuple(notes))
 
 
+def _counted(
+    seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale | None, found: _Times
+) -> tuple[_Times, Stale | None]:
+    """Times and stale rows by the motion's count of sampling periods; as they were where these agree with it."""
+    many = seconds.size
+    counts = count_steps(recorded.positions(), spans, many)
+    if counts is None:
+        return found, stale
+    taken = np.diff(found.times) / found.step
+    fresh = np.flatnonzero(np.ones(many, dtype=bool) if stale is None else ~stale.position)
+    counted, told = (np.concatenate([[0.0], np.cumsum(each)]) for each in (counts.periods, taken))
+    unclear = np.concatenate([[0], np.cumsum(~counts.clear)])
+    clear = np.diff(unclear[fresh]) == 0
+    apart = np.abs(np.diff(counted[fresh]) - np.diff(told[fresh]))[clear] > _DIFFERENT
+    if apart.sum() < max(_FEWEST_MISCOUNTED, _MISCOUNTED * apart.size):
+        return found, stale
+    same = recorded.same_position[1:]
+    periods = np.where(counts.told, counts.periods, np.where(same, 1, np.maximum(np.rint(taken), 1))).astype(np.intp)
+    a, b = max(spans, key=lambda span: span[1] - span[0])
+    # The latency of a queue wanders: over half a segment it matters least.
+    half = (b - a) // 2
+    total = np.cumsum(periods[a : b - 1])
+    period = float(np.median((seconds[a + 1 + half : b] - seconds[a + 1 : b - half]) / (total[half:] - total[:-half])))
+    slots, times = np.zeros(many, dtype=np.intp), np.zeros(many)
+    again = np.append(False, periods == 0)
+    missing, first = 0, []
+    for a, b in spans:
+        slots[a + 1 : b] = np.cumsum(periods[a : b - 1])
+        first.append(float(seconds[a]))
+        times[a:b] = _uniform(first[-1], period, int(slots[b - 1]) + 1)[slots[a:b]]
+        missing += int(np.maximum(periods[a : b - 1] - 1, 0).sum())
+    note = (
+        f"the positions advance by whole sampling periods of {period:.4g} s that the stamps, or the rows, do not "
+        f"show: {int(again.sum())} rows hold an earlier sample, {missing} samples are missing; times are counted by "
+        f"the motion"
+    )
+    made = Stale(again, again, np.append(False, counts.clear))
+    return _Times(
+        "counted", period, tuple(first), times, slots, missing, True, found.jitter, found.slope, (note,)
+    ), made if again.any() else None
+
+
 def _said(value: float, se: float) -> str:
     return f"{value:.2f} +- {se:.1g}"
 
@@ -527,6 +579,6 @@ def stamps_tell(
 def _roughness(position: Array, deviation: Array, fresh: NDArray[np.bool_]) -> tuple[Array, Array]:
     """High-pass of a position, and of its speed times the deviation, at the fresh rows."""
     wide = min(position.size // 4 * 2 - 1, _WIDE)
-    told = signal.savgol_filter(position, wide, 3, deriv=1) * deviation
-    pair = [(x - signal.savgol_filter(x, _NARROW, 3))[fresh] for x in (position, told)]
+    told = polynomial_filter(position, wide, 3, 1) * deviation
+    pair = [(x - polynomial_filter(x, _NARROW, 3))[fresh] for x in (position, told)]
     return pair[0], pair[1]

@@ -8,6 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
+from haptid.device.device import DistributionLaw
 from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
 from haptid.motion.treatment import Motion
@@ -47,8 +48,9 @@ def torque_channels(device: Device, side: str) -> list[str]:
 
 def _joint_measured(device: Device) -> np.ndarray:
     """Whether each active joint's torque is measured: all drives coupled to it have a motor."""
-    blind = np.array([not drive.motorised for drive in device.drives])
-    return np.asarray(~(device.coupling[blind] != 0).any(axis=0))
+    acts = device.drive_rows @ (np.abs(device.closure.constant) + device.closure.varying) != 0
+    acts[device.driven] = False
+    return np.asarray(~acts.any(axis=0))
 
 
 def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array, Array]:
@@ -75,16 +77,20 @@ def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array,
 
 
 def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
-    """Linear map from position channels, or their rates, to the coordinates', both (channels, samples)."""
+    """Linear map from position channels, or their rates, to the coordinates', both (channels, samples).
+
+    Raises:
+        LogMismatchError: the motion has more or fewer position channels than the device has coordinates or drives.
+        IncompleteDeviceError: the shafts of its log do not determine the active joints.
+    """
     side = motion.log.channels.position.side if motion.log else "joint"
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
         raise _wrong_count("position", motion.q.shape[1], names)
     change = np.asarray(device.row_map)
     if side == "motor":
-        shafts = np.diag([1.0 / drive.gear_ratio for drive in device.drives])
-        change = change @ np.linalg.solve(device.coupling, shafts)
-    if (change == np.eye(len(names))).all():
+        change = change @ device.active_from_drives / [drive.gear_ratio for drive in device.drives]
+    if change.shape == (len(names), len(names)) and (change == np.eye(len(names))).all():
         return lambda x: x
     return lambda x: np.asarray(change @ x)
 
@@ -104,21 +110,90 @@ def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> 
         raise _wrong_count("torque", motion.tau.shape[1], names)
     measured = np.ascontiguousarray(motion.tau[start:stop].T)
     if motion.log is None:
-        tau = np.zeros((len(device.drives), stop - start))
+        tau = np.zeros((len(device.active), stop - start))
         tau[list(device.measured)] = measured
         return tau
+    if motion.log.channels.torque.side == "motor" and device.drive_varies.any():
+        shafts = motor_torque(device, motion.log, measured)
+        c = position_map(device, motion)(np.ascontiguousarray(motion.q[start:stop].T))
+        return np.ascontiguousarray(np.einsum("sda,ds->as", channel_shares(device, motion, c), shafts))
     return np.ascontiguousarray(torque_map(device, motion.log) @ measured)
 
 
+def channel_shares(device: Device, motion: Motion, c: Array) -> Array:
+    """B: the coordinates' torques are B' times those of the torque channels, (samples or 1, channels, coordinates).
+
+    Channels are taken at the joint side: motors' torques include gear and torque constant.
+
+    Args:
+        device: the device.
+        motion: whose channels.
+        c: positions of the coordinates, (active, samples), rad or m.
+    """
+    if motion.log is None:
+        return np.eye(len(device.active))[None, list(device.measured)]
+    if motion.log.channels.torque.side != "motor":
+        return np.asarray(np.linalg.inv(device.row_map)[None, _joint_measured(device)], dtype=np.float64)
+    B = device.drive_jacobian(c)
+    return (B if B.ndim == 3 else B[None])[:, device.driven]
+
+
+def channel_torque(device: Device, shares: Array, torque: Array) -> Array:
+    """Torque of the channels by the distribution law, or by the minimal norm where the device file has none.
+
+    Args:
+        device: the device.
+        shares: see `channel_shares`.
+        torque: of the coordinates, (active, samples), N m or N; only those whose torque is measured count.
+
+    Returns:
+        At the joint side, without preload, (channels, samples), N m or N.
+    """
+    law = device.distribution or DistributionLaw.even(len(device.drives))
+    law = law.of(device.driven) if shares.shape[1] == len(device.driven) else DistributionLaw.even(shares.shape[1])
+    measured = list(np.flatnonzero(device.measured))
+    D, rows = law.shares(shares[:, :, measured]), torque[measured].T
+    return np.asarray(np.einsum("scr,sr->cs", np.broadcast_to(D, (len(rows), *D.shape[1:])), rows))
+
+
+def motor_torque(device: Device, log: Log, commands: Array) -> Array:
+    """Torques of the motors' coordinates from the log's commands, both (motors, samples), N m or N.
+
+    Raises:
+        LogMismatchError: the log has torques of joints, or in another unit than the device's command.
+    """
+    if log.channels.torque.side != "motor":
+        raise LogMismatchError(
+            f"the log has torques of joints, and those of the motors of {device.name} are required.",
+            where="torque",
+            found="joint",
+            limit="motor",
+            advice="Record one torque for each motor.",
+        )
+    unit = log.channels.torque_unit
+    for drive in device.motors:
+        if unit != drive.command_unit:
+            raise _wrong_unit(drive.name, unit, drive.command_unit, "motor")
+    factors = [drive.gear_ratio * drive.torque_constant for drive in device.motors]
+    return np.asarray(commands * np.array(factors)[:, None])
+
+
 def torque_map(device: Device, log: Log) -> Array:
-    """Matrix from torque channels to the coordinates' torques, (coordinates, channels)."""
+    """Matrix from torque channels to the coordinates' torques, (coordinates, channels).
+
+    Raises:
+        LogMismatchError: the log's unit is not the device's, or the matrix varies with the pose.
+    """
     unit = log.channels.torque_unit
     if log.channels.torque.side == "motor":
-        for drive in device.motors:
-            if unit != drive.command_unit:
-                raise _wrong_unit(drive.name, unit, drive.command_unit, "motor")
-        moved = device.drive_rates[[drive.motorised for drive in device.drives]]
-        return np.asarray(moved.T * [drive.gear_ratio * drive.torque_constant for drive in device.motors])
+        if device.drive_varies.any():
+            raise LogMismatchError(
+                f"the torques of {device.name}'s coordinates are combinations of its motors' that vary with the pose; "
+                "this method requires constant ones.",
+                where=device.name,
+                advice="Record the torques of the active joints, or use a method that evaluates every sample.",
+            )
+        return np.asarray(device.drive_rates[device.driven].T @ motor_torque(device, log, np.eye(len(device.motors))))
     for k, j in enumerate(device.active):
         wanted = "N" if device.joints[j].prismatic else "N m"
         if _joint_measured(device)[k] and unit != wanted:

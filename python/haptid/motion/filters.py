@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy import optimize, signal
+from scipy import optimize
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
 from haptid.errors import TreatmentError
@@ -143,13 +143,14 @@ class WindowedSinc:
     def taps(self, cutoff: float, decimation: int) -> Array:
         """Weights, (odd,), unit sum; the cut-off in cycles per sample."""
         half = round(self.reach(cutoff, decimation))
+        n, window = np.arange(-half, half + 1), np.kaiser(2 * half + 1, 4.5)
 
         def design(corner: float) -> Array:
-            return np.asarray(signal.firwin(2 * half + 1, corner, fs=1.0, window=("kaiser", 4.5)))
+            made = window * np.sinc(2 * corner * n)
+            return np.asarray(made / made.sum())
 
         def excess(corner: float) -> float:  # a window design is -6 dB at its design frequency
-            _, gain = signal.freqz(design(corner), worN=[cutoff], fs=1.0)
-            return float(abs(gain[0]) - np.sqrt(0.5))
+            return float(abs(design(corner) @ np.cos(2 * np.pi * cutoff * n)) - np.sqrt(0.5))
 
         highest = min(2 * cutoff, 0.4995)
         return read_only(design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff))))
@@ -193,6 +194,8 @@ class Causal:
         Raises:
             TreatmentError: the cut-off is too high or far too low for the sampling rate.
         """
+        from scipy import signal  # slow to import, and few filters are causal
+
         expect_carried("parallel_cutoff_hz", cutoff_hz, dt)
         zeros, poles, gain = signal.butter(self.order, 2 * np.pi * cutoff_hz, analog=True, output="zpk")
         low = signal.bilinear_zpk(zeros, poles, gain, 1 / dt)
@@ -241,6 +244,8 @@ class HighPass:
 
     def velocity(self, q: Array, dt: float) -> Array:
         """Velocities of positions, both (coordinates, samples), at rest before the first sample."""
+        from scipy import signal  # slow to import, and few velocities are by a high-pass
+
         b, a = self.coefficients(dt)
         made, _ = signal.lfilter([b, -b], [1.0, -a], q, axis=-1, zi=-b * q[:, :1])
         return np.asarray(made)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.signals import both_ways, pole_radius
 from haptid.log.lazy import OnDisk, as_array
 from haptid.log.resampling import Spans
 
@@ -109,18 +109,18 @@ def _both_ways(sections: Array, channels: Array) -> Array:
     if channels.shape[1] <= padding(sections):
         return channels
     if len(sections) == 1:
-        return np.asarray(signal.sosfiltfilt(sections[0], channels))
-    return np.stack([signal.sosfiltfilt(own, channel) for own, channel in zip(sections, channels, strict=True)])
+        return both_ways(sections[0], channels)
+    return np.concatenate([both_ways(own, channel[None]) for own, channel in zip(sections, channels, strict=True)])
 
 
 def padding(sections: Array) -> int:
-    """Samples by which `sosfiltfilt` extends either end, at most."""
+    """Samples by which `both_ways` extends either end, at most."""
     return 3 * (2 * int(sections.shape[1]) + 1)
 
 
 def memory(sections: Array) -> int:
-    """Samples until the slowest filter's transient falls below FORGOTTEN; at least sosfiltfilt's padding."""
-    slowest = max(float(np.abs(signal.sos2zpk(own)[1]).max()) for own in sections)
+    """Samples until the slowest filter's transient falls below FORGOTTEN; at least the padding of its ends."""
+    slowest = max(pole_radius(own) for own in sections)
     forgets = int(np.ceil(np.log(_FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
     return max(forgets, padding(sections))
 

@@ -11,15 +11,18 @@ torque and on every column of the observation matrix.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
+from haptid._internal.display import Overview, displayed
+from haptid._internal.signals import both_ways, butterworth
 from haptid.errors import LogTimeError, MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
 from haptid.log.resampling import Spans
@@ -197,10 +200,14 @@ class Treatment:
         return self.parallel_filter(dt).taps
 
 
+# Filters whose positions and differences are kept of a log, and the positions in a log up to which they are.
+_FILTERS, _SHARED = 6, 1 << 19
+
+
 @lru_cache(maxsize=8)
 def low_pass(order: int, cutoff: float) -> Array:
     """Second-order sections of a Butterworth low-pass, (sections, 6); cut-off as a share of half the sampling rate."""
-    return freeze(np.asarray(signal.butter(order, cutoff, output="sos")))
+    return freeze(butterworth(order, cutoff))
 
 
 def _finite(value: Any) -> bool:
@@ -208,6 +215,7 @@ def _finite(value: Any) -> bool:
     return (whole(value) or isinstance(value, float)) and abs(value) < np.inf
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Treated signals on a uniform grid, with their treatment.
@@ -222,6 +230,8 @@ class Motion:
         log: its source; None for a motion computed from formulas.
         t0: time of the first sample, s.
         rates: exact velocities and accelerations where they are known, each like q; None for central differences.
+
+    Motions of one log with the same filtered positions share their central differences.
     """
 
     dt: float
@@ -231,6 +241,11 @@ class Motion:
     log: Log | None = None
     t0: float = 0.0
     rates: tuple[Array, Array] | None = field(default=None)
+    _shared: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is computed from its positions, which another process computes again."""
+        return {**self.__dict__, "_shared": {}}
 
     def __post_init__(self) -> None:
         for name in ("q", "tau"):
@@ -324,7 +339,7 @@ class Motion:
             after = before
         made = tuple((a + before, b - after) for a, b in self.segments if b - a - before - after >= 2)
         if not made:
-            raise too_short(longest * self.dt, (before + after) * self.dt, what)
+            raise too_short(longest * self.dt, (before + after) * self.dt, what, self.treatment.decimation)
         return made
 
     def times(self, samples: NDArray[np.intp]) -> Array:
@@ -378,11 +393,30 @@ class Motion:
 
     def _differences(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
         """Weighted sums of the positions around samples start..stop over a unit, (coordinates, stop - start)."""
+        if not isinstance(self.q, OnDisk) and stop - start > SIDE and self.q.size <= _SHARED:
+            order = 1 if weights is DIFFERENCES else 2
+            if order not in self._shared:
+                whole = self._computed(SIDE, len(self) - SIDE, weights, unit)
+                self._shared[order] = (self.q, freeze(whole))
+            of, whole = self._shared[order]
+            if of is self.q:
+                return np.array(whole[:, start - SIDE : stop - SIDE], order="C")
+        return self._computed(start, stop, weights, unit)
+
+    def _computed(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
+        """The same, computed."""
         wide = self.q[start - SIDE : stop + SIDE].T
         made = np.empty((len(wide), stop - start))
         for channel, out in zip(wide, made, strict=True):
             np.divide(ndimage.correlate1d(channel, weights)[SIDE:-SIDE], unit, out=out)
         return made
+
+    def _shown(self) -> Overview:
+        settings = [f.name for f in fields(Treatment) if getattr(self.treatment, f.name) != f.default]
+        rows = [[name, str(getattr(self.treatment, name))] for name in settings]
+        source = "formulas" if self.log is None else self.log.path.name
+        title = f"Motion from {source}: {len(self)} samples, {self.dt * len(self):.4g} s, {self.q.shape[1]} positions"
+        return Overview(title, ("treatment", "value"), rows)
 
 
 def transient_samples(sections: Array, longest: int) -> int:
@@ -397,7 +431,7 @@ def _transient_samples(one_pass: bytes, longest: int) -> int:
     while True:
         impulse = np.zeros(2 * half + 1)
         impulse[half] = 1.0
-        response = np.abs(signal.sosfiltfilt(sections, impulse, padlen=0))[half:]
+        response = np.abs(both_ways(sections, impulse[None], 0)[0])[half:]
         reached = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
         if reached < half // 2:
             return min(reached, longest)
@@ -432,8 +466,30 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
         raise bad_setting("torque_delay_s", longest, f"at most a tenth of the log, {LONGEST_DELAY * n * dt:.3g} s")
     if sections is not None and n <= 3 * (2 * sections.shape[1] + 1):
         raise too_short(n * dt, 3 * (2 * sections.shape[1] + 1) * dt, "the position filter")
-    q = log.position if sections is None else filtered(log.position, sections, log.segments)
-    return _timed(Motion(dt, q, log.torque, replace(treatment, torque_delay_s=0.0), log, float(log.t[0])), treatment)
+    q, shared = _positions(log, sections)
+    plain = replace(treatment, torque_delay_s=0.0)
+    return _timed(Motion(dt, q, log.torque, plain, log, float(log.t[0]), _shared=shared), treatment)
+
+
+# Of each log in memory, its positions by the filter they have passed, with what is computed from them.
+_FILTERED: WeakKeyDictionary[Log, dict[bytes, tuple[Array, dict[Any, Any]]]] = WeakKeyDictionary()
+
+
+def _positions(log: Log, sections: Array | None) -> tuple[Array, dict[Any, Any]]:
+    """Filtered positions of a log, (n, coordinates), and the differences that its motions share.
+
+    The choice of a treatment returns to the same few filters again and again; the last ones are kept.
+    """
+    if isinstance(log.position, OnDisk) or log.position.size > _SHARED:
+        return (log.position if sections is None else filtered(log.position, sections, log.segments)), {}
+    kept, key = _FILTERED.setdefault(log, {}), b"" if sections is None else sections.tobytes()
+    if key not in kept:
+        while len(kept) >= _FILTERS:
+            del kept[next(iter(kept))]
+        q = log.position if sections is None else filtered(log.position, sections, log.segments)
+        kept[key] = (q, {})
+    kept[key] = kept.pop(key)  # the last one used
+    return kept[key]
 
 
 def with_delay(motion: Motion, seconds: float | tuple[float, ...]) -> Motion:
@@ -466,13 +522,14 @@ def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> A
     return delayed(channels, samples, half)
 
 
-def too_short(seconds: float, needed: float, what: str) -> MotionTooShortError:
+def too_short(seconds: float, needed: float, what: str, decimation: int = 1) -> MotionTooShortError:
     """Error of a motion that is shorter than the transients of its filters."""
     return MotionTooShortError(
         f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s.",
         found=seconds,
         limit=needed,
-        advice="Record a longer motion, raise the cut-off, or reduce the decimation.",
+        advice="Record a longer motion, or raise the cut-off"
+        + (f", or reduce the decimation of {decimation}." if decimation > 1 else "."),
     )
 
 

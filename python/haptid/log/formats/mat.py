@@ -11,8 +11,9 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -150,6 +151,7 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
     """The named variables, or all."""
     with opened_file(path, _KIND):
         _check_elements(path)
+        _check_types(path, path.stat().st_mtime_ns)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a variable saved twice, an unknown class: not about the wanted ones
             loaded = io.loadmat(str(path), variable_names=variables, appendmat=False)
@@ -167,6 +169,42 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
             yield from _leaves(f"{name}.{field}", value.flat[0][field])
 
 
+# Types of data elements; an array; classes of arrays that hold arrays, and the last class.
+_TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
+_NESTED, _LAST_CLASS = (1, 2, 3, 16, 17), 18
+_DEEPEST = 32
+
+
+class _Bytes:
+    """Bytes of an element in sequence, inflated where it is compressed."""
+
+    def __init__(self, file: BinaryIO, stored: int, compressed: bool, order: str) -> None:
+        self.file, self.stored, self.order = file, stored, order
+        self.inflate = zlib.decompressobj() if compressed else None
+
+    def take(self, count: int) -> bytes:
+        """The next bytes; fewer at the end."""
+        if self.inflate is None:
+            return self.file.read(count)
+        made = b""
+        while len(made) < count:
+            waiting = self.inflate.unconsumed_tail
+            if not waiting:
+                waiting = self.file.read(min(self.stored, 2**16))
+                self.stored -= len(waiting)
+            if not waiting:
+                break
+            made += self.inflate.decompress(waiting, count - len(made))
+        return made
+
+    def skip(self, count: int) -> None:
+        """Leave bytes out."""
+        if self.inflate is None:
+            self.file.seek(count, 1)
+        while self.inflate is not None and count > 0 and (gone := len(self.take(min(count, 2**20)))):
+            count -= gone
+
+
 def _check_elements(path: Path) -> None:
     """Check the sizes of the file's elements without reading them.
 
@@ -176,13 +214,33 @@ def _check_elements(path: Path) -> None:
     Raises:
         LogFileError: an element runs past the end of the file, or declares far more than is stored of it.
     """
+    budget = Budget(path)
+    for at, declared, _ in _elements(path):
+        budget.take(f"the variable at byte {at}", declared)
+
+
+@lru_cache(maxsize=8)
+def _check_types(path: Path, _written: int) -> None:
+    """Check types and classes of all elements: SciPy's compiled reader takes them as indices.
+
+    Raises:
+        LogFileError: one is of a type that does not exist, or runs past the end of the one that it is in.
+    """
+    for at, declared, inside in _elements(path):
+        what = _wrong_array(inside, declared, inside.order, 0)
+        if what:
+            raise corrupt(path, _KIND, f"the variable at byte {at} has {what}")
+
+
+def _elements(path: Path) -> Iterator[tuple[int, int, _Bytes]]:
+    """Arrays of the file: where they are, how many bytes they have once inflated, and these."""
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES)
         order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
         if order is None:
             raise corrupt(path, _KIND, "its header is incomplete")
-        at, count, budget = HEADER_BYTES, 0, Budget(path)
+        at, count = HEADER_BYTES, 0
         while at < size:
             count += 1
             check_members(path, count, "variables")
@@ -191,8 +249,42 @@ def _check_elements(path: Path) -> None:
             kind, stored = struct.unpack(f"{order}II", tag) if len(tag) == 8 else (0, size)
             if at + 8 + stored > size:
                 raise corrupt(path, _KIND, f"the element at byte {at} runs past the end of the file")
+            inside, declared = _Bytes(file, stored, kind == MI_COMPRESSED, order), stored
             if kind == MI_COMPRESSED:
-                inner = zlib.decompressobj().decompress(file.read(min(stored, 1024)), 8)
-                declared = struct.unpack(f"{order}II", inner)[1]
-                budget.take(f"the variable at byte {at}", declared)
+                inner = inside.take(8)
+                kind, declared = struct.unpack(f"{order}II", inner) if len(inner) == 8 else (0, 0)
+            if kind == MI_MATRIX:
+                yield at, declared, inside
             at += 8 + stored
+
+
+def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
+    """What is wrong with the elements of an array of so many bytes; empty where nothing is."""
+    allowed, first = _TYPES, True
+    while size > 0:
+        tag = inside.take(8)
+        if len(tag) < 8:
+            return "an array that is cut short"
+        kind, count = struct.unpack(f"{order}II", tag)
+        size -= 8
+        if kind >> 16:  # up to four bytes are in the tag
+            kind, count, small = kind & 0xFFFF, kind >> 16, True
+        else:
+            small = False
+        padded = 0 if small else count + -count % 8
+        if kind not in allowed or count > (4 if small else size):
+            return f"an element of type {kind} and {count} bytes"
+        size -= padded
+        if first:
+            flags = inside.take(padded)
+            number = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF if len(flags) >= 4 else 0
+            if kind != 6 or not 1 <= number <= _LAST_CLASS:
+                return f"an array of class {number}"
+            allowed, first = (_TYPES if number in _NESTED else _TYPES - {MI_MATRIX}), False
+        elif kind == MI_MATRIX:
+            what = "arrays within arrays" if depth > _DEEPEST else _wrong_array(inside, count, order, depth + 1)
+            if what:
+                return what
+        else:
+            inside.skip(padded)
+    return ""

@@ -35,12 +35,32 @@ SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
 GROUPS_HELD = 4
 
 
+# Logs up to this are read as a whole, bytes: Arrow allocates what a page of a file declares, up to 2 GiB.
+_SMALL = 2**26
+
+
+def _opened(path: Path) -> parquet.ParquetFile:
+    """A file whose columns will be read."""
+    if path.stat().st_size <= _SMALL:
+        return parquet.ParquetFile(pa.BufferReader(path.read_bytes()))
+    return parquet.ParquetFile(path, **SPARING)
+
+
 def names(path: Path) -> list[str]:
     """Names of the columns of numbers, fields of structs with points, elements of lists with numbers from 1."""
     require(path, _KIND, "Parquet")
-    with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
+    with opened_file(path, _KIND), _opened(path) as file:
         _schema(path, file)
         return list(_channels(file))
+
+
+def units(path: Path) -> dict[str, str]:
+    """Units in the metadata of columns, as the virtual bench and others write them: key `unit` or `units`."""
+    require(path, _KIND, "Parquet")
+    with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
+        stated = {field.name: field.metadata or {} for field in file.schema_arrow}
+    made = {name: of.get(b"unit", of.get(b"units", b"")).decode(errors="replace") for name, of in stated.items()}
+    return {name: unit for name, unit in made.items() if unit}
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -52,7 +72,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         LogFileError: a wanted column holds texts, or declares far more rows than its bytes can hold.
     """
     require(path, _KIND, "Parquet")
-    with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
+    with opened_file(path, _KIND), _opened(path) as file:
         return collect(wanted, _columns(path, file, wanted))
 
 
@@ -71,7 +91,7 @@ def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawCh
 @lru_cache(maxsize=GROUPS_HELD)
 def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[RawChannel]:
     """Columns of one row group; the file's modification time, ns, is part of the cache key."""
-    with opened_file(path, _KIND), parquet.ParquetFile(path, **SPARING) as file:
+    with opened_file(path, _KIND), _opened(path) as file:
         channels = _channels(file)
         places = [channels[name] for name in wanted]
         table = file.read_row_group(k, columns=list(dict.fromkeys(p.column for p in places)), use_threads=False)
@@ -180,6 +200,15 @@ def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_timestamp(kind))
 
 
+def _numbers(values: pa.Array) -> np.ndarray:
+    """The values of a piece of a column: `to_numpy`, which imports pandas where that is installed, only if it must."""
+    plain = types.is_integer(values.type) or types.is_float32(values.type) or types.is_float64(values.type)
+    if not plain or values.null_count or not len(values):
+        return np.asarray(values.to_numpy(zero_copy_only=False))
+    whole = np.frombuffer(values.buffers()[1], dtype=values.type.to_pandas_dtype())
+    return whole[values.offset : values.offset + len(values)]
+
+
 def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array]) -> list[RawChannel]:
     """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null."""
     whole = [types.is_integer(place.kind) or types.is_timestamp(place.kind) for place in places]
@@ -190,6 +219,6 @@ def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[A
             values = _taken(batch.column(0), place)
             if values.null_count and out[k].dtype != np.float64:
                 out[k] = out[k].astype(np.float64)
-            out[k][row : row + len(values)] = values.to_numpy(zero_copy_only=False)
+            out[k][row : row + len(values)] = _numbers(values)
         row += batch.num_rows
     return [column[:row] for column in out]

@@ -1,0 +1,155 @@
+"""Butterworth and polynomial filters, and spectra of sampled signals: what every identification calls.
+
+They are those of `scipy.signal`, which the tests compare them with. Importing that module loads `scipy.stats` and a
+third of SciPy, and takes longer than all that an identification of a short log computes.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import factorial
+
+import numpy as np
+from scipy import fft, ndimage
+from scipy.linalg import blas
+
+from haptid._internal.arrays import Array, freeze
+
+
+def butterworth(order: int, cutoff: float) -> Array:
+    """Second-order sections of a Butterworth low-pass, (sections, 6), by the bilinear transform.
+
+    Args:
+        order: of the filter.
+        cutoff: -3 dB, as a share of half the sampling rate.
+    """
+    warped = 4 * np.tan(0.5 * np.pi * cutoff)
+    analog = -warped * np.exp(0.5j * np.pi * np.arange(1 - order, 1, 2) / order)  # one of each pair
+    poles = (4 + analog) / (4 - analog)
+    made = np.zeros((len(poles), 6))
+    for section, p in zip(made, poles, strict=True):
+        single = p.imag == 0 or (order % 2 == 1 and p is poles[-1])
+        section[:2] = 1.0
+        section[3:5] = 1.0, -p.real if single else -2 * p.real
+        if not single:
+            section[1:3], section[5] = (2.0, 1.0), abs(p) ** 2
+    made = made[np.argsort(np.abs(poles))]  # the most resonant section last
+    made[:, :3] *= (made[:, 3:].sum(axis=1) / made[:, :3].sum(axis=1))[:, None]  # unit gain of a constant
+    return made
+
+
+def pole_radius(sections: Array) -> float:
+    """Largest magnitude of a pole of second-order sections, (sections, 6)."""
+    return max(float(np.abs(np.roots(own[3:])).max(initial=0.0)) for own in sections)
+
+
+def both_ways(sections: Array, channels: Array, padding: int | None = None) -> Array:
+    """Filter forwards and backwards, (channels, n) to (channels, n).
+
+    Both ends are extended by the signal turned about its end point, and the filter starts in the steady state of its
+    first value, as in `scipy.signal.sosfiltfilt`.
+
+    Args:
+        sections: second-order sections of one pass, (sections, 6).
+        channels: longer than the extension.
+        padding: samples of the extension; three times the filter's length where None.
+    """
+    edge = end_padding(sections) if padding is None else padding
+    x = np.asarray(channels, dtype=np.float64)
+    if edge:
+        x = np.concatenate([2 * x[:, :1] - x[:, edge:0:-1], x, 2 * x[:, -1:] - x[:, -2 : -(edge + 2) : -1]], axis=1)
+    turned = _one_pass(sections, x)[:, ::-1]
+    made = _one_pass(sections, turned)[:, ::-1]
+    return np.ascontiguousarray(made[:, edge : made.shape[1] - edge])
+
+
+def end_padding(sections: Array) -> int:
+    """Samples by which `both_ways` extends either end."""
+    short = min(int((sections[:, 2] == 0).sum()), int((sections[:, 5] == 0).sum()))
+    return 3 * (2 * len(sections) + 1 - short)
+
+
+def _one_pass(sections: Array, channels: Array) -> Array:
+    """Through all sections, in the steady state of the first value before it, (channels, n).
+
+    A recursion y[k] + a1 y[k-1] + a2 y[k-2] = v[k] is a triangular system of bandwidth two.
+    """
+    x, band = channels, np.ones((3, channels.shape[1]), order="F")
+    for b0, b1, b2, _, a1, a2 in sections:
+        band[1], band[2] = a1, a2
+        first = x[:, 0]
+        steady = first * (b0 + b1 + b2) / (1 + a1 + a2)
+        v = b0 * x
+        v[:, 1:] += b1 * x[:, :-1]
+        v[:, 2:] += b2 * x[:, :-2]
+        v[:, 0] += (b1 + b2) * first - (a1 + a2) * steady
+        v[:, 1:2] += (b2 * first - a2 * steady)[:, None]
+        x = np.stack([blas.dtbsv(2, band, own, lower=1, diag=1) for own in v])
+    return x
+
+
+def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Array:
+    """Derivative of a polynomial fitted to the samples around each, per sample, along the first axis.
+
+    At the ends it is that of the polynomial of the first and the last window.
+
+    Source: Savitzky and Golay (1964), Analytical Chemistry 36(8).
+
+    Args:
+        x: signals, (n, ...), not shorter than the window.
+        window: samples of the fit, odd.
+        degree: of the polynomial.
+        order: of the derivative.
+    """
+    fit, at = _polynomials(window, degree, order)
+    half = window // 2
+    made: Array = ndimage.correlate1d(np.asarray(x, dtype=np.float64), at[half] @ fit, axis=0)
+    made[:half] = np.tensordot(at[:half] @ fit, x[:window], axes=1)
+    made[-half:] = np.tensordot(at[-half:] @ fit, x[-window:], axes=1)
+    return made
+
+
+@lru_cache(maxsize=16)
+def _polynomials(window: int, degree: int, order: int) -> tuple[Array, Array]:
+    """Coefficients from a window's samples, (degree + 1, window); derivative at each, (window, degree + 1)."""
+    k = np.arange(window) / (window // 2) - 1.0
+    powers = np.arange(degree + 1)
+    down = np.array([factorial(p) / factorial(p - order) if p >= order else 0.0 for p in powers])
+    at = down * k[:, None] ** np.maximum(powers - order, 0) / (window // 2) ** order
+    return freeze(np.asarray(np.linalg.pinv(k[:, None] ** powers), dtype=np.float64)), freeze(at)
+
+
+def without_line(x: Array) -> Array:
+    """A signal less its straight line of least squares, along the last axis."""
+    t = np.arange(x.shape[-1]) - 0.5 * (x.shape[-1] - 1)
+    level = x - x.mean(axis=-1, keepdims=True)
+    return np.asarray(level - (level @ t / (t @ t))[..., None] * t) if len(t) > 1 else level
+
+
+def welch(x: Array, dt: float, window: Array, line: bool = False) -> tuple[Array, Array]:
+    """Frequencies, Hz, and one-sided power density of a signal, from windows that overlap by half.
+
+    Source: Welch (1967), IEEE Trans. Audio and Electroacoustics 15(2).
+
+    Args:
+        x: (n,), not shorter than the window.
+        dt: sampling period, s.
+        window: weights of a segment's samples.
+        line: whether each segment's straight line is removed, and not only its mean.
+    """
+    length = len(window)
+    segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
+    level = without_line(segments) if line else segments - segments.mean(axis=-1, keepdims=True)
+    power = np.mean(np.abs(fft.rfft(level * window, axis=-1)) ** 2, axis=0) * dt / (window @ window)
+    power[1 : -1 if length % 2 == 0 else None] *= 2
+    return fft.rfftfreq(length, dt), power
+
+
+def kaiser_window(length: int, beta: float) -> Array:
+    """Kaiser window of one period."""
+    return np.kaiser(length + 1, beta)[:-1]
+
+
+def hann_window(length: int) -> Array:
+    """Hann window of one period."""
+    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))

@@ -1,0 +1,103 @@
+"""Sampling periods between the rows of a log, counted by the motion itself.
+
+A recorder that polls a device, or takes messages from a queue, writes a sample twice where one is late and leaves one
+out where two have come; its stamps, or the numbers of its rows, say when rows were written and not when samples were
+taken. The device itself samples regularly, so the true steps are whole periods: 0, 1, 2, ... Where the positions move
+fast enough, the step of all channels over their speed says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from haptid._internal.arrays import Array
+from haptid.log.spectrum import lattice_step
+
+# Steps that a speed is the mean of, pass by pass: first of all steps, then of those that counted one.
+_WIDTHS = (101, 101, 25)
+# Standard error of a step, periods, below which its count is clear; distance from a whole number that is near it.
+_CLEAR, _NEAR = 0.1, 0.25
+# Least share of the steps that must be clear, and of the clear ones that must be near whole numbers.
+_MANY, _WHOLE = 0.2, 0.97
+# Least share of steps of one period around a step.
+_SINGLE = 0.3
+# Longest step that is counted, periods.
+LONGEST_COUNT = 20
+# A step that differs between channels by more than this many standard deviations of their noise, and by more than this
+# share of itself, is none of time alone.
+_UNLIKE, _SHARE = 5.0, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class StepCounts:
+    """Whole sampling periods from each row to the next.
+
+    Attributes:
+        periods: (rows - 1,).
+        told: where the motion is fast enough to tell, (rows - 1,); 1 elsewhere.
+        clear: where it leaves no doubt, (rows - 1,).
+    """
+
+    periods: NDArray[np.intp]
+    told: NDArray[np.bool_]
+    clear: NDArray[np.bool_]
+
+
+def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], rows: int) -> StepCounts | None:
+    """Steps counted by the motion; None where they are not whole periods, or the motion is too slow to tell.
+
+    Args:
+        positions: channels, each (rows,), in any unit, unwrapped.
+        spans: rows of each segment.
+        rows: of the log.
+    """
+    channels = list(positions)
+    made = StepCounts(np.ones(rows - 1, dtype=np.intp), *(np.zeros(rows - 1, dtype=bool) for _ in range(2)))
+    told = whole = 0
+    for a, b in spans:
+        if b - a < max(_WIDTHS):
+            continue
+        own, part = [channel[a:b] for channel in channels], slice(a, b - 1)
+        x = np.ones(b - a - 1)
+        for width in _WIDTHS:
+            x, made.told[part], alike = _steps(own, np.rint(x), width)
+        made.clear[part] = made.told[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
+        made.periods[part] = np.rint(x).astype(np.intp)
+        told, whole = told + int((made.told[part] & alike).sum()), whole + int(made.clear[part].sum())
+    return made if told > _MANY * (rows - 1) and whole > _WHOLE * told else None
+
+
+def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Each step in periods, (rows - 1,), where the motion tells it, and where all channels say the same.
+
+    Args:
+        channels: each (rows,).
+        assumed: periods of each step, (rows - 1,).
+        width: steps that a speed is the mean of.
+    """
+    one = (assumed == 1).astype(float)
+    single = ndimage.uniform_filter1d(one, width)
+    information, moment, power = (np.zeros(len(assumed)) for _ in range(3))
+    moved = 0
+    for channel in channels:
+        step = np.diff(channel)
+        speed = ndimage.uniform_filter1d(one * step, width) / np.maximum(single, 1 / width)
+        off = np.abs(step - speed * assumed)
+        noise = max(1.4826 * float(np.median(off)), lattice_step(channel[: 1 << 16]) / np.sqrt(6))
+        if noise > 0:
+            speed, step = speed / noise, step / noise
+            information += speed**2
+            moment += speed * step
+            power += step**2
+            moved += 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = moment / information
+        unlike = np.sqrt(np.maximum(power - x * moment, 0.0) / max(moved, 1))
+        alike = unlike < np.maximum(_UNLIKE, _SHARE * np.sqrt(power / max(moved, 1)))
+        told = (information > _CLEAR**-2) & (x > -_NEAR) & (x < LONGEST_COUNT) & (single > _SINGLE)
+    return np.where(told, x, 1.0), told, alike

@@ -1,0 +1,82 @@
+"""Sampling periods counted by the motion: a queue between device and recorder, and what must not be taken for one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptid.log import Channels, Log, Signal, read_log
+from haptid.log.sample_counts import count_steps
+
+MANY, PERIOD = 4000, 1e-3
+
+
+def motion(t: np.ndarray) -> np.ndarray:
+    """Positions of three joints, (times, 3), rad."""
+    return np.stack([np.sin(3 * t), 0.7 * np.cos(2.1 * t + 0.3), 0.5 * np.sin(1.3 * t) + 0.2 * t], axis=-1)
+
+
+def queue(rng: np.random.Generator, late: float) -> np.ndarray:
+    """Sample that each row of a polling recorder holds, (rows,): the latency changes now and then by whole periods."""
+    jumps = rng.random(MANY) < late
+    latency = np.cumsum(jumps * rng.choice([-1, 1, 2, 6], MANY, p=[0.6, 0.3, 0.05, 0.05]))
+    held = np.arange(MANY) + 20 - np.maximum(latency, 0)
+    return np.maximum.accumulate(np.maximum(held, 0))
+
+
+def read(folder: Path, held: np.ndarray, counts: float, **time: float) -> Log:
+    """The rows that a recorder has written, with positions of an encoder."""
+    q = np.round(motion(held * PERIOD) / counts) * counts
+    torque = np.cos(3 * held * PERIOD) + 1e-3 * np.random.default_rng(5).normal(size=held.max() + 1)[held]
+    path = folder / "log.npz"
+    np.savez(path, t=np.arange(MANY) * PERIOD, q=q, tau=torque)
+    channels = Channels(Signal(("q[1]", "q[2]", "q[3]"), "rad"), Signal("tau", "N m"), **(time or {"time": "t"}))
+    return read_log(path, channels)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**31), late=st.floats(0.02, 0.1))
+def test_steps_of_a_queue_are_counted(seed: int, late: float) -> None:
+    rng = np.random.default_rng(seed)
+    held = queue(rng, late)
+    q = motion(held * PERIOD) + 1e-5 * rng.normal(size=(MANY, 3))
+    found = count_steps(q.T, [(0, MANY)], MANY)
+    assert found is not None
+    assert found.clear.mean() > 0.9
+    # Where most rows of a tenth of a second repeat, the speed is known from a few steps only.
+    assert np.mean(found.periods[found.clear] != np.diff(held)[found.clear]) < 2e-3
+
+
+@pytest.mark.parametrize("rate", [False, True])
+def test_positions_of_a_queue_come_back(tmp_path: Path, rate: bool) -> None:
+    held = queue(np.random.default_rng(2), 0.06)
+    log = read(tmp_path, held, 1e-5, **({"rate_hz": 1 / PERIOD} if rate else {}))
+    assert log.time_base.method == "counted"
+    assert "whole sampling periods" in " ".join(log.time_base.sentences)
+    assert log.dt == pytest.approx(PERIOD, rel=5e-3)  # the latency changes by up to 20 ms in 4 s
+    inner = slice(50, -50)
+    off = np.asarray(log.position)[inner] - motion((held[0] + np.arange(len(log.t))[inner]) * PERIOD)
+    as_stamped = motion(held * PERIOD) - motion(held[0] * PERIOD + np.arange(MANY) * PERIOD)
+    assert np.abs(off).max() < 4e-5
+    assert np.abs(as_stamped).max() > 5e-3
+
+
+def test_regular_samples_are_left_alone(tmp_path: Path) -> None:
+    for counts in (1e-6, 1e-3, 6e-3):
+        log = read(tmp_path, np.arange(MANY), counts)
+        assert log.time_base.method == "regular"
+        assert len(log.t) == MANY
+
+
+def test_vibration_and_glitches_are_no_periods() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(MANY) * PERIOD
+    vibrating = motion(t) + 1e-3 * np.sin(2 * np.pi * 180 * t)[:, None]
+    assert count_steps(vibrating.T, [(0, MANY)], MANY) is None
+    glitches = motion(t) + 5e-3 * (rng.random((MANY, 3)) < 1e-3)
+    found = count_steps(glitches.T, [(0, MANY)], MANY)
+    assert found is None or np.mean(found.periods[found.clear] != 1) < 2e-3
