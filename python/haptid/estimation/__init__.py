@@ -7,6 +7,7 @@ and simulations; it does not use validation or inference.
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
 from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, project_to_feasible
+from haptid.estimation.intervals.between_logs import BetweenLogs
 from haptid.estimation.intervals.bootstrap import Bootstrap
 from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust, FixedB
 from haptid.estimation.intervals.covariance import Intervals, Spread
@@ -24,7 +25,7 @@ from haptid.estimation.methods.constrained import (
     PhysicallyConsistent,
 )
 from haptid.estimation.methods.errors_in_variables import TLS, ErrorsInVariables
-from haptid.estimation.methods.gls import GLS, SUR
+from haptid.estimation.methods.gls import GLS, SUR, TorqueNoise
 from haptid.estimation.methods.instrumental import IV
 from haptid.estimation.methods.kalman import EKF, UKF
 from haptid.estimation.methods.open_loop import OutputErrorMethod
@@ -46,6 +47,7 @@ __all__ = [
     "TLS",
     "UKF",
     "WLS",
+    "BetweenLogs",
     "BlockJackknife",
     "Bootstrap",
     "BoundedSolution",
@@ -81,6 +83,7 @@ __all__ = [
     "Sandwich",
     "Spread",
     "StudentT",
+    "TorqueNoise",
     "Tukey",
     "estimate",
     "feasible_parameters",

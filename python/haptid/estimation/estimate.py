@@ -10,9 +10,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
+from haptid.errors import index_of
 from haptid.estimation.feasibility.feasible import FeasibleParameters
+from haptid.estimation.intervals.between_logs import BetweenLogs
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread, with_prior_variance
@@ -22,6 +25,7 @@ from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
+from haptid.uncertainty.figures import short_percent, with_digits
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
@@ -85,6 +89,7 @@ class Parameter:
         return 100 * self.se / abs(self.value) if self.value else float("inf")
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Base parameters estimated from an observation.
@@ -201,7 +206,29 @@ class Estimate:
     @cached_property
     def clusters(self) -> Clusters:
         """Scores of the time blocks, for joint tests of several estimates."""
-        return Clusters.of(self.fit, np.array([row for shifts in self.nuisances.values() for row in shifts]))
+        return Clusters.of(self.fit, self.shifts)
+
+    @property
+    def shifts(self) -> Array:
+        """By how much one standard error of each part of the nuisances moves the parameters, (n, p), SI."""
+        return np.array([row for shifts in self.nuisances.values() for row in shifts]).reshape(-1, len(self.beta))
+
+    @cached_property
+    def between_logs(self) -> BetweenLogs | None:
+        """Scatter between logs, and intervals of a repeat; None with fewer than three logs, and of a point estimate."""
+        return self.between_logs_of(self.unconstrained, self.beta, np.eye(len(self.beta)))
+
+    def between_logs_of(self, found: Quantities, values: Array, C: Array) -> BetweenLogs | None:
+        """The same of combinations of base parameters.
+
+        Args:
+            found: the combinations in the unconstrained fit.
+            values: in the estimate, (q,), SI.
+            C: factors of the base parameters, (q, p).
+        """
+        if isinstance(self.method, PointEstimate):
+            return None
+        return BetweenLogs.of(self.fit, found, values, C, self.shifts)
 
     @property
     def se(self) -> Array:
@@ -260,7 +287,7 @@ class Estimate:
         )
 
     def __getitem__(self, name: str) -> Parameter:
-        return self.parameters[self.base.names.index(name)]
+        return self.parameters[index_of(name, self.base.names, "base parameter")]
 
     def spread(self, combinations: Array) -> Spread:
         """Covariance and degrees of freedom of combinations (q, p) of base parameters, of the unconstrained fit."""
@@ -284,6 +311,20 @@ class Estimate:
             quantities=replace(own, covariance=covariance, dof=dof),
             nuisances={**self.nuisances, name: read_only(shifts)},
         )
+
+    def _shown(self) -> Overview:
+        rows = [
+            [
+                p.name,
+                with_digits(p.value, p.se),
+                " .. ".join(with_digits(end, p.se) for end in p.conf_int()),
+                short_percent(p.se, p.value),
+                p.unit,
+            ]
+            for p in self.parameters
+        ]
+        title = f"Estimate of {self.model.device.name} by {self.method.name}: {self.observation.rows} rows"
+        return Overview(title, ("", "value", "95 % interval", "std err %", "unit"), rows, self.notes)
 
 
 def estimate(observation: Observation, method: Method, intervals: Intervals | None = None) -> Estimate:

@@ -110,7 +110,8 @@ def solve(
             f"{observation.rows} rows are not enough for {len(kept)} parameters.",
             found=observation.rows,
             limit=len(kept),
-            advice="Record a longer motion, or decimate less.",
+            advice="Record a longer motion"
+            + (", or decimate less." if any(m.treatment.decimation > 1 for m in observation.motions) else "."),
         )
     start, free = directions(known, kept)
     change = np.zeros((p + 1, free.shape[1] + 1))

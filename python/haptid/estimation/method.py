@@ -61,9 +61,15 @@ class BlockMoments:
             shifts[few] = np.linalg.solve(eye - self.G[few], self.s[few, :, None])[..., 0]
         return shifts
 
-    def alone(self, combinations: Array) -> np.ndarray:
-        """Combinations (q, k) of g that only a single cell excites, as indices."""
-        _, values, vectors = self._high_leverage
+    def alone(self, combinations: Array, known: tuple[Array, Array] | None = None) -> np.ndarray:
+        """Combinations (q, k) of g that only a single cell excites, as indices.
+
+        Args:
+            combinations: (q, k).
+            known: eigenvalues (cells, k) and eigenvectors of the G of all cells of high leverage, if they have been
+                computed.
+        """
+        values, vectors = known or self._high_leverage[1:]
         cells = np.flatnonzero((values > ALONE).any(axis=1))
         single = np.where(values[cells, None] > ALONE, np.abs(combinations @ vectors[cells]), 0.0)
         return np.flatnonzero(((single**2).sum(axis=2) > MOSTLY * (combinations**2).sum(axis=1)).any(axis=0))

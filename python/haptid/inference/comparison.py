@@ -7,20 +7,24 @@ of Statistics 6.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, overload, runtime_checkable
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
+from haptid.estimation import Estimate
 from haptid.estimation.intervals.clusters import Clusters
+from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.inference.joint_tests import DETECTION_POWER, JointTests, joint_tests
+from haptid.inference.misfit import clusters_with_misfit
 from haptid.observation.plan import Block
+from haptid.uncertainty.distributions import t_quantile
 from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
 from haptid.uncertainty.quantities import Quantities, aligned, half_width
 
@@ -63,6 +67,7 @@ class Clustered(Comparable, Protocol):
         """Scores of its time blocks, if they are known."""
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Differences between two independent estimates, second minus first, parameter by parameter.
@@ -194,7 +199,12 @@ class Comparison:
         magnitude = "its magnitude differs too" if size_too else "its magnitude does not differ significantly"
         return f"{self.names[k]} changes its sign, {values}; {magnitude}."
 
+    def _shown(self) -> Overview:
+        title, *lines = self.summary().splitlines()
+        return Overview(title, ("",), [[line] for line in lines])
 
+
+@displayed
 @dataclass(frozen=True, eq=False)
 class Series:
     """Two or more independent estimates of the same parameters.
@@ -324,21 +334,35 @@ class Series:
             rows.append([name, *cells, confidence_text(self.holm[k]), mark, f"{self.detectable[k]:.2g}", self.units[k]])
         return "\n".join([*aligned(rows), "", *self.sentences])
 
+    def _shown(self) -> Overview:
+        title, *lines = self.summary().splitlines()
+        return Overview(title, ("",), [[line] for line in lines])
+
 
 @overload
 def compare(
-    first: Comparable, second: Comparable, /, *, confidence: float = 0.95, independent: bool = True
+    first: Comparable, second: Comparable, /, *, confidence: float = 0.95, independent: bool = True, joint: bool = True
 ) -> Comparison: ...
 @overload
 def compare(
-    *estimates: Comparable, labels: Sequence[str], confidence: float = 0.95, independent: bool = True
+    *estimates: Comparable,
+    labels: Sequence[str],
+    confidence: float = 0.95,
+    independent: bool = True,
+    joint: bool = True,
 ) -> Series: ...
 @overload
-def compare(*estimates: Comparable, confidence: float = 0.95, independent: bool = True) -> Comparison | Series: ...
+def compare(
+    *estimates: Comparable, confidence: float = 0.95, independent: bool = True, joint: bool = True
+) -> Comparison | Series: ...
 
 
 def compare(
-    *estimates: Comparable, labels: Sequence[str] | None = None, confidence: float = 0.95, independent: bool = True
+    *estimates: Comparable,
+    labels: Sequence[str] | None = None,
+    confidence: float = 0.95,
+    independent: bool = True,
+    joint: bool = True,
 ) -> Comparison | Series:
     """Which parameters of two or more estimates differ: mountings of a device, tools, days, devices of a series.
 
@@ -351,6 +375,7 @@ def compare(
         labels: one for each; "1", "2", ... where None.
         confidence: family-wise confidence level over all parameters, between 0 and 1.
         independent: whether common rows are an error; if not, they are noted.
+        joint: whether groups of directions are tested too, and errors of the model widen the standard errors.
 
     Returns:
         A `Comparison` of two estimates without labels, otherwise a `Series`.
@@ -398,42 +423,75 @@ def compare(
     names = common_parameters(estimates)
     picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
     notes = list(_notes(estimates, called, names))
-    known = _clustered(estimates, names)
-    factor = np.array([one.clusters.misfit if one.clusters else 1.0 for one in known] or np.ones(len(estimates)))
-    for label, wide in zip(called, np.sqrt(factor).tolist(), strict=True):
-        if wide > _WIDENED:
-            notes.append(
-                f"Errors of the model come back with the motion of {label}: its standard errors are {wide:.2g} times "
-                f"those of noise."
-            )
-    joint = None
+    scores = [_scores(one) if joint else None for one in estimates]
+    widened = [
+        _with_misfit(one.unconstrained, own, quantities)
+        for one, own, quantities in zip(estimates, scores, picked, strict=True)
+    ]
+    for label, before, after in zip(called, picked, widened, strict=True):
+        notes += _misfit_note(label, before, after)
+    known = [own for own in scores if own is not None] if _comparable(estimates, scores, names) else []
+    tests = None
     if known:
-        clusters = [one.clusters for one in known if one.clusters]
-        joint = joint_tests(known[0].model, [one.unconstrained.values for one in known], clusters, confidence)
+        first = estimates[0]
+        assert isinstance(first, Clustered)
+        tests = joint_tests(first.model, [one.unconstrained.values for one in estimates], known, confidence)
     if shared:
         notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
     made = Series(
         labels=called,
         names=names,
         units=picked[0].units,
-        value=np.array([one.values for one in picked]),
-        se=np.array([one.se for one in picked]) * np.sqrt(factor)[:, None],
-        dof=np.array([one.dof for one in picked]),
-        covariance=np.array([one.covariance for one in picked]) * factor[:, None, None],
+        value=np.array([one.values for one in widened]),
+        se=np.array([one.se for one in widened]),
+        dof=np.array([one.dof for one in widened]),
+        covariance=np.array([one.covariance for one in widened]),
         confidence=confidence,
         notes=tuple(notes),
-        joint=joint,
+        joint=tests,
     )
     return made.pair(*pair) if pair else made
 
 
-def _clustered(estimates: Sequence[Comparable], names: tuple[str, ...]) -> list[Clustered]:
-    """The estimates with the scores of their blocks; none unless all have the same base parameters, each excited."""
-    known = [one for one in estimates if isinstance(one, Clustered) and one.clusters is not None]
-    same = all(one.unconstrained.names == names for one in known)
-    told = all(one.clusters is not None and one.clusters.root.any(axis=1).all() for one in known)
-    unbounded = any(one.unconstrained.unbounded for one in known)
-    return known if len(known) == len(estimates) and same and told and not unbounded else []
+def _scores(estimate: Comparable) -> Clusters | None:
+    """Scores of the time blocks with the shifts by missing terms, if they are known."""
+    if isinstance(estimate, Estimate):
+        return clusters_with_misfit(estimate)
+    return estimate.clusters if isinstance(estimate, Clustered) else None
+
+
+def _with_misfit(every: Quantities, scores: Clusters | None, picked: Quantities) -> Quantities:
+    """Parameters with the covariance that errors of the model add.
+
+    Args:
+        every: all base parameters of the estimate.
+        scores: of its time blocks.
+        picked: those compared.
+    """
+    if scores is None:
+        return picked
+    shifts = scores.misfit_shifts[:, [every.names.index(name) for name in picked.names]]
+    covariance, own = scores.misfit * picked.covariance, np.eye(len(picked))
+    covariance, dof = with_prior_variance(covariance, picked.dof, own, shifts if len(shifts) else None)
+    return replace(picked, covariance=covariance, dof=dof)
+
+
+def _misfit_note(label: str, before: Quantities, after: Quantities) -> Iterator[str]:
+    """A sentence on how much errors of the model widen the standard errors, and of which parameters most."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.nan_to_num(after.se / before.se, nan=1.0, posinf=1.0)
+    if ratio.max(initial=1.0) > _WIDENED:
+        most = [after.names[k] for k in np.argsort(-ratio)[:3] if ratio[k] > _WIDENED]
+        yield (
+            f"Errors of the model count as uncertainty of {label}: its standard errors are up to {ratio.max():.2g} "
+            f"times those of noise, most of {', '.join(most)}. The diagnosis names the missing terms."
+        )
+
+
+def _comparable(estimates: Sequence[Comparable], scores: Sequence[Clusters | None], names: tuple[str, ...]) -> bool:
+    """Whether all have scores and the same base parameters, each of them excited in more than one block."""
+    same = all(one.unconstrained.names == names and not one.unconstrained.unbounded for one in estimates)
+    return same and all(own is not None and own.root.any(axis=1).all() for own in scores)
 
 
 def _shared(first: Comparable, second: Comparable) -> Block | None:
@@ -501,7 +559,7 @@ def detectable(se: Array, dof: Array, confidence: float) -> Array:
     The first step of Holm's correction, that of Bonferroni, counts: (t(1 - alpha / 2k) + t(0.8)) se.
     """
     level = (1 - confidence) / max(len(se), 1)
-    return np.asarray((stats.t.isf(level / 2, dof) + stats.t.ppf(DETECTION_POWER, dof)) * se)
+    return np.asarray((t_quantile(1 - level / 2, dof) + t_quantile(DETECTION_POWER, dof)) * se)
 
 
 def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
 from haptid.errors import SettingError
@@ -30,6 +30,7 @@ from haptid.estimation.method import Method
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
+from haptid.uncertainty.distributions import f_tail
 from haptid.validation.validation import Validation, fit_errors, validate
 
 # Significance level of the F-test.
@@ -336,7 +337,7 @@ def rao_scott_test(full: Estimate, zero: tuple[int, ...]) -> FTest:
     above = inflation**2 / float(np.sum(A**2))
     below = above * float(full.dof[out].min())
     F = float(b @ b) / inflation
-    return FTest(F, (above, below), float(stats.f.sf(F, above, below)))
+    return FTest(F, (above, below), float(f_tail(F, above, below)))
 
 
 def stop_reason(now: Estimate, rejected: EliminationStep | None, how: BackwardElimination) -> str:

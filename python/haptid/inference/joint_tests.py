@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import linalg, optimize
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.intervals.clusters import Clusters
+from haptid.uncertainty.distributions import f_quantile, f_tail, noncentral_f_tail
 from haptid.uncertainty.multiple_testing import together
 
 # Most directions of a joint test, as a share of the blocks of the shorter log; power at which a change is detectable.
@@ -178,7 +179,8 @@ def _tested(
     """
     q, n = len(C), len(values)
     m = q * (n - 1)
-    parts = [one.misfit * one.covariance(C) for one in clusters]
+    moved = [one.misfit_shifts @ C.T for one in clusters]
+    parts = [one.misfit * one.covariance(C) + m.T @ m for one, m in zip(clusters, moved, strict=True)]
     contrast = np.hstack([np.ones((n - 1, 1)), -np.eye(n - 1)])
     H = [np.kron(contrast[:, [i]], np.eye(q)) for i in range(n)]
     whole = sum(h @ V @ h.T for h, V in zip(H, parts, strict=True))
@@ -202,7 +204,7 @@ def _tested(
         directions=q,
         F=factor * square,
         dof=(float(m), float(rest)),
-        p=float(stats.f.sf(factor * square, m, rest)),
+        p=float(f_tail(factor * square, m, rest)),
         distance=float(np.sqrt(square)),
         detectable=_detectable(m, rest, level),
     )
@@ -210,10 +212,10 @@ def _tested(
 
 def _detectable(m: float, rest: float, level: float) -> float:
     """Distance at which an F test at a level has the wanted power, in standard deviations."""
-    limit = float(stats.f.isf(level, m, rest))
+    limit = float(f_quantile(1 - level, m, rest))
 
     def short(square: float) -> float:
-        return float(stats.ncf.sf(limit, m, rest, square)) - DETECTION_POWER
+        return float(noncentral_f_tail(limit, m, rest, square)) - DETECTION_POWER
 
     high = 10.0
     while short(high) < 0 and high < 1e12:
@@ -224,38 +226,43 @@ def _detectable(m: float, rest: float, level: float) -> float:
 def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
     """p-value of the equality of all parameters, by random signs of the scores of runs of blocks.
 
-    The statistic is the sum of (b_i - b)'H_i (b_i - b), H_i the information of each fit and b their common fit. The
-    scores are those of the common fit, corrected for leverage; runs of neighbouring blocks change sign together: noise
-    is correlated over more than one. The statistic is divided by the factor of misfit.
+    The statistic is the sum of (b_i - b)'H_i (b_i - b), H_i the information of each fit and b their common fit, in the
+    directions that no missing term of a model moves. The scores are those of the common fit, corrected for leverage;
+    runs of neighbouring blocks change sign together: noise is correlated over more than one. The statistic is divided
+    by the factor of misfit.
 
     Source: Cameron, Gelbach and Miller (2008), Review of Economics and Statistics 90(3), with the null imposed.
     """
     size = np.sqrt(sum(np.diag(one.information) for one in clusters))
-    H = [one.information / np.outer(size, size) for one in clusters]
-    beta = [value * size for value in values]
-    whole = sum(H)
-    common = np.linalg.solve(whole, sum(h @ b for h, b in zip(H, beta, strict=True)))
-    root = np.linalg.inv(np.linalg.cholesky(whole))
-    T, scores, owner = 0.0, [], []
+    moved = np.concatenate([one.misfit_shifts for one in clusters]) * size
+    C = linalg.null_space(moved).T if len(moved) else np.eye(len(size))
+    information = [one.information / np.outer(size, size) for one in clusters]
+    root = np.linalg.inv(np.linalg.cholesky(sum(information)))
+    spread = [np.linalg.pinv(h, hermitian=True) for h in information]
+    H = [np.linalg.inv(C @ V @ C.T) for V in spread]
+    beta = [C @ (value * size) for value in values]
+    whole = np.linalg.inv(sum(H))
+    common = whole @ sum(h @ b for h, b in zip(H, beta, strict=True))
+    T, moves, owner = 0.0, [], []
     rng = np.random.default_rng(0)
-    for k, (one, h, b) in enumerate(zip(clusters, H, beta, strict=True)):
+    for k, (one, h, b, V) in enumerate(zip(clusters, H, beta, spread, strict=True)):
+        # The fit with the common values in these directions, and free in the others.
         P = root @ (np.linalg.pinv(one.root).T / size[:, None])
         G = P @ one.G @ P.T
-        away = np.linalg.solve(root.T, b - common)
-        own = Adjustment.of(G).times(one.s @ P.T + G @ away)
+        away = np.linalg.solve(root.T, V @ C.T @ h @ (b - common))
+        own = np.linalg.solve(root, Adjustment.of(G).times(one.s @ P.T + G @ away).T).T @ (C @ V).T
         runs = np.arange(len(one)) * RUNS * max(1, len(one) // (4 * RUNS)) // len(one)
         joined = np.zeros((runs.max() + 1, own.shape[1]))
         np.add.at(joined, runs, own)
-        scores.append(joined)
+        moves.append(joined)
         owner.append(np.full(len(joined), k))
         T += float((b - common) @ h @ (b - common))
-    every, whose = np.concatenate(scores), np.concatenate(owner)
+    every, whose = np.concatenate(moves), np.concatenate(owner)
     signs = rng.choice([-1.0, 1.0], (_DRAWS, len(every)))
-    total = signs @ every
+    each = [signs[:, whose == k] @ every[whose == k] for k in range(len(H))]
+    middle = sum(moved @ h for moved, h in zip(each, H, strict=True)) @ whole
     drawn = np.zeros(_DRAWS)
-    for k, h in enumerate(H):
-        share = root @ h @ root.T
-        rest = signs[:, whose == k] @ every[whose == k] - total @ share.T
-        drawn += np.einsum("di,ij,dj->d", rest, np.linalg.pinv(share, hermitian=True), rest)
+    for moved, h in zip(each, H, strict=True):
+        drawn += np.einsum("di,ij,dj->d", moved - middle, h, moved - middle)
     factor = float(np.mean([one.misfit for one in clusters]))
     return float((1 + np.sum(drawn >= T / factor)) / (1 + _DRAWS))

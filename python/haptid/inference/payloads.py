@@ -30,6 +30,7 @@ from haptid.errors import (
     SettingError,
     SharedRowsError,
     UnknownNameError,
+    index_of,
     listed,
     suggestion,
 )
@@ -46,6 +47,7 @@ from haptid.motion.holds import Poses
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.observation.static import observe_poses
+from haptid.uncertainty.figures import with_digits
 from haptid.uncertainty.quantities import Quantities
 
 # Largest relative standard error of a gain: a motor that the payload loads less is left out.
@@ -89,7 +91,7 @@ class PayloadEstimate:
 
     def __getitem__(self, name: str) -> float:
         """A figure of the body by name, such as "mass" or "com x"."""
-        return float(self.body.values[self.body.names.index(name)])
+        return float(self.body.values[index_of(name, self.body.names, "figure of the body")])
 
     def summary(self) -> str:
         """Table of the body, or of the parameters where no mass is determined; then the sentences."""
@@ -167,8 +169,9 @@ class DriveGains:
     def summary(self) -> str:
         """A line for each motor."""
         lines = [
-            f"{label}: {value:.4f} of the file's gain, 95 % interval {low:.4f} .. {high:.4f}"
-            for label, value, (low, high) in zip(self.labels, self.values, self.conf_int(), strict=True)
+            f"{label}: {with_digits(value, se)} of the file's gain, "
+            f"95 % interval {with_digits(low, se)} .. {with_digits(high, se)}"
+            for label, value, se, (low, high) in zip(self.labels, self.values, self.se, self.conf_int(), strict=True)
         ]
         return "\n".join([*lines, *self.left_out])
 
@@ -195,17 +198,7 @@ class PayloadIdentification:
     notes: tuple[str, ...]
 
     def __getitem__(self, name: str) -> PayloadEstimate:
-        for payload in self.payloads:
-            if payload.name == name:
-                return payload
-        names = [payload.name for payload in self.payloads]
-        raise UnknownNameError(
-            f"no payload {name!r}; there are {', '.join(names)}.",
-            where="payload",
-            found=name,
-            limit=tuple(names),
-            advice=suggestion(name, names),
-        )
+        return self.payloads[index_of(name, [payload.name for payload in self.payloads], "payload")]
 
     def summary(self) -> str:
         """All payloads, gains and notes as text."""

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
@@ -19,6 +18,7 @@ from haptid.estimation.method import Method
 from haptid.motion.holds import Poses
 from haptid.observation.observation import Observation
 from haptid.observation.static import observe_poses
+from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import aligned
 
 # Most folds of the cross-validation; configurations are dealt to them in turn.
@@ -271,7 +271,7 @@ def _verdict(
     if held.size > 1:
         gain = held**2 - missing**2
         spread = float(gain.std(ddof=1) / np.sqrt(gain.size))
-        p = float(stats.t.sf(gain.mean() / spread, gain.size - 1)) if spread > 0 else float(gain.mean() <= 0)
+        p = float(t_tail(gain.mean() / spread, gain.size - 1)) if spread > 0 else float(gain.mean() <= 0)
     verdict: Literal["worth it", "not needed", "unproven"] = "unproven"
     if p < COMPENSATION_SIGNIFICANCE:
         verdict = "worth it"

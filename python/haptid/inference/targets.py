@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.device.priors import combined_prior
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IncompleteDeviceError
-from haptid.estimation import Estimate, Parameter
+from haptid.errors import IncompleteDeviceError, index_of
+from haptid.estimation import BetweenLogs, Estimate, Parameter
 from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
@@ -21,6 +22,7 @@ from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 _ROUNDING = 1e-7
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Targets:
     """The targets of a device: linear combinations C beta of the base parameters, with covariance C V C'.
@@ -69,7 +71,7 @@ class Targets:
         return len(self.names)
 
     def __getitem__(self, name: str) -> Parameter:
-        return self.parameters[self.names.index(name)]
+        return self.parameters[index_of(name, self.names, "target")]
 
     @property
     def unconstrained(self) -> Quantities:
@@ -101,6 +103,11 @@ class Targets:
         half = half_width(self.se, self.dof, level)
         low, high = np.minimum(self.free - half, self.value), np.maximum(self.free + half, self.value)
         return freeze(np.column_stack([low, high]))
+
+    @cached_property
+    def between_logs(self) -> BetweenLogs | None:
+        """Scatter between logs, and intervals of a repeat; None with fewer than three logs."""
+        return self.estimate.between_logs_of(self.unconstrained, self.value, self.C)
 
     @cached_property
     def correlation(self) -> Array:
@@ -158,6 +165,9 @@ class Targets:
             for p in self.parameters
         ]
         return "\n".join([*aligned([head, *rows]), *self.notes])
+
+    def _shown(self) -> Overview:
+        return self.unconstrained._shown()
 
 
 def targets(estimate: Estimate) -> Targets:
@@ -239,7 +249,7 @@ def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
         k = model.device.row_names.index(motor.name)
         rates = model.device.drive_rates[:, k]
         loads = np.flatnonzero(np.abs(rates) > _ROUNDING * np.abs(rates).max())
-        if len(loads) != 1:
+        if len(loads) != 1 or model.device.drive_varies[:, k].any():
             return None
         drive = model.device.drives[loads[0]]
         torque = float(rates[loads[0]]) * drive.gear_ratio * drive.torque_constant

@@ -7,7 +7,7 @@ same filter and cost one more reduction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
+from haptid.motion.channels import channel_shares, channel_torque
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import MotorRows
 from haptid.observation.plan import Plan, Signals
@@ -31,12 +32,15 @@ class ResidualContext:
         plan: of the rows.
         chi: the estimate's parameters of the core's columns, (r,), SI.
         low, high: first sample, and one past the last.
+        signals: the plan's of these samples, computed where None.
     """
 
     plan: Plan
     chi: Array
     low: int
     high: int
+    signals: Signals | None = None
+    _torques: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def model(self) -> DynamicModel:
@@ -46,18 +50,36 @@ class ResidualContext:
     @cached_property
     def motion(self) -> tuple[Array, Array, Array | None]:
         """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
-        c, cd, cdd, _ = self.plan.signals(self.low, self.high)
+        c, cd, cdd, _ = self.signals or self.plan.signals(self.low, self.high)
         return c, cd, cdd
+
+    @cached_property
+    def channel_shares(self) -> Array:
+        """B of the torque channels, (samples or 1, channels, coordinates); see `haptid.motion.channels`."""
+        return channel_shares(self.model.device, self.plan.motion, self.motion[0])
+
+    def channel_torque(self, torque: Array) -> Array:
+        """Torque of the channels by the distribution law, (channels, samples), from the coordinates', N m or N.
+
+        The minimal norm where the device file has no law.
+        """
+        return channel_torque(self.model.device, self.channel_shares, torque)
 
     @cached_property
     def predicted(self) -> Array:
         """Torque of the estimate, (coordinates, samples), N m or N."""
-        return freeze(self.torque(self.chi))
+        return self.torque(self.chi)
 
     def torque(self, chi: Array) -> Array:
-        """Torque of given parameters of the core's columns, (coordinates, samples), N m or N; static without cdd."""
-        c, cd, cdd = self.motion
-        return torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
+        """Torque of given parameters of the core's columns, (coordinates, samples), N m or N; static without cdd.
+
+        Many candidate columns are made of the same few torques, which are kept.
+        """
+        key = chi.tobytes()
+        if key not in self._torques:
+            c, cd, cdd = self.motion
+            self._torques[key] = freeze(torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd))
+        return self._torques[key]
 
 
 def torque_of(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
@@ -97,7 +119,7 @@ class AugmentedPlan(Plan):
     def signals(self, low: int, high: int) -> Signals:
         """Those of the plan without, and the candidates' values after the columns that Python computes."""
         c, cd, cdd, own = self.narrow.signals(low, high)
-        context = ResidualContext(self.narrow, self.chi, low, high)
+        context = ResidualContext(self.narrow, self.chi, low, high, (c, cd, cdd, own))
         return c, cd, cdd, np.concatenate([own, *(one.values(context) for one in self.candidates)])
 
 
@@ -106,7 +128,7 @@ def torque_rates(model: DynamicModel, rows: Sequence[int]) -> tuple[CandidateCol
 
     def rate(row: int) -> CandidateColumns:
         return CandidateColumns(
-            np.eye(len(model.device.drives))[row],
+            np.eye(len(model.device.active))[row],
             1,
             lambda context: np.gradient(context.predicted[row], context.plan.motion.dt)[None],
         )
@@ -130,7 +152,7 @@ def augmented_plan(
     columns = len(model.device.parameters.raw) + np.arange(len(more))
     selection = linalg.block_diag(plan.selection, np.eye(len(more)))
     with_more = model.with_terms([*model.terms, *more])
-    shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
+    shared = {own.name: getattr(plan, own.name) for own in fields(plan)}
     shared |= {"model": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
     return AugmentedPlan(**shared, narrow=plan, chi=chi, candidates=tuple(candidates))
 

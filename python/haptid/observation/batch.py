@@ -40,7 +40,7 @@ def observe_all(
         model: the dynamic model.
         motions: treated signals.
         workers: that reduce the parts; this process where None.
-        free_parameters: cache of long motions' R factors; none where None.
+        cache: cache of long motions' R factors; none where None.
         progress: called with a motion and the share of its rows that are done, 0 to 1.
 
     Raises:

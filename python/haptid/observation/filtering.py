@@ -7,12 +7,14 @@ low-pass filter and decimation for the torque and for every column of the observ
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import core_momentum, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.observation.plan import Plan, Signals
+
+# Least length of a piece of samples: shorter ones make a matrix product too slim.
+_PIECE = 48
 
 
 def decimate(signals: Array, taps: Array, decimation: int) -> Array:
@@ -25,14 +27,28 @@ def decimate(signals: Array, taps: Array, decimation: int) -> Array:
     """
     if len(taps) == 1:
         return np.asarray(signals[..., ::decimation] * taps[0])
-    late = -(len(taps) - 1) % decimation  # so that the first whole window ends on a sample that is kept
-    kernel = np.concatenate([np.zeros(late), taps[::-1]])
-    rows = (signals.shape[-1] - len(taps)) // decimation + 1
-    first = (len(taps) - 1 + late) // decimation
-    flat = signals.reshape(-1, signals.shape[-1])
-    made, there = np.zeros((len(flat), rows)), flat.any(axis=1)  # half of a serial arm's columns are zero
-    if there.any():
-        made[there] = signal.upfirdn(kernel, flat[there], down=decimation, axis=-1)[:, first : first + rows]
+    samples = signals.shape[-1]
+    rows = (samples - len(taps)) // decimation + 1
+    # Samples in pieces of some rows' length: the i-th row of piece p is the sum over j of piece p + j weighted by the
+    # j-th part of the taps moved by i rows. All these products are one matrix product.
+    group = -(-_PIECE // decimation)
+    length, count = group * decimation, -(-rows // group)
+    pieces = -(-(len(taps) + length - decimation) // length)
+    parts = np.zeros((pieces, group, length))
+    for i in range(group):
+        moved = np.zeros(pieces * length)
+        moved[i * decimation : i * decimation + len(taps)] = taps
+        parts[:, i] = moved.reshape(pieces, length)
+    needed = (count + pieces - 1) * length
+    made = np.zeros((int(np.prod(signals.shape[:-1], dtype=int)), count, group))
+    for channel, out in zip(signals.reshape(len(made), samples), made, strict=True):
+        if not channel.any():  # half of a serial arm's columns are zero
+            continue
+        padded = channel[:needed] if needed <= samples else np.append(channel, np.zeros(needed - samples))
+        products = padded.reshape(-1, length) @ parts.reshape(-1, length).T
+        for j in range(pieces):
+            out += products[j : j + count, j * group : (j + 1) * group]
+    made = made.reshape(len(made), -1)[:, :rows]
     return made.reshape(*signals.shape[:-1], rows)
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import INERTIAL
+from haptid.device import INERTIAL, Device
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import DeviceError, UnknownNameError, suggestion
 from haptid.log import Log, OnDisk, as_array
-from haptid.motion.channels import coordinates, torque_map
+from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.streaming import delayed, lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
@@ -88,10 +90,8 @@ def without_payload(model: DynamicModel, motion: Motion, link: str, body: PriorB
         MissingAccelerationError: velocity is by a causal differentiator.
     """
     chi = raw_parameters(model, payload_torque(model, link, body))
-    channels = np.eye(len(model.device.measured))[list(model.device.measured)]
-    if motion.log is not None:
-        channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
-    return replace(motion, tau=PayloadFreeTorque(model, motion, chi, channels, motion.tau, (0.0,)).samples())
+    known = partial(core_torque, model, chi)
+    return replace(motion, tau=TorqueWithout(model.device, motion, known, motion.tau, (0.0,)).samples())
 
 
 def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, load: Payload) -> Log:
@@ -111,10 +111,9 @@ def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, loa
         MissingAccelerationError: velocity is by a causal differentiator.
     """
     chi = raw_parameters(model, payload_torque(model, load.link, load.body))
-    channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
     late = tuple(np.atleast_1d(treatment.torque_shift_s) / motion.dt)
-    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, late).samples()
+    torque = TorqueWithout(model.device, motion, partial(core_torque, model, chi), log.torque, late).samples()
     note = f"A payload of {load.body.mass:g} kg on link {load.link} is subtracted from the torque: {_data(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, note))
 
@@ -126,22 +125,21 @@ def _data(body: PriorBody) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class PayloadFreeTorque(OnDisk):
-    """Torque channels with the torque of a payload subtracted, (n, channels), in their own unit.
+class TorqueWithout(OnDisk):
+    """Torque channels with a known part subtracted, such as a payload's torque, (n, channels), in their own unit.
 
     Attributes:
-        model: the dynamic model.
-        motion: of the payload.
-        chi: raw parameters of the payload.
-        channels: matrix from the coordinates' torques to the channels', (channels, coordinates).
-        torque: the channels with the payload, (n, channels).
+        device: whose coordinates the motion has.
+        motion: along which the part is computed.
+        part: torque of the coordinates from their positions, velocities and accelerations, (coordinates, samples).
+            Redundant motors share it by the distribution law.
+        torque: the channels as recorded, (n, channels).
         late: samples by which the channels lead the torque at the motion's times, one for all or one for each.
     """
 
-    model: DynamicModel
+    device: Device
     motion: Motion
-    chi: Array
-    channels: Array
+    part: Callable[[Array, Array, Array], Array]
     torque: Array
     late: tuple[float, ...]
 
@@ -162,10 +160,14 @@ class PayloadFreeTorque(OnDisk):
         return np.asarray(self.torque[low:high].T - load)
 
     def _load(self, start: int, stop: int) -> Array:
-        """Torque of the payload in the channels' unit, (channels, stop - start); zero in transients."""
+        """The known part in the channels' unit, (channels, stop - start); zero in transients."""
         low, high = (int(np.clip(edge, start, stop)) for edge in self.motion.usable)
         made = np.zeros((self.shape[1], stop - start))
         if low < high:
-            torque = core_torque(self.model, self.chi, *coordinates(self.model.device, self.motion, low, high))
-            made[:, low - start : high - start] = self.channels @ torque
+            device, c, *rates = self.device, *coordinates(self.device, self.motion, low, high)
+            load = channel_torque(device, channel_shares(device, self.motion, c), self.part(c, *rates))
+            log = self.motion.log
+            if log is not None and log.channels.torque.side == "motor":
+                load = load / motor_torque(device, log, np.ones((len(load), 1)))
+            made[:, low - start : high - start] = load
         return made

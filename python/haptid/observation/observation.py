@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
@@ -78,6 +79,7 @@ class MotorRows:
         return replace(self, triangles=self.triangles[blocks], rows=self.rows[blocks])
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Observation:
     """Rows of all motors along one or several motions, in the base parameters of one device.
@@ -184,6 +186,14 @@ class Observation:
                 advice=suggestion(motor, names),
             )
         return replace(self, motors=(self.motors[names.index(motor)],))
+
+    def _shown(self) -> Overview:
+        rows = [[m.label, str(int(m.rows.sum())), f"{m.norm:.4g}", m.unit] for m in self.motors]
+        raw, scaled = self.condition
+        about = f"{self.rows} rows, {len(self.base)} base parameters, {len(self.blocks)} time blocks"
+        condition = f"condition {raw:.4g} raw, {scaled:.4g} with unit columns"
+        title = f"Observation of {self.model.device.name}: {about}"
+        return Overview(title, ("", "rows", "norm of the torque", "unit"), rows, (condition, *self.notes))
 
 
 def observe(

@@ -229,4 +229,4 @@ def shared_filter(motion: Motion) -> ParallelFilter:
             return made
         length = len(made)
     needed = (len(motion) - (high - low) + length) * motion.dt
-    raise too_short(len(motion) * motion.dt, needed, "the filters' ends")
+    raise too_short(len(motion) * motion.dt, needed, "the filters' ends", motion.treatment.decimation)

@@ -54,23 +54,24 @@ class Chunk:
         return Chunk(plan, start, stop, plan.model, tuple(measured))
 
     @cached_property
-    def _signals(self) -> Signals:
+    def signals(self) -> Signals:
+        """Those of the plan for the samples under the rows."""
         return self.plan.signals(*self.plan.window(self.start, self.stop))
 
     @property
     def c(self) -> Array:
         """Positions of the coordinates under the rows, (active, samples), SI."""
-        return self._signals[0]
+        return self.signals[0]
 
     @property
     def cd(self) -> Array:
         """Their velocities, (active, samples)."""
-        return self._signals[1]
+        return self.signals[1]
 
     @property
     def cdd(self) -> Array | None:
         """Their accelerations, (active, samples); None in the momentum formulation."""
-        return self._signals[2]
+        return self.signals[2]
 
     @property
     def t(self) -> Array:
@@ -91,7 +92,7 @@ class Chunk:
     @cached_property
     def W(self) -> Array:
         """Rows in base parameters, zero where a row is not used, (motors, rows, p), SI."""
-        W = treated_columns(self.plan, self._signals)[list(self.coordinates)]
+        W = treated_columns(self.plan, self.signals)[list(self.coordinates)]
         return np.asarray(W * self.used[:, :, None])
 
     @cached_property
@@ -125,7 +126,7 @@ class Chunk:
 
     def torque(self, chi: Array) -> Array:
         """Model torque of these parameters of the core's columns, treated, (motors, rows), N m or N."""
-        return treated_torque(self.plan, self.model, chi, self._signals)[list(self.coordinates)]
+        return treated_torque(self.plan, self.model, chi, self.signals)[list(self.coordinates)]
 
     def treated(self, signals: Array) -> Array:
         """Filtered and decimated like the measured torque, (active, samples) to (motors, rows)."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -19,14 +18,14 @@ from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
-from haptid.estimation.methods.wls import WLS
 from haptid.log import Log
-from haptid.motion.channels import torque_map
+from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.treatment import Motion, Treatment, treat, with_delay
-from haptid.observation.augmented import CandidateColumns, ResidualContext, augmented_plan, reduced
-from haptid.observation.observation import Observation, observe
-from haptid.observation.plan import Block
-from haptid.treatment_choice.first_fit import least_squares, residual_memory, solve_excited
+from haptid.observation.augmented import CandidateColumns, ResidualContext
+from haptid.observation.observation import observe
+from haptid.treatment_choice.first_fit import least_squares, solve_excited
+from haptid.treatment_choice.nuisance_problem import NuisanceColumn, NuisanceProblem
+from haptid.treatment_choice.parallel_choice import LOG_PARTS, parts_of
 
 # Prior of the delays, samples: mean for a command that is held from one sample to the next, standard deviations of what
 # all channels share and of each channel's own part.
@@ -38,8 +37,12 @@ _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
 _UNKNOWN = 1.0
 # Share of the largest entry of a matrix below which a channel has no part in a row.
 _NO_PART = 1e-12
+# Poses at which that is seen, where the map from channels to rows varies with the pose.
+_POSES = 50
 # Gauss-Newton steps, and the change, samples, below which they end.
 _STEPS, _STILL = 4, 0.005
+# A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
+_FAR, _WORSE = 1.0, 1.0
 # Standard errors by which the rigid bodies' delay must be seen.
 _SEEN = 4.0
 
@@ -115,10 +118,10 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     mean = np.full(channels, hold * dt)
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
-    beta, covariance = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions))), prior
+    beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
     for _ in range(_STEPS):
-        problem = _Problem.of(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
-        beta, step, covariance = problem.solve(mean - d, prior)
+        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
+        beta, step, spread = problem.solve(mean - d, prior)
         # A step beyond the linear range of the columns would overshoot.
         step = np.clip(step, -COMMON * dt, COMMON * dt)
         d = d + step
@@ -127,16 +130,47 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
-    if odd and not problem.rigid_agrees(float(np.median(d)), dt):
+    far = np.abs(off).max() > _FAR
+    agrees = (
+        _rigid_agrees(problem, float(np.median(d)), dt)
+        if odd
+        else not far or not _contradicted(model, motions, d, mean)
+    )
+    if not agrees:
         return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
-    return Delays(d, covariance, d, True, dt)
+    return Delays(d, spread.covariance, d, True, dt)
+
+
+def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usual: Array) -> bool:
+    """Whether rows near reversals, that the delays are not estimated from, have a greater residual with them.
+
+    The sign of dry friction changes at known times: a drive's delay shows there as well as in smooth motion.
+
+    Args:
+        model: the dynamic model.
+        motions: of logs, without a delay.
+        d, usual: delays of the channels, and those that they stand against, (channels,), s.
+    """
+    losses = []
+    for delay in (d, usual):
+        beta = least_squares(observe(model, *(with_delay(motion, _setting(delay)) for motion in motions)))
+        whole = [
+            replace(motion, treatment=replace(motion.treatment, reversal_speed=0.0, reversal_guard_s=None))
+            for motion in motions
+        ]
+        rows = observe(model, *(with_delay(motion, _setting(delay)) for motion in whole))
+        loss = np.zeros(LOG_PARTS * len(whole))
+        part = parts_of(rows, [motion.log for motion in whole if motion.log is not None])
+        for motor in rows.motors:
+            e = motor.triangles[:, :, -1] - motor.triangles[:, :, :-1] @ beta[motor.columns]
+            np.add.at(loss, part, (e**2).sum(axis=1) / max(motor.norm**2, np.finfo(float).tiny))
+        losses.append(loss)
+    worse = losses[0] - losses[1]
+    return bool(worse.sum() > _WORSE * np.sqrt(len(worse)) * worse.std())
 
 
 def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     """An estimate whose covariance includes what the uncertainty of the delays adds.
-
-    The parameters move by (W'W)^-1 W'D for a delay of D's channel, D the rate of the model's torque, as in a fit with
-    the delays as further columns.
 
     Args:
         estimate: from logs treated with these delays.
@@ -145,97 +179,41 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     motions = estimate.observation.motions
     if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
         return estimate
-    problem = _Problem.of(estimate.model, motions, estimate.free)
-    values, vectors = np.linalg.eigh(delays.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return estimate.with_nuisance("torque delay", (problem.sensitivity(estimate) @ root).T)
+    problem = _problem(estimate.model, motions, estimate.free)
+    return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Least squares in the base parameters and the delays' changes, from R factors by motor and block.
+def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> NuisanceProblem:
+    """The delays of the channels as nuisances."""
+    columns = _delay_columns(model, motions[0])
+    return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
-    Attributes:
-        model, motions: of the rows.
-        rows: R factors with a column for the delay of each channel after those of the base parameters.
-        beta: parameters that the columns were computed with, (p,).
+
+def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float) -> bool:
+    """Whether the torque of the rigid bodies alone, next to that of friction, is late by as much.
+
+    Friction that the model lacks is late or early on its own; a drive delays every torque alike.
     """
-
-    model: DynamicModel
-    motions: Sequence[Motion]
-    rows: Observation
-    beta: Array
-
-    @staticmethod
-    def of(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> _Problem:
-        """From treated motions of logs, and parameters."""
-        return _Problem(model, motions, _augmented(model, motions, beta, _delay_columns(model, motions[0])), beta)
-
-    @cached_property
-    def weights(self) -> Array:
-        """One over each motor's residual, less for residuals with memory: rows count as many as are independent."""
-        motors, weight = self.rows.motors, WLS().weight
-        without = np.zeros(1 + max(int(motor.columns.max()) for motor in motors))
-        without[: len(self.beta)] = self.beta
-        w = np.array([weight(motor, without) for motor in motors])
-        memory = residual_memory(self.model, self.motions, self.beta)
-        step = self.motions[0].treatment.decimation * self.motions[0].dt
-        return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
-
-    def solve(self, off: Array, prior: Array) -> tuple[Array, Array, Array]:
-        """Parameters (p,), the delays' change (channels,), and its covariance.
-
-        Args:
-            off: prior mean of the change, (channels,), s.
-            prior: its covariance, s^2.
-        """
-        p, m = len(self.beta), len(off)
-        whiten = np.linalg.inv(np.linalg.cholesky(prior))
-        known = np.zeros((m, p + m + 1))
-        known[:, p:-1], known[:, -1] = whiten, whiten @ off
-        solution = solve_excited(self.rows.motors, self.weights, known)
-        spread = clustered(self.rows, self.weights, solution, np.eye(p + m)[p:])
-        return solution.beta[:p], solution.beta[p:], spread.covariance
-
-    def sensitivity(self, estimate: Estimate) -> Array:
-        """Derivative of an estimate's parameters by each channel's delay, (p, channels), SI per s."""
-        assert self.motions[0].log is not None
-        p, root = len(self.beta), estimate.fit.solution.root
-        made = np.zeros((p, self.motions[0].log.torque.shape[1]))
-        for motor, weight in zip(self.rows.motors, estimate.weights, strict=True):
-            own = motor.columns < p
-            cross = motor.whole[:, :-1].T @ motor.whole[:, :-1]
-            made[np.ix_(motor.columns[own], motor.columns[~own] - p)] += weight**2 * cross[np.ix_(own, ~own)]
-        return np.asarray(root @ (root.T @ made))
-
-    def rigid_agrees(self, delay: float, dt: float) -> bool:
-        """Whether the torque of the rigid bodies alone, next to that of friction, is late by as much.
-
-        Friction that the model lacks is late or early on its own; a drive delays every torque alike.
-        """
-        bodies, everything = (_delay_columns(self.model, self.motions[0], only) for only in (True, False))
-        # One delay of the bodies for all channels; what is added for all torque is each channel's own.
-        p, n = len(self.beta), 1 + max(channel for channel, _ in everything)
-        columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
-        motions = [with_delay(m, HOLD * dt) for m in self.motions]
-        rows = _augmented(self.model, motions, self.beta, columns)
-        solution = solve_excited(rows.motors, self.weights, np.zeros((0, p + n + 2)))
-        spread = clustered(rows, self.weights, solution, np.eye(p + n + 1)[[p]])
-        # The second column holds all torque, the first the bodies' once more: equal delays leave the first at zero.
-        own, total = float(solution.beta[p]), float(np.median(solution.beta[p + 1 :]))
-        se, late = float(np.sqrt(spread.covariance[0, 0])), own + total + HOLD * dt
-        return se < abs(late - HOLD * dt) / _SEEN and abs(late - delay) < 2 * se + 0.5 * dt
+    model, beta = problem.model, problem.beta
+    bodies, everything = (_delay_columns(model, problem.motions[0], only) for only in (True, False))
+    # One delay of the bodies for all channels; what is added for all torque is each channel's own.
+    p, n = len(beta), 1 + max(channel for channel, _ in everything)
+    columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
+    motions = [with_delay(m, HOLD * dt) for m in problem.motions]
+    rows = NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions)).rows
+    solution = solve_excited(rows.motors, problem.weights, np.zeros((0, p + n + 2)))
+    spread = clustered(rows, problem.weights, solution, np.eye(p + n + 1)[[p]])
+    # The second column holds all torque, the first the bodies' once more: equal delays leave the first at zero.
+    own, total = float(solution.beta[p]), float(np.median(solution.beta[p + 1 :]))
+    se, late = float(np.sqrt(spread.covariance[0, 0])), own + total + HOLD * dt
+    return se < abs(late - HOLD * dt) / _SEEN and abs(late - delay) < 2 * se + 0.5 * dt
 
 
 def _setting(d: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in d)
 
 
-# The delay that a column belongs to, and the column.
-_DelayColumn = tuple[int, CandidateColumns]
-
-
-def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) -> list[_DelayColumn]:
+def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) -> list[NuisanceColumn]:
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:
@@ -244,44 +222,20 @@ def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) ->
         bodies: only the torque of rigid bodies and rotors.
     """
     assert motion.log is not None
-    to_rows = torque_map(model.device, motion.log)
-    to_channels = np.linalg.pinv(to_rows)
+    some = [motion.q[k : k + 1][0] for k in np.linspace(0, len(motion) - 1, _POSES).astype(int)]
+    c = position_map(model.device, motion)(np.array(some).T)
+    acts = np.abs(channel_shares(model.device, motion, c)).max(axis=0).T
 
     def column(row: int, channel: int) -> CandidateColumns:
         def rate(context: ResidualContext) -> Array:
             torque = context.torque(rigid(model, context.chi)) if bodies else context.predicted
-            own = to_rows[row, channel] * (to_channels[channel] @ torque)
-            return np.asarray(np.gradient(own, context.plan.motion.dt)[None])
+            own = np.gradient(context.channel_torque(torque)[channel], context.plan.motion.dt)
+            return np.asarray((context.channel_shares[:, channel, row] * own)[None])
 
-        return CandidateColumns(np.eye(len(to_rows))[row], 1, rate)
+        return CandidateColumns(np.eye(len(acts))[row], 1, rate)
 
-    acts = np.abs(to_rows) > _NO_PART * np.abs(to_rows).max()
-    return [(int(channel), column(int(row), int(channel))) for row, channel in np.argwhere(acts)]
-
-
-def _augmented(
-    model: DynamicModel, motions: Sequence[Motion], beta: Array, columns: Sequence[_DelayColumn]
-) -> Observation:
-    """Every motion's rows; columns of one delay share their place after the base parameters'."""
-    chi, more = raw_parameters(model, beta), [column for _, column in columns]
-    rows = [int(k) for k in np.flatnonzero(model.device.measured)]
-    place = np.append(np.arange(len(beta)), [len(beta) + delay for delay, _ in columns])
-    blocks: list[Block] = []
-    parts = []
-    for motion in motions:
-        wide = augmented_plan(model, motion, chi, more)
-        parts.append(reduced(wide, rows, list(wide.segments())))
-        blocks.extend(wide.blocks())
-    motors = tuple(
-        replace(
-            same[0],
-            columns=place[same[0].columns],
-            triangles=np.concatenate([motor.triangles for motor in same]),
-            rows=np.concatenate([motor.rows for motor in same]),
-        )
-        for same in zip(*parts, strict=True)
-    )
-    return Observation(model, motors, tuple(blocks), tuple(motions))
+    loaded = acts > _NO_PART * acts.max()
+    return [(int(channel), column(int(row), int(channel))) for row, channel in np.argwhere(loaded)]
 
 
 def _numbers(values: Array) -> str:

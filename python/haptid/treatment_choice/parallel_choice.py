@@ -16,7 +16,7 @@ from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 
 # Parts of each log, every other one of which is held out.
-_PARTS = 17
+LOG_PARTS = 17
 # Blocks in a part: rows belong to the part that holds the middle of their block.
 _BLOCKS = 4
 # Standard deviations of the difference of losses by which another filter must be better than the usual one.
@@ -45,7 +45,7 @@ def better_cutoff(
         reference: the treatment of the rows that are predicted.
         worth: share of the loss that a gain must be.
     """
-    block = min(len(log.t) * float(log.dt) for log in logs) / _PARTS / _BLOCKS
+    block = min(len(log.t) * float(log.dt) for log in logs) / LOG_PARTS / _BLOCKS
     try:
         judged = observe(model, *(treat(log, replace(reference, block_s=block)) for log in logs))
     except (NoRowsError, MotionTooShortError):
@@ -71,8 +71,8 @@ def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judg
         seen = observe(model, *(treat(log, treatment) for log in logs))
     except (NoRowsError, MotionTooShortError):
         return None
-    own, other = _parts(seen, logs), _parts(judged, logs)
-    losses = np.zeros(_PARTS * len(logs))
+    own, other = parts_of(seen, logs), parts_of(judged, logs)
+    losses = np.zeros(LOG_PARTS * len(logs))
     for parity in (0, 1):
         chosen = np.flatnonzero(own % 2 == parity)
         if not len(chosen):
@@ -89,7 +89,7 @@ def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judg
     return losses
 
 
-def _parts(observation: Observation, logs: Sequence[Log]) -> np.ndarray:
+def parts_of(observation: Observation, logs: Sequence[Log]) -> np.ndarray:
     """The part of each block, numbered through all logs; an odd number of parts continues their parity."""
     found = np.empty(len(observation.blocks), dtype=int)
     names = [motion.name for motion in observation.motions]
@@ -97,5 +97,5 @@ def _parts(observation: Observation, logs: Sequence[Log]) -> np.ndarray:
         which = names.index(block.log)
         t = logs[which].t
         share = (0.5 * (block.start + block.stop) - t[0]) / (t[-1] - t[0])
-        found[k] = which * _PARTS + min(int(share * _PARTS), _PARTS - 1)
+        found[k] = which * LOG_PARTS + min(int(share * LOG_PARTS), LOG_PARTS - 1)
     return found

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
@@ -62,6 +63,7 @@ _ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
 _Given = Mapping[str, Any]
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """Proposed treatment with reasons.
@@ -81,6 +83,9 @@ class Proposal:
     delays: Delays | None
     bandwidth_hz: float
     effects: Mapping[str, Array] = field(default_factory=dict)
+
+    def _shown(self) -> Overview:
+        return Overview("Proposed treatment", ("reason",), [[reason] for reason in self.reasons])
 
 
 def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:

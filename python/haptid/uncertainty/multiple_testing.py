@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, freeze
+from haptid.uncertainty.distributions import chi2_tail, f_tail, t_tail
 
 # A deviation below this share of the values is rounding: what is held has none at all.
 _ROUNDING = 1e-9
@@ -15,7 +15,7 @@ def two_sided(value: Array, se: Array, dof: Array) -> Array:
     """Two-sided probability of Student's t of each value under zero, (k,); without deviation, whether it is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.abs(value) / se
-    return np.asarray(2.0 * stats.t.sf(np.where(np.isnan(t), 0.0, t), dof))
+    return np.asarray(2.0 * t_tail(np.where(np.isnan(t), 0.0, t), dof))
 
 
 def together(p: Array) -> Array:
@@ -60,6 +60,6 @@ def misfit(value: Array, se: Array, dof: Array, columns: Array) -> float:
     square = float(np.sum((scaled - Q @ (Q.T @ scaled)) ** 2))
     doubt = float(np.sum((1.0 - np.sum(Q**2, axis=1)) ** 2 / dof))
     if doubt == 0.0:
-        return float(stats.chi2.sf(square, free))
+        return float(chi2_tail(square, free))
     size = free + 2 * doubt - 6 * doubt / (free + 2)
-    return float(stats.f.sf(square / size, free, free * (free + 2) / (3 * doubt)))
+    return float(f_tail(square / size, free, free * (free + 2) / (3 * doubt)))

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
+from haptid.uncertainty.distributions import t_quantile
+from haptid.uncertainty.figures import with_digits
 
 LEVEL = 0.95
 
@@ -29,9 +31,10 @@ def half_width(se: ArrayLike, dof: ArrayLike, level: float = LEVEL) -> Array:
         dof: degrees of freedom, broadcast against `se`; infinite for the normal distribution.
         level: confidence level, between 0 and 1.
     """
-    return np.asarray(stats.t.ppf((1 + level) / 2, dof) * np.asarray(se, dtype=float))
+    return np.asarray(t_quantile((1 + level) / 2, dof) * np.asarray(se, dtype=float))
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Quantities:
     """Named estimates with their joint covariance.
@@ -126,6 +129,16 @@ class Quantities:
                 self.names, self.units, self.values, self.se, self.dof, self.conf_int(level), strict=True
             )
         ]
+
+    def _shown(self) -> Overview:
+        intervals = self.conf_int()
+        rows = [
+            [name, with_digits(value, se), " .. ".join(with_digits(end, se) for end in ends), unit]
+            for name, value, se, ends, unit in zip(
+                self.names, self.values.tolist(), self.se.tolist(), intervals.tolist(), self.units, strict=True
+            )
+        ]
+        return Overview(f"{len(self)} quantities", ("", "value", "95 % interval", "unit"), rows)
 
 
 @dataclass(frozen=True, eq=False)

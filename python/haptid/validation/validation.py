@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.display import Overview, displayed
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
@@ -41,6 +42,7 @@ class MotorError:
         return self.residual / float(np.sqrt(max(self.rows, 1)))
 
 
+@displayed
 @dataclass(frozen=True)
 class Validation:
     """Prediction errors of all motors' torque.
@@ -82,6 +84,16 @@ class Validation:
             return made
         each = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
         return f"{made}\n  on all rows, behind the reference filter: {self.reference.relative:.2f} % ({each})"
+
+    def _shown(self) -> Overview:
+        kind = "rows of the fit" if self.seen else "unseen rows"
+        whole = {m.motor: f"{m.relative:.2f}" for m in self.reference.motors} if self.reference else {}
+        rows = [
+            [m.label, f"{m.relative:.2f}", whole.get(m.motor, ""), f"{m.rmse:.4g} {m.unit}", str(m.rows)]
+            for m in self.motors
+        ]
+        title = f"Validation: {self.relative:.2f} % relative error over all motors, on {kind}"
+        return Overview(title, ("", "error, %", "all rows, %", "RMSE", "rows"), rows)
 
 
 def validate(

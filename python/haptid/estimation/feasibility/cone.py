@@ -54,6 +54,17 @@ def _entries(matrix: Array) -> Array:
 PSEUDO = freeze(np.column_stack([_entries(pseudo_inertia(unit)) for unit in np.eye(10)]))
 
 
+def _unfold() -> Array:
+    """Map from such a vector to the matrix, (10, 4, 4)."""
+    basis = np.zeros((len(UPPER), 4, 4))
+    for row, (i, k) in enumerate(UPPER):
+        basis[row, i, k] = basis[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+    return freeze(basis)
+
+
+_UNFOLD, _NUMBER = _unfold(), freeze(np.ones((1, 1, 1)))
+
+
 @dataclass(frozen=True, eq=False)
 class ConeBlock:
     """One condition: G x in a cone, x the scaled standard parameters.
@@ -76,12 +87,7 @@ class ConeBlock:
     @property
     def unfold(self) -> Array:
         """Basis that maps the cone's entries to the matrix, (rows, size, size)."""
-        if not self.is_link:
-            return np.ones((1, 1, 1))
-        basis = np.zeros((len(UPPER), 4, 4))
-        for row, (i, k) in enumerate(UPPER):
-            basis[row, i, k] = basis[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
-        return basis
+        return _UNFOLD if self.is_link else _NUMBER
 
     def matrix(self, x: Array) -> Array:
         """The scaled pseudo-inertia, or the scaled term, at x, (4, 4) or (1, 1)."""
@@ -159,11 +165,27 @@ class Cone:
 
     def margin(self, x: Array) -> float:
         """The least eigenvalue of all conditions."""
-        return min((part.margin(x) for part in self.parts), default=np.inf)
+        least, (matrices, numbers) = np.inf, self._conditions
+        if len(matrices):
+            least = float(np.linalg.eigvalsh((matrices @ x).reshape(-1, 4, 4))[:, 0].min())
+        return min(least, float((numbers @ x).min(initial=np.inf)))
+
+    @cached_property
+    def _conditions(self) -> tuple[Array, Array]:
+        """Maps from x to the entries of all matrices, (16 links, n), and to all terms, (terms, n)."""
+        n = len(self.scale)
+        links = [np.tensordot(b.G.T, b.unfold, 1).reshape(n, 16).T for b in self.blocks if b.is_link]
+        terms = [b.G for b in self.blocks if not b.is_link]
+        return np.concatenate([np.zeros((0, n)), *links]), np.concatenate([np.zeros((0, n)), *terms])
+
+    @cached_property
+    def room(self) -> float:
+        """The least eigenvalue at the ball."""
+        return self.margin(self.ball)
 
     def moved_inside(self, x: Array) -> Array:
         """x plus a multiple of the ball that removes a rounding error outside of the cone."""
-        return x + max(0.0, -self.margin(x)) / self.margin(self.ball) * self.ball
+        return x + max(0.0, -self.margin(x)) / self.room * self.ball
 
 
 def cone(model: DynamicModel, beta: Array) -> Cone:

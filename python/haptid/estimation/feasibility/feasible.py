@@ -199,7 +199,7 @@ def roomy(model: DynamicModel, beta: Array) -> Cone:
         PhysicalConsistencyError: the cone has no interior: the symmetries leave no feasible body.
     """
     found = cone(model, beta)
-    if found.margin(found.ball) > BORDER:
+    if found.room > BORDER:
         return found
     nothing = np.zeros((0, len(found.scale)))
     free = replace(found, A=nothing, parts=parts(nothing, found.blocks))

@@ -11,6 +11,8 @@ from haptid.dynamics.model import DynamicModel
 
 # Power of a length in the unit of each of a link's ten parameters.
 POWER = np.array([2] * 6 + [1] * 3 + [0])
+# Links shorter than this have no length of their own, m.
+_SHORTEST = 1e-9
 # A ball whose pseudo-inertia, in its own mass and length, is the identity.
 BALL = np.array([2.0, 0, 0, 2.0, 0, 2.0, 0, 0, 0, 1.0])
 
@@ -53,7 +55,8 @@ def largest(regrouping: Array, beta: Array) -> Array:
     NaN where it is in no base parameter other than zero.
     """
     used = (regrouping != 0) & (beta != 0)[:, None]
-    alone = np.where(used, np.abs(beta)[:, None] / np.where(used, np.abs(regrouping), 1.0), np.inf).min(axis=0)
+    with np.errstate(over="ignore"):  # lengths may be so small that a share of a base parameter is no number
+        alone = np.where(used, np.abs(beta)[:, None] / np.where(used, np.abs(regrouping), 1.0), np.inf).min(axis=0)
     return np.where(np.isfinite(alone), alone, np.nan)
 
 
@@ -86,4 +89,4 @@ def _lengths(model: DynamicModel) -> Array:
     for link, end in ends:
         if link >= 0:
             reach[link] = max(reach[link], float(np.linalg.norm(end)))
-    return filled(reach)
+    return filled(np.where(reach < _SHORTEST, 0.0, reach))

@@ -47,7 +47,7 @@ class ClusterRobust:
         scores = adjustment.times(moments.s) @ own.T
         dof = _cr2_freedom(moments, adjustment, own)
         covariance, dof = with_prior_variance(scores.T @ scores, dof, own, fit.solution.pull)
-        return Spread(covariance, dof, len(moments.s), moments.alone(own))
+        return Spread(covariance, dof, len(moments.s), moments.alone(own, adjustment.eigen))
 
 
 def clustered(
@@ -72,11 +72,13 @@ class Adjustment:
         G: (blocks, k, k).
         heavy: blocks of high leverage, as indices.
         roots: of those, (heavy, k, k).
+        eigen: eigenvalues (heavy, k) and eigenvectors of their G.
     """
 
     G: Array
     heavy: np.ndarray
     roots: Array
+    eigen: tuple[Array, Array]
 
     @staticmethod
     def of(G: Array) -> Adjustment:
@@ -84,7 +86,8 @@ class Adjustment:
         heavy = np.flatnonzero(np.einsum("bij,bij->b", G, G) > LOW_LEVERAGE**2)
         values, vectors = np.linalg.eigh(G[heavy])
         scale = (1.0 - np.minimum(values, ALONE)) ** -0.5
-        return Adjustment(G, heavy, (vectors * scale[:, None, :]) @ vectors.transpose(0, 2, 1))
+        roots = (vectors * scale[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return Adjustment(G, heavy, roots, (values, vectors))
 
     def times(self, s: Array) -> Array:
         """Times a vector of each block, (blocks, k); the binomial series for blocks of low leverage."""

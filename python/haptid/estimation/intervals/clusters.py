@@ -27,26 +27,27 @@ class Clusters:
         root: (p, k).
         G, s: information and score of each block, (blocks, k, k) and (blocks, k).
         shifts: by how much one standard error of each nuisance moves the base parameters, (n, p), SI.
+        misfit_shifts: by how much terms that the model lacks would, (m, p), SI: standard errors in comparisons alone.
     """
 
     root: Array
     G: Array
     s: Array
     shifts: Array
+    misfit_shifts: Array
 
     def __post_init__(self) -> None:
-        for name in ("root", "G", "s", "shifts"):
+        for name in ("root", "G", "s", "shifts", "misfit_shifts"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         k = self.root.shape[1]
         expect("G", self.G.shape, (len(self.s), k, k))
         expect("s", self.s.shape, (None, k))
 
     @staticmethod
-    def of(fit: Fit, shifts: Array | None = None) -> Clusters:
+    def of(fit: Fit, shifts: Array) -> Clusters:
         """Of a fit, and the shifts of its nuisances, (n, p)."""
-        moments, p = fit.pooled_moments, len(fit.solution.root)
-        moved = np.zeros((0, p)) if shifts is None else shifts.reshape(-1, p)
-        return Clusters(fit.solution.root, moments.G, moments.s, moved)
+        moments = fit.pooled_moments
+        return Clusters(fit.solution.root, moments.G, moments.s, shifts, np.zeros((0, len(fit.solution.root))))
 
     def __len__(self) -> int:
         return len(self.s)
@@ -108,7 +109,14 @@ class Clusters:
     def save(self, path: Path) -> None:
         """Write to a file, of the information the upper triangles."""
         upper = np.triu_indices(self.root.shape[1])
-        np.savez_compressed(path, root=self.root, G=self.G[:, *upper], s=self.s, shifts=self.shifts)
+        np.savez_compressed(
+            path,
+            root=self.root,
+            G=self.G[:, *upper],
+            s=self.s,
+            shifts=self.shifts,
+            misfit_shifts=self.misfit_shifts,
+        )
 
     @staticmethod
     def load(path: Path) -> Clusters:
@@ -118,13 +126,14 @@ class Clusters:
             OSError, ValueError, KeyError: it is none.
         """
         with np.load(path, allow_pickle=False) as file:
-            root, packed, s, shifts = (np.asarray(file[name], dtype=float) for name in ("root", "G", "s", "shifts"))
+            names = ("root", "G", "s", "shifts", "misfit_shifts")
+            root, packed, s, shifts, misfit = (np.asarray(file[name], dtype=float) for name in names)
         k = root.shape[1]
         upper = np.triu_indices(k)
         G = np.zeros((len(packed), k, k))
         G[:, *upper] = packed
         G = G + np.triu(G, 1).transpose(0, 2, 1)
-        return Clusters(root, G, s, shifts)
+        return Clusters(root, G, s, shifts, misfit)
 
 
 def alike(G: Array, groups: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from haptid._internal.arrays import Array, read_only
 from haptid.estimation.intervals.covariance import Spread
@@ -118,7 +118,10 @@ class Autoregression:
         none is lost: the result is the run times the inverse Cholesky factor of its covariance.
         """
         p = min(self.order, len(series))
-        white = signal.lfilter(self.filters[-1], [1.0], series, axis=0) / np.sqrt(self.powers[-1])
+        white = np.zeros(np.shape(series))
+        for k, a in enumerate(self.filters[-1][: len(series)]):
+            white[k:] += a * series[: len(series) - k]
+        white /= np.sqrt(self.powers[-1])
         for k in range(p):
             white[k] = self.filters[k] @ series[k::-1] / np.sqrt(self.powers[k])
         return np.asarray(white)

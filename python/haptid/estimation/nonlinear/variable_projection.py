@@ -12,18 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array
 from haptid.device.terms.term import Searched
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EstimationError, SettingError
+from haptid.errors import EstimationError, SettingError, index_of
 from haptid.estimation.estimate import fitted
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.method import Fit, Method, Reduced, expect_weighting
 from haptid.estimation.methods.wls import WLS
 from haptid.estimation.nonlinear.candidate_columns import Candidate, CandidateRows, RowSource, candidate_rows
+from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Weights at the start belong to a model that does not fit yet: search with them, then again with better ones.
@@ -76,7 +76,7 @@ class _Profile:
         t = float(half_width(1.0, self.dof, level))
         ends = [coordinate(self.searched, end) for end in (self.searched.low, self.searched.high)]
         if level > LEVEL and t > PROFILE_EXTENT and (self.grid[0] > ends[0] or self.grid[-1] < ends[1]):
-            most = float(2 * stats.t.cdf(PROFILE_EXTENT, self.dof) - 1)
+            most = float(1 - 2 * t_tail(PROFILE_EXTENT, self.dof))
             raise SettingError(
                 f"{self.name}: the likelihood profile extends to {PROFILE_EXTENT:g} standard errors, too little "
                 f"for the level {level:g} (at most {most:.4g}).",
@@ -183,7 +183,7 @@ class VariableProjection:
     notes: tuple[str, ...]
 
     def __getitem__(self, name: str) -> SearchedConstant:
-        return next(constant for constant in self.constants if constant.name == name)
+        return self.constants[index_of(name, [constant.name for constant in self.constants], "nonlinear constant")]
 
 
 def variable_projection(

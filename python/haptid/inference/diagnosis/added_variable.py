@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.inverse import raw_parameters
@@ -25,6 +25,7 @@ from haptid.observation.augmented import CandidateColumns, augmented_plan, reduc
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
 from haptid.observation.r_factor import triangle
+from haptid.uncertainty.distributions import f_tail
 
 # Blocks are merged down to this many: enough clusters for a standard error, and fast on long logs.
 ENOUGH_BLOCKS = 60
@@ -71,7 +72,7 @@ class AddedVariableTest:
         if dof < 1:
             return 1.0
         T2 = float(self.values @ np.linalg.pinv(self.covariance, hermitian=True) @ self.values)
-        return float(stats.f.sf(T2 * dof / (self.dof * k), k, dof))
+        return float(f_tail(T2 * dof / (self.dof * k), k, dof))
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,12 +31,12 @@ def time_delay(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
     label, dt = found[first][0], float(motion.dt)
     delay, half = figures[f"delay {label}"], figures[f"half_width {label}"]
     figures |= {"p": p[first]}
-    size = f"{1e3 * delay:.3g} ms (95 % interval +- {1e3 * half:.2g} ms, sampling period {1e3 * dt:.3g} ms)"
+    what = "late" if delay > 0 else "early"
+    size = f"{1e3 * abs(delay):.3g} ms (95 % interval +- {1e3 * half:.2g} ms, sampling period {1e3 * dt:.3g} ms)"
     if p[first] >= SIGNIFICANCE or abs(delay) < NEGLIGIBLE * dt:
-        text = f"No torque delay that matters: {label} {size}, p = {p[first]:.2g}, limit {SIGNIFICANCE:g}."
+        text = f"No torque delay that matters: {label} {what} by {size}, p = {p[first]:.2g}, limit {SIGNIFICANCE:g}."
         return Finding("time delay", "ok", figures, text)
     status: Status = "bad" if abs(delay) > LARGE * dt else "doubt"
-    what = "late" if delay > 0 else "early"
     text = (
         f"The torque of {label} is {what} by {size}, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}: viscous friction is "
         f"biased."

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.inverse import raw_parameters
+from haptid.errors import index_of
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import delay_test, exogeneity, lack_of_fit, plausibility
 from haptid.inference.diagnosis.added_variable import AugmentedRows, augment, device_rows
@@ -25,6 +27,7 @@ from haptid.validation.validation import Validation, fit_errors
 _EXACT = 1e-8
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """Findings on an estimate.
@@ -42,8 +45,8 @@ class Diagnosis:
     left_out: tuple[str, ...]
 
     def __getitem__(self, name: str) -> Finding:
-        """The finding of that name."""
-        return next(finding for finding in self.findings if finding.name == name)
+        """The finding of that name; an `UnknownNameError` where there is none."""
+        return self.findings[index_of(name, [finding.name for finding in self.findings], "finding")]
 
     @property
     def status(self) -> Status:
@@ -62,6 +65,11 @@ class Diagnosis:
         ranked = sorted(self.findings, key=lambda finding: order[finding.status])
         lines = [f"  {f.status:5s}  {f.name:{width}s}  {f.sentence}" for f in ranked]
         return "\n".join([*self.verdict.sentences, "", *lines, *(f"  -      {text}" for text in self.left_out)])
+
+    def _shown(self) -> Overview:
+        ranked = sorted(self.findings, key=lambda finding: ("bad", "doubt", "ok").index(finding.status))
+        rows = [[finding.name, finding.status, finding.sentence] for finding in ranked]
+        return Overview(f"Diagnosis: {self.status}", ("check", "status", "finding"), rows, self.verdict.sentences)
 
 
 def diagnose(estimate: Estimate, validation: Validation | None = None, controller: PID | None = None) -> Diagnosis:

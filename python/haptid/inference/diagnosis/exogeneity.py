@@ -129,7 +129,7 @@ def unexplained_columns(
         own = coordinates(model.device, of[id(context.plan.motion)], context.low, context.high)
         return np.array([context.torque(part) - torque_of(model, part, *own) for part in parts])
 
-    units = np.eye(len(model.device.drives))
+    units = np.eye(len(model.device.active))
     return tuple(
         CandidateColumns(units[row], len(parts), lambda context, r=row: differences(context)[:, r])  # type: ignore[misc]
         for row in rows

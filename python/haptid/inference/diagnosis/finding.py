@@ -13,6 +13,8 @@ ORDER: tuple[Status, ...] = ("ok", "doubt", "bad")
 SIGNIFICANCE = 0.01
 # A term that explains more than this share of a motor's residual power is worth adding.
 _LARGE = 0.1
+# One that explains less than this share is of no use, however significant: coarse encoders make such residuals.
+SMALL_SHARE = 0.03
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def worst(statuses: Sequence[Status]) -> Status:
 
 def graded(p: float, explained: float) -> Status:
     """By p-value and share of the residual power explained."""
-    if p >= SIGNIFICANCE:
+    if p >= SIGNIFICANCE or explained < SMALL_SHARE:
         return "ok"
     return "bad" if explained > _LARGE else "doubt"
 

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, graded, joined_names
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, SMALL_SHARE, Finding, graded, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
 from haptid.observation.augmented import CandidateColumns, ResidualContext
 from haptid.uncertainty.multiple_testing import together
@@ -49,7 +49,7 @@ def friction_coordinates(model: DynamicModel, rows: Sequence[int]) -> tuple[Fric
     found: list[FrictionCoordinate] = []
     for row in rows:
         declared = [(term.on, term.weights) for term in model.coulomb_terms(row) if term.joint is None]
-        for label, weights in declared or [(model.device.row_labels[row], np.eye(len(model.device.drives))[row])]:
+        for label, weights in declared or [(model.device.row_labels[row], np.eye(len(model.device.active))[row])]:
             if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
                 found.append(FrictionCoordinate(label, weights))
     return tuple(found)
@@ -209,6 +209,13 @@ def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], test
         figures |= {f"p {place.label}": one.p, f"explained {place.label}": one.explained}
         if one.fit is not None and len(one.fit.values) == 1:
             figures |= {f"size {place.label}": one.fit.values[0], f"se {place.label}": one.fit.se[0]}
+    if status == "ok" and candidates and p[first] < SIGNIFICANCE:
+        text = (
+            f"{term.meaning[0].upper()}{term.meaning[1:]} is significant in the residual of {places[first].label} "
+            f"(p = {p[first]:.1e}, limit {SIGNIFICANCE:g}) but negligible: it explains "
+            f"{100 * tests[first].explained:.1f} % of the residual power (limit {100 * SMALL_SHARE:g} %)."
+        )
+        return Finding(term.name, status, figures, text)
     if status == "ok":
         text = f"No sign of {term.meaning} (p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
         if others := sorted({one.redundant_to for one in tests if one.redundant_to}):
@@ -279,9 +286,17 @@ def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: S
         text = f"No torque periodic in position (p = {corrected[first]:.2g}, limit {SIGNIFICANCE:g})."
         return Finding("ripple", "ok", {"p": corrected[first]}, text)
     figures = {"p": corrected[first], "explained": explained[first], "period": period[first]}
+    status = graded(float(corrected[first]), explained[first])
+    if status == "ok":
+        text = (
+            f"A torque periodic in the position of {names[first]} is significant (p = {corrected[first]:.1e}, limit "
+            f"{SIGNIFICANCE:g}) but negligible: {100 * explained[first]:.1f} % of the residual power (limit "
+            f"{100 * SMALL_SHARE:g} %)."
+        )
+        return Finding("ripple", status, figures, text)
     text = (
         f"The residual of {names[first]} is periodic in position with a period of {period[first]:.3g} (SI): "
         f"{100 * explained[first]:.1f} % of its power (p = {corrected[first]:.1e}, limit {SIGNIFICANCE:g}): cogging, "
         f"gear teeth or an eccentric pulley have such a period."
     )
-    return Finding("ripple", graded(float(corrected[first]), explained[first]), figures, text)
+    return Finding("ripple", status, figures, text)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array
 from haptid.device.parameters import INERTIAL
@@ -17,6 +16,7 @@ from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
+from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import half_width
 
 # Factors that confused units cause.
@@ -34,6 +34,8 @@ _UNITS = {
 _NAMED, GOOD = 0.15, 2.0
 # A torque scale is used if its standard error is below this share of it.
 IDENTIFIABLE = 0.25
+# Columns of each motor: inertial torque, gravity, a rotor; torque over that of the bodies that no rotor causes.
+_OF_A_MOTOR, _NO_ROTOR = 3, 100.0
 # Parameters that cannot be negative, by kind.
 _POSITIVE = ("FV", "FC", "IA")
 
@@ -67,10 +69,10 @@ def prior_bodies(model: DynamicModel) -> PriorBodies | None:
 
 
 def prior_torque(model: DynamicModel, rows: Sequence[int], bodies: PriorBodies) -> tuple[CandidateColumns, ...]:
-    """For every row the torque of the prior bodies: inertial, and gravitational.
+    """For every row the torque of the prior bodies, inertial and gravitational, and that of a rotor.
 
     Only the first is judged: in a balanced device, gravity is a small difference of large terms, which the prior does
-    not determine.
+    not determine, and descriptions seldom have rotors.
     """
     chi = raw_parameters(model, bodies.beta)
 
@@ -78,13 +80,14 @@ def prior_torque(model: DynamicModel, rows: Sequence[int], bodies: PriorBodies) 
     def torques(context: ResidualContext) -> Array:
         c = context.motion[0]
         weight = torque_of(model, chi, c, np.zeros_like(c), np.zeros_like(c))
-        return np.array([context.torque(chi) - weight, weight])
+        cdd = context.motion[2]
+        return np.array([context.torque(chi) - weight, weight, np.zeros_like(c) if cdd is None else cdd])
 
-    units = np.eye(len(model.device.drives))
+    units = np.eye(len(model.device.active))
     return tuple(
         CandidateColumns(units[row], 1, lambda context, r=row, k=kind: torques(context)[k, [r]])  # type: ignore[misc]
         for row in rows
-        for kind in (0, 1)
+        for kind in range(_OF_A_MOTOR)
     )
 
 
@@ -107,17 +110,26 @@ class TorqueScale:
 def torque_scales(
     augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
 ) -> tuple[TorqueScale, ...]:
-    """Of every motor where it is identifiable; gravity and the other terms are estimated jointly."""
+    """Of every motor where it is identifiable; gravity, a rotor and the other terms are estimated jointly.
+
+    Where a rotor's inertia cannot be told from that of the bodies, it may explain a larger torque: the scale then
+    counts where it is below one or beyond what rotors do, or where gravity has the same.
+    """
     made: list[TorqueScale] = []
     for m, label in enumerate(labels):
-        motion, weight = which[2 * m : 2 * m + 2]
-        for tried in ((motion, weight), (motion,)):
+        motion, weight, rotor = which[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
+        for tried in ((motion, weight, rotor), (motion, rotor), (motion, weight), (motion,)):
             test = augmented.test(tried, bodies.inertial, motor=m)
-            if test is not None:
-                value, se = float(test.values[0]), float(test.se[0])
+            if test is None:
+                continue
+            value, se = float(test.values[0]), float(test.se[0])
+            if se >= IDENTIFIABLE * abs(value):
+                continue
+            same = weight in tried and abs(test.values[1] / value - 1) < _NAMED
+            if rotor in tried or value < GOOD or value > _NO_ROTOR or same:
                 made.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
                 break
-    return tuple(scale for scale in made if scale.se < IDENTIFIABLE * abs(scale.value))
+    return tuple(made)
 
 
 def unit_error(factor: float, gears: Sequence[float]) -> str | None:
@@ -168,7 +180,7 @@ def _negative(made: Estimate) -> list[str]:
     names = []
     for k, kind in enumerate(kinds):
         if kind in _POSITIVE and made.beta[k] < 0:
-            p = stats.t.cdf(made.beta[k] / made.se[k], made.dof[k])
+            p = t_tail(-made.beta[k] / made.se[k], made.dof[k])
             if p * len(kinds) < SIGNIFICANCE:
                 names.append(made.base.names[k])
     return names

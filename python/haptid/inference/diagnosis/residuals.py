@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.inverse import raw_parameters
@@ -17,6 +16,7 @@ from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk
+from haptid.uncertainty.distributions import chi2_tail, dagostino_pearson, normal_quantile, t_tail
 from haptid.uncertainty.multiple_testing import together
 
 # Missing rows between two ranges: more than any lag that is used.
@@ -201,7 +201,7 @@ def portmanteau(e: Array, lags: int = LAGS) -> tuple[float, float]:
     rho, pairs = autocorrelation(e, lags)
     n, there = pairs[0], pairs[1:] > 0
     Q = float(n * (n + 2) * np.sum(rho[1:][there] ** 2 / pairs[1:][there]))
-    return Q, float(stats.chi2.sf(Q, max(int(there.sum()), 1)))
+    return Q, float(chi2_tail(Q, max(int(there.sum()), 1)))
 
 
 def half_power(e: Array, step: float) -> float:
@@ -276,7 +276,7 @@ def thinned(e: Array, stride: int) -> Array:
 
 def outliers(e: Array, rows: float) -> np.ndarray:
     """Rows beyond what a normal residual of that number of independent rows reaches with probability 0.01, (rows,)."""
-    limit = stats.norm.isf(0.5 * SIGNIFICANCE / max(rows, 1.0))
+    limit = -normal_quantile(0.5 * SIGNIFICANCE / max(rows, 1.0))
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(standardised(e)) > limit)
 
@@ -287,11 +287,12 @@ def normality(left: Residuals) -> Finding:
     figures: dict[str, float] = {}
     for label, e in zip(left.labels, left.e, strict=True):
         apart = thinned(e, left.filter_stride)
-        p.append(float(stats.normaltest(apart).pvalue) if len(apart) >= _FEWEST else 1.0)
+        skewness, kurtosis, alone = dagostino_pearson(apart)
+        p.append(alone if len(apart) >= _FEWEST else 1.0)
         out = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
         many += int(out.sum())
         power = max(power, float(np.sum(e[out] ** 2) / np.nansum(e**2)))
-        figures |= {f"skewness {label}": stats.skew(apart), f"excess_kurtosis {label}": stats.kurtosis(apart)}
+        figures |= {f"skewness {label}": skewness, f"excess_kurtosis {label}": kurtosis}
     corrected = together(np.array(p))
     least = float(corrected.min())
     status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
@@ -372,7 +373,7 @@ def heteroscedasticity(left: Residuals, velocity: Array) -> Finding:
             continue
         for k, what in ((1, "speed"), (2, "torque")):
             t = found.values[k] / found.se[k] if found.se[k] > 0 else 0.0
-            p.append(float(2 * stats.t.sf(abs(t), found.dof[k])))
+            p.append(float(2 * t_tail(abs(t), found.dof[k])))
             growth.append(float(1.0 + found.values[k] / found.values[0]))
             names.append(f"{label} with {what}")
     if not p:

@@ -1,0 +1,70 @@
+"""Slopes of the model's torque by numbers of its geometry: home offsets of the joints, the direction of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
+
+# Step of a derivative by an angle, rad, or a position, m.
+SLOPE_STEP = 1e-3
+# Of a torque's slope along a motion, (coordinates, samples), SI.
+Slope = Callable[[ResidualContext], Array]
+
+
+def home_offset_slope(model: DynamicModel, k: int) -> Slope:
+    """Slope by an offset of the position of active joint k: true position less logged position."""
+    direction = SLOPE_STEP * model.device.row_map[:, k, None]
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as callers require
+        ahead, behind = (torque_of(model, context.chi, c + sign * direction, cd, cdd) for sign in (1, -1))
+        return np.asarray((ahead - behind) / (2 * SLOPE_STEP))
+
+    return values
+
+
+def slope_towards(other: DynamicModel, step: float) -> Slope:
+    """Slope by a number in which another model is larger by a step."""
+
+    def values(context: ResidualContext) -> Array:
+        c, cd, cdd = context.motion
+        assert cdd is not None  # as callers require
+        return np.asarray((torque_of(other, context.chi, c, cd, cdd) - context.predicted) / step)
+
+    return values
+
+
+def horizontal_axes(model: DynamicModel) -> Iterator[tuple[str, Array]]:
+    """Two directions across gravity, each with its name: the axes of the base frame that are nearest to level."""
+    gravity = model.device.gravity / np.linalg.norm(model.device.gravity)
+    nearest = sorted(np.argsort(np.abs(gravity), kind="stable")[:2])
+    first = np.eye(3)[nearest[0]] - gravity[nearest[0]] * gravity
+    first /= np.linalg.norm(first)
+    second = np.cross(gravity, first)
+    second *= np.sign(second[nearest[1]]) or 1.0
+    yield from zip(("xyz"[k] for k in nearest), (first, second), strict=True)
+
+
+def tilted_gravity(model: DynamicModel, axis: Array, angle: float) -> DynamicModel:
+    """The model with gravity of the same magnitude, to first order, turned by an angle towards an axis across it."""
+    gravity = model.device.gravity
+    return model.with_gravity(gravity + angle * np.linalg.norm(gravity) * axis)
+
+
+def columns_of(slope: Slope, rows: int) -> list[CandidateColumns]:
+    """A slope as columns, one for each row; computed once for all of them."""
+    last: list[tuple[ResidualContext, Array]] = []
+
+    def of_row(row: int, context: ResidualContext) -> Array:
+        if not last or last[0][0] is not context:
+            last[:] = [(context, slope(context))]
+        return last[0][1][row : row + 1]
+
+    return [CandidateColumns(np.eye(rows)[k], 1, partial(of_row, k)) for k in range(rows)]

@@ -1,0 +1,135 @@
+"""`NuisanceProblem`: base parameters and nuisances (delays, home offsets, the direction of gravity) from the same rows.
+
+The torque is linear in a small nuisance to first order: its slope along the motion, of the *model's* torque, is one
+more column. Columns change with parameters and nuisances, so callers take Gauss-Newton steps, with a prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation import Estimate, Spread
+from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.methods.wls import WLS
+from haptid.motion.treatment import Motion
+from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Block
+from haptid.treatment_choice.first_fit import residual_memory, solve_excited
+
+# The nuisance that a column belongs to, and the column.
+NuisanceColumn = tuple[int, CandidateColumns]
+
+
+@dataclass(frozen=True, eq=False)
+class NuisanceProblem:
+    """Least squares in the base parameters and the nuisances' changes, from R factors by motor and block.
+
+    Attributes:
+        model, motions: of the rows.
+        rows: R factors with columns of the nuisances after those of the base parameters.
+        beta: parameters that the columns were computed with, (p,).
+        count: number of nuisances.
+    """
+
+    model: DynamicModel
+    motions: Sequence[Motion]
+    rows: Observation
+    beta: Array
+    count: int
+
+    @staticmethod
+    def of(
+        model: DynamicModel,
+        motions: Sequence[Motion],
+        beta: Array,
+        chi: Array,
+        columns: Sequence[Sequence[NuisanceColumn]],
+    ) -> NuisanceProblem:
+        """From treated motions.
+
+        Args:
+            model: the dynamic model.
+            motions: of the rows.
+            beta: base parameters, (p,), SI.
+            chi: parameters of the core's columns that the slopes are computed with, (r,), SI.
+            columns: of each motion, each with its nuisance; those of one nuisance and motor are added.
+        """
+        p, rows = len(beta), [int(k) for k in np.flatnonzero(model.device.measured)]
+        blocks: list[Block] = []
+        parts = []
+        for motion, own in zip(motions, columns, strict=True):
+            wide = augmented_plan(model, motion, chi, [column for _, column in own])
+            place = np.append(np.arange(p), [p + nuisance for nuisance, _ in own]).astype(int)
+            parts.append([replace(m, columns=place[m.columns]) for m in reduced(wide, rows, list(wide.segments()))])
+            blocks.extend(wide.blocks())
+        motors = tuple(map(_joined, zip(*parts, strict=True)))
+        count = 1 + max(nuisance for own in columns for nuisance, _ in own)
+        return NuisanceProblem(model, motions, Observation(model, motors, tuple(blocks), tuple(motions)), beta, count)
+
+    @cached_property
+    def weights(self) -> Array:
+        """One over each motor's residual, less for residuals with memory: rows count as many as are independent."""
+        without = np.append(self.beta, np.zeros(self.count))
+        w = np.array([WLS().weight(motor, without) for motor in self.rows.motors])
+        memory = residual_memory(self.model, self.motions, self.beta)
+        step = self.motions[0].treatment.decimation * self.motions[0].dt
+        return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
+
+    def solve(self, off: Array, prior: Array) -> tuple[Array, Array, Spread]:
+        """Parameters (p,), the nuisances' change (count,), and its covariance with degrees of freedom.
+
+        Args:
+            off: prior mean of the change, (count,), SI.
+            prior: its covariance, (count, count).
+        """
+        p, m = len(self.beta), len(off)
+        whiten = np.linalg.inv(np.linalg.cholesky(prior))
+        known = np.zeros((m, p + m + 1))
+        known[:, p:-1], known[:, -1] = whiten, whiten @ off
+        solution = solve_excited(self.rows.motors, self.weights, known)
+        spread = clustered(self.rows, self.weights, solution, np.eye(p + m)[p:])
+        return solution.beta[:p], solution.beta[p:], spread
+
+    def sensitivity(self, estimate: Estimate) -> Array:
+        """Derivative of an estimate's parameters by each nuisance, (p, count), SI.
+
+        The parameters move by (W'W)^-1 W'D for a change of a nuisance with column D, as in a fit with the nuisances as
+        further columns.
+        """
+        p, root = len(self.beta), estimate.fit.solution.root
+        made = np.zeros((p, self.count))
+        for motor, weight in zip(self.rows.motors, estimate.weights, strict=True):
+            own = motor.columns < p
+            cross = motor.whole[:, :-1].T @ motor.whole[:, :-1]
+            made[np.ix_(motor.columns[own], motor.columns[~own] - p)] += weight**2 * cross[np.ix_(own, ~own)]
+        return np.asarray(-root @ (root.T @ made))
+
+    def propagated(self, estimate: Estimate, covariance: Array) -> Array:
+        """By how much one standard error of the nuisances' principal directions moves the parameters, (count, p)."""
+        values, vectors = np.linalg.eigh(covariance)
+        return np.asarray((self.sensitivity(estimate) @ (vectors * np.sqrt(np.maximum(values, 0.0)))).T)
+
+
+def _joined(parts: Sequence[MotorRows]) -> MotorRows:
+    """Rows of one motor along several motions, whose columns may differ, in the columns of all of them."""
+    columns = np.unique(np.concatenate([part.columns for part in parts]))
+    size = len(columns) + 1
+    triangles = []
+    for part in parts:
+        many, n = part.triangles.shape[:2]
+        place = np.append(np.searchsorted(columns, part.columns), size - 1)
+        made = np.zeros((many, n, size))
+        for k, column in enumerate(place):
+            made[:, :, column] += part.triangles[:, :, k]
+        wide = np.zeros((many, size, size))
+        wide[:, : min(n, size)] = made if n <= size else np.linalg.qr(made, mode="r")
+        triangles.append(wide)
+    rows = np.concatenate([part.rows for part in parts])
+    return replace(parts[0], columns=columns, triangles=np.concatenate(triangles), rows=rows)

@@ -1,0 +1,21 @@
+"""Figures as text, to two digits of their standard error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def short_percent(part: float, whole: float) -> str:
+    """A percentage to two digits; above 100 only its order of magnitude."""
+    percent = 100 * part / abs(whole) if whole else float("inf")
+    return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
+
+
+def with_digits(value: float, se: float) -> str:
+    """A value to two digits of its standard error: 1416.0 with 192 is 1420."""
+    if not (np.isfinite(se) and np.isfinite(value) and abs(value) < 1e6 and se > 1e-9):
+        return f"{value:.6g}"
+    decimals = 1 - math.floor(math.log10(se))
+    return f"{round(value, decimals):.{max(decimals, 0)}f}" if decimals <= 12 else f"{value:.6g}"
