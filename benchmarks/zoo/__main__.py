@@ -15,22 +15,23 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from zoo.advised import score as advised  # noqa: E402
 from zoo.advised import summary  # noqa: E402
+from zoo.advised import table as ranks  # noqa: E402
 from zoo.case import draw  # noqa: E402
 from zoo.study import CASES, RESULTS, SEED, chosen, final_seed, keep, scores  # noqa: E402
 from zoo.table import CLASSES, aggregate, table, worst  # noqa: E402
 from zoo.wrong import right_cases, wrong_cases  # noqa: E402
 
 
-def score_advice(each: int, seed: int, jobs: int, out: Path | None) -> None:
+def score_advice(each: int, right: int, seed: int, jobs: int, out: Path | None) -> None:
     """Score advice on wrong and right models, print and store."""
-    wrong = list(wrong_cases(each, seed))
-    cases = [*wrong, *right_cases(len(wrong), seed)]
+    cases = [*wrong_cases(each, seed), *right_cases(right, seed)]
     rows = []
     with ProcessPoolExecutor(jobs) as pool:
         for row in pool.map(advised, cases):
             rows.append(row)
             print(f"\r{len(rows)} of {len(cases)}", end="", file=sys.stderr, flush=True)
     figures = summary(rows)
+    print(ranks(rows))
     print(json.dumps(figures, indent=1))
     keep(out or RESULTS / "zoo-advice.json", {"each": each, "seed": seed}, rows, figures)
 
@@ -49,10 +50,15 @@ def main() -> None:
     parser.add_argument("--worst", type=int, default=10, help="how many of the worst cases are printed")
     parser.add_argument("--list", action="store_true", help="print the cases only")
     parser.add_argument("--out", type=Path, help="where scores are stored; whole draws go to the results unasked")
-    parser.add_argument("--advice", type=int, metavar="N", help="score advice instead: N cases of each wrong cause")
+    parser.add_argument(
+        "--advice", type=int, metavar="N", help="score advice instead: N cases of each cause and device"
+    )
+    parser.add_argument("--right", type=int, default=60, metavar="N", help="with --advice: cases of right models")
     given = parser.parse_args()
     if given.advice:
-        score_advice(given.advice, final_seed() % 10_000 if given.final else given.seed, given.jobs, given.out)
+        score_advice(
+            given.advice, given.right, final_seed() % 10_000 if given.final else given.seed, given.jobs, given.out
+        )
         return
     seed = final_seed() if given.final else given.seed
     cases = chosen(draw(given.cases, seed), given.only)

@@ -43,6 +43,7 @@ def score(plant: WrongPlant) -> dict[str, Any]:
         row["seconds"] = time.process_time() - begin
         row["error"] = found.unseen[0].comparable.relative
         row["actions"] = [[action.kind, *action.places] for action in made.actions]
+        row["said"] = any("cannot be told" in text.lower() or "too small" in text.lower() for text in made.untold)
         if plant.cause != "none":
             row |= {"size": plant.size, "motor": plant.motor, "rank": rank(plant, row["actions"])}
             row["distance"] = distance(found, replace(plant, cause="none"))
@@ -93,15 +94,47 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for cause in CAUSES:
         own = [row for row in told if row["cause"] == cause]
         by_cause[cause] = {"told": len(own), "first": share(own, 1), "first three": share(own, 3)}
+    unnamed = [row for row in silent if not row["actions"]]
     return {
         "right models": len(right),
-        "false alarms": sum(bool(row["actions"]) for row in right) / max(len(right), 1),
+        "false alarms": sum(bool(row["actions"]) for row in right) / len(right) if right else None,
         "wrong models": len(wrong),
         "refused when read": sum("refused" in row for row in wrong),
         "told": len(told),
         "first cause right": share(told, 1),
         "among the first three": share(told, 3),
         "named though not told": share(silent, 3),
+        "wrong action though not told": sum(bool(r["actions"]) and r["rank"] is None for r in silent)
+        / max(len(silent), 1),
+        "no action, and said what cannot be told": sum(r["said"] for r in unnamed) / max(len(unnamed), 1),
         "seconds, median": float(np.median([row["seconds"] for row in rows if "seconds" in row])),
         "causes": by_cause,
     }
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Rank of the true cause in every wrong case: a line for each cause, a column for each device.
+
+    In brackets where a test that knows the cause has less power than 0.9; "-" where it is not named, "." where there is
+    no action at all.
+    """
+    devices = list(dict.fromkeys(_device(row) for row in rows if row["cause"] != "none"))
+    lines = [f"{'':15}" + "".join(f"{device:>12}" for device in devices)]
+    for cause in CAUSES:
+        cells = [
+            " ".join(_cell(row) for row in rows if row["cause"] == cause and _device(row) == device)
+            for device in devices
+        ]
+        lines.append(f"{cause:15}" + "".join(f"{cell:>12}" for cell in cells))
+    return "\n".join(lines)
+
+
+def _device(row: dict[str, Any]) -> str:
+    return str(row["case"]).split("device=")[1].split()[0]
+
+
+def _cell(row: dict[str, Any]) -> str:
+    if "refused" in row:
+        return "x"
+    made = str(row["rank"]) if row["rank"] else "-" if row["actions"] else "."
+    return made if row["told"] else f"({made})"

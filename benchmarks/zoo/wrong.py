@@ -40,6 +40,8 @@ CAUSES: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[float, float]]] 
     "payload": (("payload",), ("pendulum", "arm2", "arm3"), (0.1, 0.4)),
     "drift": (("drift",), ("axis", "pendulum", "arm2", "arm3", "phantom"), (0.2, 0.5)),
 }
+# Devices on which each cause is made.
+DEVICES_EACH = 3
 # Waves of a ripple in a turn, Stribeck velocity over the rms speed, episodes of a contact and of a stuck position.
 WAVES, SPEED, EPISODES = 18, 0.2, 25
 
@@ -182,13 +184,14 @@ def _length(tables: dict) -> tuple[str, float]:  # type: ignore[type-arg]
 
 
 def wrong_cases(each: int, seed: int) -> Iterator[WrongPlant]:
-    """So many cases of every cause, and as many right ones as of all causes together, half with noise in the loop."""
+    """So many cases of every cause on every one of up to `DEVICES_EACH` devices that can have it."""
     rng = np.random.default_rng([seed, 15])
     number = 0
     for cause, (_, devices, _) in CAUSES.items():
-        for _ in range(each):
-            number += 1
-            yield WrongPlant(_case(rng, str(rng.choice(devices)), 1000 * seed + number), cause)
+        for device in rng.permutation(devices)[:DEVICES_EACH]:
+            for _ in range(each):
+                number += 1
+                yield WrongPlant(_case(rng, str(device), 1000 * seed + number), cause)
 
 
 def right_cases(count: int, seed: int) -> Iterator[WrongPlant]:

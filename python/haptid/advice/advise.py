@@ -8,22 +8,29 @@ from typing import Any, Literal
 
 import numpy as np
 
-from haptid._internal.arrays import Array
 from haptid.advice.bodies import Impossible, impossible
 from haptid.advice.edits import Edit, edits_of
+from haptid.advice.filters import OtherFilter, other_filter
+from haptid.advice.more_motion import MoreMotion, more_motion
 from haptid.advice.search import (
-    LEAST_GAIN,
+    LARGE_GAIN,
     LEAST_SE,
     Proven,
     Trials,
     TriedChange,
+    large_enough,
+    paired,
     positions,
     proven,
     search_of,
+    unseen_percent,
     with_masks,
 )
-from haptid.advice.trial import Gain, Setting, Trial, gain
+from haptid.advice.trial import Setting, Trial, gain
+from haptid.advice.untold import untold
+from haptid.advice.use import other_use
 from haptid.errors import HaptidError
+from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.subsample import subsample
@@ -33,17 +40,14 @@ Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
 # The lower one where parameters are found that no bodies have.
 _ROUGH, _LARGE = 20.0, 10.0
-# Unseen error, per cent, below which nothing needs to be said of what remains.
-CLOSE = 5.0
 # Actions of a combination, and actions that are shown.
 _MOST, SHOWN = 4, 6
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
-# Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
-# candidate to be told at all.
-_TOLD = 1e-4
 # Kinds that leave rows out.
-MASKS = ("dead torque", "stuck position", "contact")
+MASKS = ("dead torque", "stuck position", "contact", "other log")
+# Kind of what changes the fit for use, and not the rows or the free model.
+USE = "model for use"
 _CHANGE: Mapping[str, str] = {
     "coulomb": "add Coulomb friction on {where}",
     "viscous": "add viscous friction on {where}",
@@ -73,6 +77,25 @@ _CHANGE: Mapping[str, str] = {
     "clipped torque": "leave out the parts in which the torque of {where} is clipped",
     "stuck position": "leave out the parts in which the position of {where} is stuck",
     "contact": "leave out the parts in which something touches {where}",
+    "other log": "leave out {where}, which is not of the device that the other logs are of",
+    "filter": "set the cut-off of the position filter to {where}",
+}
+# What the proof of a kind does not tell.
+_OPEN: Mapping[str, str] = {
+    "offset": "whether it is friction or the amplifier's offset",
+    "torque by position": "what exerts it: a cable, a spring, or gravity of a link",
+    "ripple": "whether it is cogging, gear teeth or an eccentric pulley",
+    "time shift": "which of the two channels is late",
+    "drift": "whether it is warmth, wear or an amplifier",
+    "payload": "when it was fixed, to better than a twelfth of the log",
+    "gain": "whether the channel's gain or the model's lengths and gear ratios are wrong",
+    "unit": "whether the channel's gain or the prior bodies are wrong",
+    "zero offset": "whether the sensor's zero or the device file's angle is wrong",
+    "gravity direction": "whether the base is tilted or several zeros are wrong",
+    "dead torque": "what the channel would have shown",
+    "contact": "what touched it, and lighter contacts elsewhere",
+    "other log": "what differs in it: a payload, a setting, another device",
+    "filter": "the effect in faster motion than the log's",
 }
 
 
@@ -91,6 +114,9 @@ class Action:
         share: of the weighted squared unseen error that goes away.
         adds: whether it belongs to the best combination.
         edits: of study and device file; empty where files cannot say it.
+        blocks: unseen time blocks on which the errors are stated.
+        rivals: other changes whose gain is the same within a paired standard error.
+        motor: whose error is stated; empty for that of all.
     """
 
     kind: str
@@ -103,20 +129,34 @@ class Action:
     share: float
     adds: bool
     edits: tuple[Edit, ...]
+    blocks: int = 0
+    rivals: tuple[str, ...] = ()
+    motor: str = ""
 
     @property
     def sentence(self) -> str:
-        """The change and its proof."""
-        change = self.change[0].upper() + self.change[1:]
+        """The change, its proof, and what the proof does not tell."""
+        return " ".join([f"{self.change[0].upper()}{self.change[1:]}{self._proof}", *self._open])
+
+    @property
+    def _proof(self) -> str:
+        on = f"the error{f' of {self.motor}' if self.motor else ''} on {self.blocks} unseen time blocks"
         if self.kind in MASKS:
             rows = f"{self.before:.3g} % of all rows, {self.after:.3g} % of the others without them"
-            return f"{change}: the error on unseen blocks is {rows}."
+            return f": {on} is {rows}."
         if self.proof == "unseen error":
             size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
-            return f"{change}: the error on unseen blocks falls from {size}."
+            return f": {on} falls from {size}."
         if self.proof == "possible bodies":
-            return f"{change} negative: without it they are {self.before:.3g} standard errors below zero or more."
-        return f"{change}: the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."
+            return f" negative: without it they are {self.before:.3g} standard errors below zero or more."
+        return f": the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."
+
+    @property
+    def _open(self) -> Iterator[str]:
+        if self.rivals:
+            yield f"Not told apart from it, within a standard error: {joined_names(self.rivals)}."
+        if self.kind in _OPEN:
+            yield f"Not known: {_OPEN[self.kind]}."
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -130,6 +170,9 @@ class Action:
             "se": self.se,
             "share": self.share,
             "adds": self.adds,
+            "blocks": self.blocks,
+            "rivals": list(self.rivals),
+            "motor": self.motor,
             "sentence": self.sentence,
             "edits": [edit.to_dict() for edit in self.edits],
         }
@@ -144,6 +187,7 @@ class Advice:
         before, after: unseen error without changes and with the best combination, per cent, on the same rows.
         untold: sentences on what cannot be told from this log.
         tried: number of candidates.
+        motion: further motion that would make wide intervals narrow; None where none would, or none is wide.
     """
 
     actions: tuple[Action, ...]
@@ -151,6 +195,7 @@ class Advice:
     after: float
     untold: tuple[str, ...]
     tried: int
+    motion: MoreMotion | None = None
 
     @property
     def combination(self) -> tuple[Action, ...]:
@@ -164,17 +209,15 @@ class Advice:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The first actions, then what cannot be told."""
+        """The first actions, further motion, then what cannot be told."""
         shown = [
             f"{k}. {action.sentence}{'' if action.adds else ' Not in addition to the others.'}"
             for k, action in enumerate(self.actions[:SHOWN], 1)
         ]
-        if len(self.combination) > 1:
-            shown.append(
-                f"Together ({joined_names([a.kind for a in self.combination])}): unseen error {self.before:.3g} to "
-                f"{self.after:.3g} %."
-            )
-        return (*shown, *self.untold)
+        together = [action.kind for action in self.combination if action.kind != USE]
+        if len(together) > 1:
+            shown.append(f"Together ({joined_names(together)}): unseen error {self.before:.3g} to {self.after:.3g} %.")
+        return (*shown, *((self.motion.sentence,) if self.motion else ()), *self.untold)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -184,6 +227,7 @@ class Advice:
             "combined_error_percent": self.after,
             "actions": [action.to_dict() for action in self.actions],
             "untold": list(self.untold),
+            "more_motion": None if self.motion is None else self.motion.to_dict(),
         }
 
 
@@ -191,9 +235,10 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     """Try every change that haptid knows on the rows of an identification, and keep those with a proof.
 
     Fits on every other time block are judged on the blocks between; a change is proposed where its test is significant
-    at 0.01 over all candidates together and its gain is more than three standard errors of paired block differences.
-    Where a change would only rescale parameters, the proof is by bodies that can exist, or by the device file's prior
-    bodies. Nothing is changed.
+    at 0.01 over all candidates together and its gain is more than three standard errors of paired block differences
+    (two where it is a quarter of the squared error). Where a change would only rescale parameters, the proof is by
+    bodies that can exist, or by prior bodies. Where nothing is wrong, further motion is proposed by the
+    intervals that it is predicted to give. Nothing is changed.
 
     Args:
         found: a study carried out.
@@ -203,52 +248,66 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     motions = part.observation.motions
     if any(motion.treatment.momentum for motion in motions):
         return Advice((), 0.0, 0.0, ("No action is tried without accelerations.",), 0)
+    if reason := _too_slow(found):
+        return Advice((), 0.0, 0.0, (reason,), 0)
     try:
-        search = search_of(found.model, motions, part.beta, part.zero)
+        other = _filter(found, part)
+        search = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
     search, masks = with_masks(search)
     base = search.base()
-    before = _percent(search, base)
+    before = unseen_percent(search.model, search.bench, base)
     negative = list(impossible(part, search.rows.position))
     if before > (_LARGE if negative else _ROUGH):
         search = replace(search, candidates=(*search.candidates, *positions(search)))
+    if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
+        search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
     made = [_named(one) for one in proven(search, base)]
+    if other or masks:  # small gains may be those of the treatment, which was chosen with them
+        made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
     treatment = found.proposal.treatment
-    listed = [_action(search, base, one, one in chosen, edits_of(search, one, treatment)) for one in made]
+    listed = [
+        _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))
+        for one in made
+    ]
     listed = [action for action in listed if action.after < action.before]
-    for mask in masks:  # the others keep their order
-        shown = _mask_action(mask, edits_of(search, mask, treatment))
-        listed.insert(sum(action.share > shown.share for action in listed), shown)
+    others = [_mask_action(mask, edits_of(search, mask, treatment), search.bench.blocks) for mask in masks]
+    others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
+    for one in others:  # the rest keep their order
+        listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
     first = [*_bodies(negative, known)]
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(diagnosis, known)
-    start = max([before, *(action.before for action in listed if action.proof == "unseen error")])
-    return Advice(
-        (*first, *listed), start, after, tuple(_untold(search, base, [*first, *listed])), len(search.candidates)
+    start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
+    every = [*first, *listed]
+    sentences = untold(search, base, {action.kind for action in every}, not every)
+    # Columns and noise of a model that is known to be wrong predict nothing.
+    more = None if every else more_motion(part)
+    return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+
+
+def _too_slow(found: Identification) -> str:
+    """Why nothing is tried where the log's rate is too low for its motion; empty where it is not."""
+    motion, proposal = found.estimate.observation.motions[0], found.proposal
+    limit = motion.treatment.parallel(motion.dt)
+    if limit is None or "parallel_cutoff_hz" in found.study.treatment or proposal.bandwidth_hz <= limit:
+        return ""
+    return (
+        f"The motion, {proposal.bandwidth_hz:.3g} Hz, is faster than the {limit:.3g} Hz that the log's rate of "
+        f"{1 / motion.dt:.4g} Hz permits: causes of the error cannot be told from this log. Record at a higher rate, "
+        f"or, if the device vibrates, with softer control."
     )
 
 
-def _percent(search: Trials, trial: Trial) -> float:
-    """Unseen relative error of all motors, per cent; the rms of the motors' where their units differ."""
-    units = {search.model.device.torque_units[k] for k in search.model.measured_rows}
-    left = trial.errors.sum(axis=0) / search.bench.weights**2
-    own = search.bench.squares(trial.setting).sum(axis=0)
-    if len(units) > 1:
-        return float(100 * np.sqrt(np.mean(left / np.maximum(own, np.finfo(float).tiny))))
-    return float(100 * np.sqrt(left.sum() / own.sum()))
-
-
-def _paired(search: Trials, before: Trial, after: Trial) -> float:
-    """Standard error of the difference of two unseen errors, per cent: paired by block, by the delta method."""
-    w = search.bench.weights**2
-    own = search.bench.squares(before.setting).sum()
-    difference = ((before.errors - after.errors) / w).sum(axis=1)
-    spread = np.sqrt(len(difference)) * difference.std(ddof=1) / own
-    both = np.sqrt((before.errors / w).sum() / own) + np.sqrt((after.errors / w).sum() / own)
-    return float(100 * spread / max(both, 1e-300))
+def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
+    """Another cut-off, tried where the study gives one, or where the error is large."""
+    given = found.study.treatment.get("cutoff_hz") is not None
+    if not given and max((v.relative for v in found.unseen), default=0.0) < _LARGE:
+        return None  # the proposal has compared them
+    return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
 
 
 def _named(one: Proven) -> Proven:
@@ -273,7 +332,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
     while left and len(chosen) < _MOST:
         trials = [(one, search.bench.run(on.plus(one.trial.setting), test=False)) for one in left]
         gains = [(gain(now, trial), one, trial) for one, trial in trials]
-        worth = [each for each in gains if each[0].share > LEAST_GAIN and each[0].share > LEAST_SE * each[0].se]
+        worth = [each for each in gains if large_enough(each[0])]
         if not worth:
             break
         # The ranking prefers the simpler of those alike.
@@ -282,7 +341,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
         on, now = on.plus(best.trial.setting), trial
         # Changes of one channel, and other rows, exclude each other.
         left = [one for one in left if one is not best and not _excludes(best.candidate, one.candidate)]
-    return chosen, _percent(search, now)
+    return chosen, unseen_percent(search.model, search.bench, now)
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
@@ -290,15 +349,45 @@ def _excludes(one: TriedChange, other: TriedChange) -> bool:
     return one.kind in channels and other.kind in channels
 
 
-def _action(search: Trials, base: Trial, one: Proven, adds: bool, edits: tuple[Edit, ...]) -> Action:
+def _action(
+    search: Trials, base: Trial, one: Proven, adds: bool, edits: tuple[Edit, ...], rivals: tuple[str, ...]
+) -> Action:
     """A proven candidate in words."""
-    candidate = one.candidate
+    candidate, model, bench = one.candidate, search.model, search.bench
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
     change = _CHANGE[candidate.kind].format(where=where) + _size(one)
-    before, after, se = _percent(search, base), _percent(search, one.trial), _paired(search, base, one.trial)
+    # Changes are judged in units of each motor's residual: that of a small motor hardly shows in the error of all.
+    motor, label = None, ""
+    before, after, se = _errors(search, base, one.trial, None)
+    if before - after < LEAST_SE * se:
+        motor = _helped(base, one.trial)
+        label = model.device.row_labels[model.measured_rows[motor]]
+        before, after, se = _errors(search, base, one.trial, motor)
     return Action(
-        candidate.kind, candidate.places, change, "unseen error", before, after, se, one.gain.share, adds, edits
-    )
+        candidate.kind, candidate.places, change, "unseen error", before, after, se,
+        one.gain.share, adds, edits, bench.blocks, rivals, label,
+    )  # fmt: skip
+
+
+def _errors(search: Trials, before: Trial, after: Trial, motor: int | None) -> tuple[float, float, float]:
+    """Unseen errors of two trials and the paired standard error of their difference, per cent."""
+    sizes = [unseen_percent(search.model, search.bench, trial, motor) for trial in (before, after)]
+    return sizes[0], sizes[1], paired(search.model, search.bench, before, after, motor)
+
+
+def _rivals(base: Trial, one: Proven, made: Sequence[Proven]) -> tuple[str, ...]:
+    """Other proven changes that help the same motor as well, within a paired standard error, with their places."""
+    alike = []
+    for other in made:
+        difference, same = gain(other.trial, one.trial), _helped(base, other.trial) == _helped(base, one.trial)
+        if other is not one and same and abs(difference.share) <= difference.se:
+            alike.append(f"{other.candidate.kind} ({joined_names(other.candidate.places)})")
+    return tuple(alike)
+
+
+def _helped(before: Trial, after: Trial) -> int:
+    """The motor whose error falls most."""
+    return int(np.argmax((before.errors - after.errors).sum(axis=0)))
 
 
 def _size(one: Proven) -> str:
@@ -326,15 +415,23 @@ def _size(one: Proven) -> str:
             return ""
 
 
-def _mask_action(mask: Proven, edits: tuple[Edit, ...]) -> Action:
+def _mask_action(mask: Proven, edits: tuple[Edit, ...], blocks: int) -> Action:
     """Rows left out, in words."""
     one = mask.candidate
     where = joined_names(list(one.places))
     note = f" ({100 * one.fault.share:.2g} % of the samples)" if one.fault else ""
-    before, after, se = mask.figures
     return Action(
-        one.kind, one.places, _CHANGE[one.kind].format(where=where) + note, "unseen error", before, after, se,
-        mask.gain.share, True, edits,
+        one.kind, one.places, _CHANGE[one.kind].format(where=where) + note, "unseen error", *mask.figures,
+        mask.gain.share, True, edits, blocks,
+    )  # fmt: skip
+
+
+def _filter_action(one: OtherFilter, blocks: int) -> Action:
+    """Another cut-off, in words."""
+    where = f"{joined_names([f'{x:g}' for x in dict.fromkeys(one.cutoff_hz)], most=8)} Hz"
+    return Action(
+        "filter", (where,), _CHANGE["filter"].format(where=where), "unseen error", one.before, one.after, one.se,
+        one.gain.share, True, (one.edit,), blocks,
     )  # fmt: skip
 
 
@@ -366,44 +463,16 @@ def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator
         yield Action(kind, (label,), change, "prior bodies", factor, 1.0, None, 1.0, True, (edit,))
 
 
-def _untold(search: Trials, base: Trial, actions: Sequence[Action]) -> Iterator[str]:
-    """What cannot be told from this log."""
-    bench = search.bench
-    every = np.arange(bench.blocks)
-    G = bench.grams["used"].sum(axis=0)
-    alike = []
-    for one in search.candidates:
-        if len(one.setting.terms) == 1 and one.kind in ("spring", "rotor inertia", "zero offset", "length"):
-            columns = list(one.setting.terms[0][0])
-            if _independent(G, bench.kept, columns[0], bench.weights) < _TOLD:
-                alike.append(f"{one.kind} ({one.places[0]})")
-    error = bench.errors(base.whole, Setting()).sum()
-    if any(action.kind in ("gain", "unit", "torque sign") for action in actions):
-        error = 0.0
-    for k, row in reversed(list(enumerate(search.model.measured_rows))):
-        other = Setting(factors=((k, 1.5),))
-        if bench.errors(bench.fit(other, every), other).sum() < 1.01 * error:
-            alike.insert(0, f"gain of the torque ({search.model.device.row_labels[row]})")
-    if alike:
-        yield (
-            f"Cannot be told from this log, because the model's other parameters would absorb it: "
-            f"{joined_names(alike, most=3)}."
-        )
-    if not actions and _percent(search, base) > CLOSE:
-        yield (
-            f"None of {len(search.candidates)} changes lowers the error on unseen blocks "
-            f"({_percent(search, base):.3g} %): its cause cannot be told from this log."
-        )
+def _use(found: Identification) -> Iterator[Action]:
+    """Another model for use than the one that the study demands."""
+    one = other_use(found)
+    if one is not None:
+        change = f"predict, compensate and export with {one.words}"
+        edit = Edit("study", "set", ("estimate", "use"), "auto")
+        yield Action(
+            USE, ("the model",), change, "unseen error", one.before, one.after, one.se, one.share, True,
+            (edit,), one.blocks,
+        )  # fmt: skip
 
 
-def _independent(G: Array, kept: np.ndarray, column: int, weights: Array) -> float:
-    """Share of a column's length that the base columns leave."""
-    every = np.append(kept, column)
-    A = np.einsum("k,kij->ij", weights**2, G[:, every[:, None], every])
-    scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    A = A * scale[:, None] * scale
-    left = A[-1, -1] - A[-1, :-1] @ np.linalg.pinv(A[:-1, :-1], rcond=1e-10, hermitian=True) @ A[:-1, -1]
-    return float(np.sqrt(max(left, 0.0)))
-
-
-__all__ = ["Action", "Advice", "Gain", "advise"]
+__all__ = ["Action", "Advice", "advise"]

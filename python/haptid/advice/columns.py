@@ -16,14 +16,22 @@ from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
-from haptid.observation.augmented import ResidualContext, torque_of
+from haptid.observation.augmented import ResidualContext
+from haptid.observation.geometry_slopes import (
+    SLOPE_STEP,
+    Slope,
+    home_offset_slope,
+    horizontal_axes,
+    slope_towards,
+    tilted_gravity,
+)
 
 # Stribeck velocities that are tried, as shares of the root mean square speed.
 VELOCITIES = (0.1, 0.2, 0.4)
 # Legendre polynomials of position beyond the first degree.
 POWERS_OF_POSITION = (2, 3, 4)
-# Steps by which a length, m, and an angle, rad, are changed for a derivative.
-_LENGTH, _ANGLE = 1e-3, 1e-3
+# Step by which a length is changed for a derivative, m.
+_LENGTH = 1e-3
 # Lengths and angles of a joint's table that may be wrong, by convention.
 _GEOMETRY = {
     "modified-dh": {"d": _LENGTH, "r": _LENGTH, "b": _LENGTH},
@@ -147,7 +155,7 @@ def ripple_columns(place: FrictionCoordinate, index: int, periods: Sequence[floa
 def channels(model: DynamicModel, rows: Sequence[int], middle: float, half: float) -> Iterator[Source]:
     """First-order effects on every row: of a delay, and of drift with time."""
     for k, row in enumerate(rows):
-        label, own = model.device.row_labels[row], np.eye(len(model.device.drives))[row]
+        label, own = model.device.row_labels[row], np.eye(len(model.device.active))[row]
 
         def rate(context: ResidualContext, r: int = row) -> Array:
             return np.asarray(np.gradient(context.predicted[r], context.plan.motion.dt)[None])
@@ -186,7 +194,7 @@ def channel_faults(
             )
             return np.asarray((made - tau)[None])
 
-        own = np.eye(len(model.device.drives))[row]
+        own = np.eye(len(model.device.active))[row]
         yield Source(
             fault.kind, model.device.row_labels[row], fault.channel, (Column(error, own),), ({"size": fault.size},)
         )
@@ -236,8 +244,8 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
     device = model.device
     for k, j in enumerate(device.active):
         yield (
-            Geometry(f"zero of joint {device.joints[j].name}", step=_ANGLE, channel=k),
-            Source("zero offset", f"joint {device.joints[j].name}", k, (Column(_shifted(model, k)),)),
+            Geometry(f"zero of joint {device.joints[j].name}", step=SLOPE_STEP, channel=k),
+            Source("zero offset", f"joint {device.joints[j].name}", k, (_on_all_rows(home_offset_slope(model, k)),)),
         )
     for what in _lengths(device.tables):
         try:
@@ -246,39 +254,23 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             continue
         if other.mechanism is not None and len(other.terms) == len(model.terms):
             moved = other.with_terms(model.terms).with_gravity(device.gravity)
-            yield what, Source("length", what.name, 0, (Column(_slope(moved, what.step)),))
-    down = device.gravity / (np.linalg.norm(device.gravity) or 1.0)
+            yield what, Source("length", what.name, 0, (_on_all_rows(slope_towards(moved, what.step)),))
     if device.gravity.any():
-        for k, axis in enumerate(np.linalg.svd(down[None])[2][1:]):
-            tilted = model.with_gravity(device.gravity + _ANGLE * np.linalg.norm(device.gravity) * axis)
+        for k, (name, axis) in enumerate(horizontal_axes(model)):
             yield (
-                Geometry(f"direction of gravity along {np.round(axis, 3).tolist()}", ("gravity",), _ANGLE, -2 - k),
-                Source("gravity direction", "base", k, (Column(_slope(tilted, _ANGLE)),)),
+                Geometry(f"direction of gravity towards {name}", ("gravity",), SLOPE_STEP, -2 - k),
+                Source(
+                    "gravity direction",
+                    "base",
+                    k,
+                    (_on_all_rows(slope_towards(tilted_gravity(model, axis, SLOPE_STEP), SLOPE_STEP)),),
+                ),
             )
 
 
-def _shifted(model: DynamicModel, k: int) -> Callable[[ResidualContext], Array]:
-    """Slope of the model's torque by the offset of active joint k."""
-    direction = model.device.row_map[:, k]
-
-    def values(context: ResidualContext) -> Array:
-        c, cd, cdd = context.motion
-        assert cdd is not None  # as advice requires
-        there = torque_of(model, context.chi, c + _ANGLE * direction[:, None], cd, cdd)
-        return ((there - context.predicted) / _ANGLE)[None]
-
-    return values
-
-
-def _slope(other: DynamicModel, step: float) -> Callable[[ResidualContext], Array]:
-    """Slope of the model's torque by a number of its geometry."""
-
-    def values(context: ResidualContext) -> Array:
-        c, cd, cdd = context.motion
-        assert cdd is not None  # as advice requires
-        return np.asarray(((torque_of(other, context.chi, c, cd, cdd) - context.predicted) / step)[None])
-
-    return values
+def _on_all_rows(slope: Slope) -> Column:
+    """A slope as one column over all rows."""
+    return Column(lambda context: slope(context)[None])
 
 
 def _lengths(tables: Any) -> Iterator[Geometry]:

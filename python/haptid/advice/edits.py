@@ -12,13 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from haptid._internal.toml_text import toml
 from haptid.advice.columns import POWERS_OF_POSITION
 from haptid.advice.search import Proven, Trials
 from haptid.device import Device
 from haptid.device.toml.reader import checked_tables, read_tables
 from haptid.errors import OutputFolderError
-from haptid.experiment.excitation.writing import toml
 from haptid.motion.treatment import Treatment
+from haptid.observation.geometry_slopes import horizontal_axes
 from haptid.study import Study
 from haptid.study.read import read_study
 
@@ -47,15 +48,15 @@ class Edit:
 
     Attributes:
         file: which file.
-        operation: append to a list, set, add to a number, multiply it, exchange two entries of a list, or exclude
-            ranges of time.
+        operation: append to a list, set, add to a number, multiply it, exchange two entries of a list, exclude
+            ranges of time, or remove a log.
         path: keys from the top of the file; "channels" is every table of channels.
         value: what is appended, set, added, multiplied by; indices of the entries; ranges, s.
         index: entry of a list of numbers, one for each channel; None for all.
     """
 
     file: Literal["study", "device"]
-    operation: Literal["append", "set", "add", "multiply", "exchange", "exclude"]
+    operation: Literal["append", "set", "add", "multiply", "exchange", "exclude", "remove"]
     path: tuple[str | int, ...]
     value: Any
     index: int | None = None
@@ -109,7 +110,7 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
                 yield Edit("device", "add", one.geometry.key, float(f"{values[0][0]:.5g}"))
         case "gravity direction":
             down = np.asarray(device.gravity)
-            axes = np.linalg.svd(down[None] / np.linalg.norm(down))[2][1:]
+            axes = [axis for _, axis in horizontal_axes(search.model)]
             tilt = sum(float(v[0]) * axes[k] for k, v in zip(one.indices, values, strict=True))
             there = down + np.linalg.norm(down) * tilt
             there = there * np.linalg.norm(down) / np.linalg.norm(there)
@@ -117,6 +118,8 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
         case "clipped torque" | "stuck position" | "contact":
             for number, ranges in excluded(search, found).items():
                 yield Edit("study", "exclude", ("logs", number), ranges)
+        case "other log":
+            yield Edit("study", "remove", ("logs", one.indices[0]), one.places[0])
 
 
 def excluded(search: Trials, found: Proven) -> dict[int, list[list[float]]]:
@@ -167,9 +170,8 @@ def _coordinate(device: Device, what: str, name: str) -> tuple[str, str, str, st
         unit = "m" if joint is not None and joint.prismatic else "rad"
         return f"q_{name}", f"v_{name}", unit, "N" if unit == "m" else "N*m"
     drive = next(d for d in device.drives if d.name == name)
-    names = [device.joints[j].name for j in device.active]
-    parts = [(w, n) for w, n in zip(drive.row.tolist(), names, strict=True) if w]
-    unit = "m" if device.joints[device.joint_names.index(parts[0][1])].prismatic else "rad"
+    parts = [(w, n) for w, n in zip(drive.row.tolist(), device.joint_names, strict=True) if w]
+    unit = "m" if device.joints[drive.first].prismatic else "rad"
 
     def combined(symbol: str) -> str:
         return " + ".join(f"{symbol}_{n}" if w == 1 else f"({w!r})*{symbol}_{n}" for w, n in parts)
@@ -193,9 +195,12 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
     for log in plan["logs"]:
         log["path"] = os.path.relpath(root / log["path"], out)
     fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
+    gone: list[int] = []
     for edit in edits:
         if edit.file == "device":
             _apply(device, edit.path, edit)
+        elif edit.operation == "remove":
+            gone.append(fitted[int(edit.path[1])])
         elif edit.path[0] == "logs":
             log = plan["logs"][fitted[int(edit.path[1])]]
             log["exclude"] = sorted([*log.get("exclude", []), *edit.value])
@@ -205,6 +210,7 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
                     _apply(table, edit.path, edit, len(table["channels"][edit.path[1]]["channels"]))
         else:
             _apply(plan, edit.path, edit)
+    plan["logs"] = [log for k, log in enumerate(plan["logs"]) if k not in gone]
     try:
         out.mkdir(parents=True, exist_ok=True)
         if any(edit.file == "device" for edit in edits) or not isinstance(study.device, str):

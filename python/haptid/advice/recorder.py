@@ -12,7 +12,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.log import Log
-from haptid.motion.channels import coordinates, torque_map
+from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.augmented import torque_of
 
@@ -122,10 +122,13 @@ def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | 
         smooth = treat(log, plain)
         low, high = smooth.usable
         c, cd, cdd = coordinates(model.device, smooth, low, high)
-        mapped = torque_map(model.device, log)
+        shares = channel_shares(model.device, smooth, c)
         tau = torque_of(model, raw_parameters(model, beta), c, cd, cdd)
         torque = np.array(log.torque)
-        torque[low:high] = np.linalg.lstsq(mapped[list(model.measured_rows)], tau[list(model.measured_rows)])[0].T
+        made = channel_torque(model.device, shares, tau)
+        if log.channels.torque.side == "motor":
+            made = made / motor_torque(model.device, log, np.ones((len(made), 1)))
+        torque[low:high] = made.T
         q = np.asarray(smooth.q)
         noisy = q + _noise(np.asarray(log.position) - q)
         steps = [np.abs(np.diff(x)) for x in np.asarray(log.position).T]

@@ -125,8 +125,8 @@ def trial_rows(
 def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Array) -> tuple[Array, ...]:
     """W with candidates, (motors, columns, rows), torque, rows used, times, state and middle samples."""
     plan, window = chunk.plan, chunk.plan.window(chunk.start, chunk.stop)
-    context = ResidualContext(plan, chi, *window)
-    W = [treated_columns(plan, plan.signals(*window))[list(own)].swapaxes(1, 2)]
+    context = ResidualContext(plan, chi, *window, chunk.signals)
+    W = [treated_columns(plan, chunk.signals)[list(own)].swapaxes(1, 2)]
     for column in columns:
         values = column.values(context)
         if column.weights is None:

@@ -26,13 +26,17 @@ from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 
-# Least share of the unseen squared error that an action
-# has to remove, and of its standard errors.
-LEAST_GAIN, LEAST_SE = 0.03, 2.0
+# Least share of the unseen squared error that an action has to remove, and of its standard errors; of the latter where
+# the share is above LARGE_GAIN: such a gain is no chance, and blocks differ by what happens in them.
+LEAST_GAIN, LEAST_SE = 0.03, 3.0
+LARGE_GAIN, LARGE_SE = 0.25, 2.0
+# Power of a log's residual under the fit of the others, over theirs, above which it is another device.
+_OTHER_LOG = 4.0
 # Largest sizes that are believed: s, rad, m.
 _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
-# Share of the best gain that makes a simpler change the better one.
-NEARLY = 0.97
+# Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
+# the best one leaves.
+NEARLY, _LEAVES = 0.97, 1.25
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -128,7 +132,7 @@ def search_of(
         zero: those of them that are fixed at zero.
         columns: whether there are candidates with columns of their own.
     """
-    motions = tuple(_finer(motion) for motion in motions)
+    motions = tuple(finer(motion) for motion in motions)
     rows = list(model.measured_rows)
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
@@ -141,7 +145,7 @@ def search_of(
     lengths = list(candidate_columns.geometry(model)) if columns else []
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
     whole = trial_rows(model, motions, beta, added)
-    weights = _weights(whole, len(beta), beta)
+    weights = weights_of(whole, len(beta), beta)
     artefacts = [simulated_log(model, motion, beta) if columns else None for motion in motions]
     null = None
     if all(one is not None for one in artefacts):
@@ -192,14 +196,14 @@ def _period(x: Array, e: Array, block: np.ndarray, used: np.ndarray) -> float:
     return float(1 / f[int(np.argmax(np.abs(sums.sum(axis=0)) ** 2 / (np.abs(sums) ** 2).sum(axis=0)))])
 
 
-def _weights(rows: TrialRows, base: int, beta: Array) -> Array:
+def weights_of(rows: TrialRows, base: int, beta: Array) -> Array:
     """One over the rms residual of each motor, (motors,)."""
     e = np.where(rows.used, rows.y - np.einsum("mrp,p->mr", rows.W[:, :, :base], beta), 0.0)
     rms = np.sqrt((e**2).sum(axis=1) / np.maximum(rows.used.sum(axis=1), 1))
     return np.asarray(1.0 / np.maximum(rms, 1e-9 * np.abs(rows.y).max()))
 
 
-def _finer(motion: Motion) -> Motion:
+def finer(motion: Motion) -> Motion:
     """The motion with _MANY time blocks at least: the residual of a wrong model has a longer memory than its noise."""
     seconds = (motion.usable[1] - motion.usable[0]) * motion.dt
     treatment = motion.treatment
@@ -210,6 +214,8 @@ def _scales(model: DynamicModel, motions: Sequence[Motion]) -> Array | None:
     """Torque of each motor's row per unit of its channel, (motors,); None where rows mix channels."""
     if motions[0].log is None:
         return np.ones(len(model.measured_rows))
+    if model.device.drive_varies.any():
+        return None
     change = torque_map(model.device, motions[0].log)[list(model.measured_rows)]
     square = change.shape[0] == change.shape[1]
     return np.diag(change) if square and not np.count_nonzero(change - np.diag(np.diag(change))) else None
@@ -219,6 +225,29 @@ def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
     """Torque of each motor per torque of another motor if its channel were this one's; zero where rows mix channels."""
     scales = _scales(model, motions)
     return np.eye(len(model.measured_rows)) if scales is None else scales[:, None] / scales
+
+
+def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
+    """Unseen relative error of a motor, or of all (the rms of the motors' where their units differ), per cent."""
+    left, own = trial.errors.sum(axis=0) / bench.weights**2, bench.squares(trial.setting).sum(axis=0)
+    if motor is not None:
+        return float(100 * np.sqrt(left[motor] / max(own[motor], np.finfo(float).tiny)))
+    if len({model.device.torque_units[k] for k in model.measured_rows}) > 1:
+        return float(100 * np.sqrt(np.mean(left / np.maximum(own, np.finfo(float).tiny))))
+    return float(100 * np.sqrt(left.sum() / own.sum()))
+
+
+def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor: int | None = None) -> float:
+    """Standard error of the difference of two such errors, per cent: paired by block, by the delta method."""
+    own = np.maximum(bench.squares(before.setting).sum(axis=0), np.finfo(float).tiny)
+    units = {model.device.torque_units[k] for k in model.measured_rows}
+    difference = (before.errors - after.errors) / bench.weights**2
+    if motor is not None:
+        difference = difference[:, motor] / own[motor]
+    else:
+        difference = (difference / (own.sum() if len(units) == 1 else len(own) * own)).sum(axis=1)
+    both = sum(unseen_percent(model, bench, trial, motor) for trial in (before, after))
+    return float(1e4 * np.sqrt(len(difference)) * difference.std(ddof=1) / max(both, 1e-300))
 
 
 def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
@@ -240,7 +269,7 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
-    is a good part of the error; a contact has to harm the others too.
+    is a good part of the error; a contact, or another log, has to harm the others too.
     """
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
@@ -251,19 +280,13 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     total = 1.0 - trial.total / (1.0 - share) / base.total
     harmless = one.fault is not None and made.share > -LEAST_SE * made.se
     dead = one.kind == "dead torque" and _unseen(search, base)[one.indices[0]] > DEAD_ERROR
-    helps = made.p < SIGNIFICANCE / 4 and made.share > LEAST_SE * made.se
+    helps = made.p < SIGNIFICANCE / 4 and large_enough(made)
     if not (helps or dead or (harmless and total > LEAST_GAIN)):
         return None
-    w = bench.weights**2
-    own = float(
-        (bench.grams["clean"].sum(axis=0)[range(bench.motors), range(-bench.motors, 0), range(-bench.motors, 0)]).sum()
-    )
-    errors = [100 * float(np.sqrt((each.errors / w).sum() / own)) for each in (before, trial)]
-    whole = 100 * float(np.sqrt((base.errors / w).sum() / bench.squares(Setting()).sum()))
-    paired = ((before.errors - trial.errors) / w).sum(axis=1)
-    se = 100 * float(np.sqrt(len(paired)) * paired.std(ddof=1)) / own / max(sum(errors) / 100, 1e-300)
+    whole, after = unseen_percent(search.model, search.bench, base), unseen_percent(search.model, bench, trial)
+    se = paired(search.model, bench, replace(before, setting=trial.setting), trial)
     proof = replace(made, share=max(total, made.share))
-    return Proven(one, trial, proof, figures=(whole, errors[1], se))
+    return Proven(one, trial, proof, figures=(whole, after, se))
 
 
 def _unseen(search: Trials, trial: Trial) -> Array:
@@ -287,10 +310,28 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
         names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
         label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
         yield TriedChange(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
+    yield from _other_logs(search)
     flagged = search.contact
     if flagged.any():
         mask = np.broadcast_to(~flagged, rows.used.shape)
         yield TriedChange("contact", ("the device",), Setting(rows="clean")), mask
+
+
+def _other_logs(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
+    """Logs whose residual under the fit of the others is far above theirs, one at a time, (motors, rows)."""
+    rows, bench = search.rows, search.bench
+    logs = np.unique(rows.log)
+    if len(logs) < 3:  # of two, none is the odd one
+        return
+    for k in logs:
+        mask = np.broadcast_to(rows.log != k, rows.used.shape)
+        without = bench.with_rows("clean", rows.grams(mask))
+        fitted = without.fit(Setting(rows="clean"), np.arange(bench.blocks))
+        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
+        own, others = (float(np.nanmean(e[:, rows.log == k] ** 2)), float(np.nanmean(e[:, rows.log != k] ** 2)))
+        log = search.motions[int(k)].log
+        if own > _OTHER_LOG * others and log is not None:
+            yield TriedChange("other log", (log.path.name,), Setting(rows="clean"), indices=(int(k),)), mask
 
 
 def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
@@ -314,21 +355,31 @@ def contact(search: Trials) -> np.ndarray:
     flagged = none
     step = float(np.median(np.diff(rows.t))) or 1.0
     width = max(3, round(CONTACT_S / step))
-    for _ in range(3):
+    # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
+    for limit in (CONTACT / 4, CONTACT / 2, CONTACT, CONTACT):
         fitted = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape))).fit(
             Setting(rows="clean"), np.arange(bench.blocks)
         )
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
         smooth = ndimage.uniform_filter1d(power, width)
+        median = float(np.median(smooth[use]))
+        if limit < CONTACT:
+            flagged = smooth > max(limit * median, _quantile(smooth[use]))
+            continue
         # Rows that are not used, at reversals, do not end an episode.
-        flagged = ndimage.binary_closing(smooth > CONTACT * np.median(smooth[use]), iterations=width)
+        flagged = ndimage.binary_closing(smooth > limit * median, iterations=width)
         flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
         if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
             return none
     runs = int((np.diff(flagged.astype(int)) == 1).sum())
     flagged = flagged & use
     return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
+
+
+def _quantile(power: Array) -> float:
+    """Power above which there are half as many rows as may be left out."""
+    return float(np.quantile(power, 1 - 0.5 * _MOST_MASKED))
 
 
 def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
@@ -412,9 +463,14 @@ def proven(search: Trials, before: Trial | None = None, on: Setting | None = Non
         best = max(members, key=lambda each: each[2].share)
         if best[2].share > made.share:
             merged, trial, made = best
-        if made.share > LEAST_GAIN and made.share > LEAST_SE * made.se:
+        if large_enough(made):
             found.append(Proven(merged, trial, made))
     return _ranked(found)
+
+
+def large_enough(made: Gain) -> bool:
+    """Whether a gain is worth an action, and far enough from zero."""
+    return made.share > LEAST_GAIN and made.share > (LARGE_SE if made.share > LARGE_GAIN else LEAST_SE) * made.se
 
 
 def _ranked(found: Sequence[Proven]) -> list[Proven]:
@@ -428,9 +484,10 @@ def _ranked(found: Sequence[Proven]) -> list[Proven]:
 
 
 def _within(best: Proven, other: Proven) -> bool:
-    """Whether another has NEARLY all of the gain, or the paired difference is within a standard error."""
+    """Whether another has NEARLY all of the gain, or differs by less than a paired standard error and leaves little."""
     worse = gain(other.trial, best.trial)
-    return worse.share <= worse.se or other.gain.share > NEARLY * best.gain.share
+    alike = worse.share <= worse.se and other.trial.total <= _LEAVES * best.trial.total
+    return alike or other.gain.share > NEARLY * best.gain.share
 
 
 def _contained(one: Setting, on: Setting) -> bool:

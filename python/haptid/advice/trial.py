@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize
 
 from haptid._internal.arrays import Array
+from haptid.uncertainty.distributions import f_tail, t_tail
 
 # Relative size of what is added to the diagonal of a scaled Gram matrix: columns more alike than this are one.
 _RIDGE = 1e-11
@@ -115,7 +116,7 @@ class Gain:
     @property
     def p(self) -> float:
         """One-sided p-value that there is no gain."""
-        return float(stats.t.sf(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
+        return float(t_tail(self.share / self.se, self.dof)) if self.se > 0 else float(self.share <= 0)
 
 
 def gain(before: Trial, after: Trial) -> Gain:
@@ -184,13 +185,35 @@ class Bench:
             self._sums[key] = (grams, grams[blocks].sum(axis=0))
         return self._sums[key][1]
 
+    def _base(self, grams: Array) -> Array:
+        """W'W of the base parameters, (blocks, motors, kept, kept): in every setting, and kept apart."""
+        key = (id(grams), b"base")
+        if key not in self._sums:
+            self._sums[key] = (grams, _rows(grams, self.kept, self.kept))
+        return self._sums[key][1]
+
+    def _pooled(self, grams: Array, columns: np.ndarray, weights: Array) -> Array:
+        """W'W of some columns, base parameters first, summed over the weighted motors, (blocks, columns, columns)."""
+        n, key = len(self.kept), (id(grams), weights.tobytes())
+        if key not in self._sums:
+            self._sums[key] = (grams, np.tensordot(weights, self._base(grams), axes=(0, 1)))
+        added = np.tensordot(weights, _rows(grams, columns[n:], columns), axes=(0, 1))
+        made = np.empty((len(grams), len(columns), len(columns)))
+        made[:, :n, :n] = self._sums[key][1]
+        made[:, n:], made[:, :n, n:] = added, added[:, :, :n].swapaxes(1, 2)
+        return made
+
     def _factor(self, G: Array, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
         """The factor of motor k of the least error."""
+        columns = self._columns(setting, chosen)
+        parts = self._normal(G, setting, columns)
+        others = factors.copy()
+        others[k] = 0.0
+        A, r, yy = _weighted(parts, others, self.weights**2)
+        own, right = self.weights[k] ** 2 * parts[0][k], self.weights[k] ** 2 * parts[1][k]
 
         def error(x: float) -> float:
-            own = factors.copy()
-            own[k] = x
-            return self._solved(G, setting, own, chosen)[1]
+            return _least_squares(A + x**2 * own, r + x * right, yy)[1]
 
         grid = np.concatenate([-_FACTORS[::-1], _FACTORS])
         at = int(np.argmin([error(x) for x in grid]))
@@ -204,16 +227,18 @@ class Bench:
         self, G: Array, setting: Setting, factors: Array, chosen: Sequence[int]
     ) -> tuple[Array, float, np.ndarray]:
         """Parameters, weighted squared error and columns, from Gram matrices (motors, size, size)."""
+        columns = self._columns(setting, chosen)
+        A, r, yy = _weighted(self._normal(G, setting, columns), factors, self.weights**2)
+        return *_least_squares(A, r, yy), columns
+
+    def _columns(self, setting: Setting, chosen: Sequence[int]) -> np.ndarray:
+        """Base parameters' columns and those of the alternatives."""
         picked = (t for term, c in zip(setting.terms, chosen, strict=True) for t in term[c])
-        columns = np.array([*self.kept, *dict.fromkeys(picked)], dtype=int)
-        w = self.weights**2
-        A = np.einsum("k,kij->ij", w * factors**2, G[:, columns[:, None], columns])
-        r = np.einsum("k,ki->i", w * factors, self._right(G, setting, columns))
-        yy = float(w @ self._squares(G, setting))
-        scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-        scaled = A * scale[:, None] * scale + _RIDGE * np.eye(len(A))
-        theta = scale * linalg.solve(scaled, scale * r, assume_a="sym", check_finite=False)
-        return theta, float(yy - 2 * theta @ r + theta @ A @ theta), columns
+        return np.array([*self.kept, *dict.fromkeys(picked)], dtype=int)
+
+    def _normal(self, G: Array, setting: Setting, columns: np.ndarray) -> tuple[Array, Array, Array]:
+        """Motor by motor W'W, (motors, columns, columns), W'y and y'y, of some columns."""
+        return _rows(G, columns, columns), self._right(G, setting, columns), self._squares(G, setting)
 
     def _channels(self, setting: Setting) -> tuple[np.ndarray, Array]:
         """For each motor the place of its torque channel among a Gram matrix' columns, and the channel's factor."""
@@ -238,7 +263,11 @@ class Bench:
     def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None) -> Array:
         """Squared errors of each block and motor, weighted, (blocks, motors)."""
         G, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
-        inner = np.einsum("i,bkij,j->bk", fitted.theta, G[:, :, c[:, None], c], fitted.theta)
+        n, theta = len(self.kept), fitted.theta
+        inner = (self._base(G) @ theta[:n]) @ theta[:n]
+        if len(c) > n:
+            added = _rows(G, c[n:], c)
+            inner = inner + (added @ theta + added[..., :n] @ theta[:n]) @ theta[n:]
         cross = self._right(G, setting, c) @ fitted.theta
         squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
         return np.asarray(np.maximum(squares, 0.0) * self.weights**2)
@@ -268,16 +297,17 @@ class Bench:
         setting, fitted = made.setting, made.whole
         G, c, h = self.grams[setting.rows], fitted.columns, fitted.factors
         first, w = len(self.kept), self.weights**2
-        A = np.einsum("k,bkij->bij", w * h**2, G[:, :, c[:, None], c])
+        A = self._pooled(G, c, w * h**2)
         r = np.einsum("k,bki->bi", w * h, self._right(G, setting, c))
         whole = A.sum(axis=0)
         scale = 1 / np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
         L = (scale[:, None] * linalg.pinvh(whole * scale[:, None] * scale, rtol=1e-10) * scale)[first:]
-        leverage = np.einsum("qi,bij,qj->bq", L, A, L) / np.maximum(np.einsum("qi,ij,qj->q", L, whole, L), 1e-300)
+        LA = L @ A
+        leverage = (LA * L).sum(axis=-1) / np.maximum(((L @ whole) * L).sum(axis=-1), 1e-300)
         scores = (r - A @ fitted.theta) @ L.T / np.maximum(1 - leverage, 0.05)
         covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
         inverse = np.linalg.pinv(L @ whole @ L.T, hermitian=True)
-        together = np.einsum("qr,ri,bij,qj->b", inverse, L, A, L, optimize=True) / len(L)
+        together = (inverse * (LA @ L.T)).sum(axis=(1, 2)) / len(L)
         dof = max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0)
         theta = fitted.theta[first:] - self._artefact(setting, fitted)
         size = np.sqrt(np.diag(covariance))
@@ -288,7 +318,7 @@ class Bench:
         z, own = (theta / np.where(there, size, 1.0))[there], size[there]
         correlation = covariance[np.ix_(there, there)] / np.outer(own, own)
         T2 = float(z @ np.linalg.pinv(correlation, hermitian=True) @ z)
-        p = float(stats.f.sf(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
+        p = float(f_tail(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
         many = int(np.prod([len(term) for term in setting.terms]))
         return replace(made, p=min(1.0, p * many), se=size)
 
@@ -302,3 +332,27 @@ class Bench:
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)
+
+
+def _rows(G: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Part of Gram matrices, (..., size, size) to (..., rows, columns)."""
+    return G.take(rows, axis=-2).take(columns, axis=-1)
+
+
+def _weighted(parts: tuple[Array, Array, Array], factors: Array, w: Array) -> tuple[Array, Array, float]:
+    """Sums of W'W, W'y and y'y over the motors, whose rows of W have these factors."""
+    return np.tensordot(w * factors**2, parts[0], axes=1), (w * factors) @ parts[1], float(w @ parts[2])
+
+
+def _least_squares(A: Array, r: Array, yy: float) -> tuple[Array, float]:
+    """Solution of A theta = r for scaled columns, and the squared error."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    scaled = A * scale[:, None] * scale
+    scaled.ravel()[:: len(A) + 1] += _RIDGE
+    factor, failed = linalg.lapack.dpotrf(scaled, lower=1)
+    if failed:  # rounding errors larger than the ridge
+        theta = linalg.solve(scaled, scale * r, assume_a="sym", check_finite=False)
+    else:
+        theta, _ = linalg.lapack.dpotrs(factor, scale * r, lower=1)
+    theta *= scale
+    return theta, float(yy - 2 * theta @ r + theta @ A @ theta)

@@ -1,0 +1,110 @@
+"""What a log cannot tell: changes that other parameters would absorb, and effects too small to be proven from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import stats
+
+from haptid._internal.arrays import Array
+from haptid.advice.search import LEAST_GAIN, LEAST_SE, Trials, TriedChange, unseen_percent
+from haptid.advice.trial import Setting, Trial
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
+
+# Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
+# candidate to be told at all.
+_TOLD = 1e-4
+# Unseen error, per cent, below which nothing needs to be said of what remains; size of an effect, per cent of the
+# torque, below which it need not be told.
+_CLOSE, _SMALL = 5.0, 5.0
+# Power at which the smallest effect that the log can tell is stated.
+_POWER = 0.8
+# Kinds of which that is stated.
+_EFFECTS = ("spring", "rotor inertia", "stribeck", "load friction", "offset", "viscosity by direction")
+
+
+def untold(search: Trials, base: Trial, kinds: set[str], silent: bool) -> Iterator[str]:
+    """Sentences on what cannot be told from this log.
+
+    Args:
+        search: of the log.
+        base: the trial without changes.
+        kinds: of the actions that are proven.
+        silent: whether no change of the model, the channels or the rows is proven.
+    """
+    alike = absorbed(search, base, kinds)
+    if alike:
+        yield (
+            f"Cannot be told from this log, because the model's other parameters would absorb it: "
+            f"{joined_names(alike, most=3)}."
+        )
+    error = unseen_percent(search.model, search.bench, base)
+    if silent and error > _CLOSE:
+        yield (
+            f"None of {len(search.candidates)} changes lowers the error on unseen blocks "
+            f"({error:.3g} %): its cause cannot be told from this log."
+        )
+    if not silent:  # what a wrong model leaves is no noise
+        return
+    found = [one for one in smallest_effects(search, base) if f"{one[0].kind} ({one[0].places[0]})" not in alike]
+    if large := [(one, size) for one, size in found if size > _SMALL]:
+        shown = [f"{one.kind} on {one.places[0]} below {size:.2g} %" for one, size in large]
+        yield (
+            f"Too small to be told from this log, at {100 * _POWER:g} % power, as a share of the motor's torque (rms): "
+            f"{joined_names(shown, most=3)}."
+        )
+
+
+def absorbed(search: Trials, base: Trial, kinds: set[str]) -> list[str]:
+    """Changes that other parameters would absorb, with their places."""
+    bench = search.bench
+    every = np.arange(bench.blocks)
+    G = bench.grams["used"].sum(axis=0)
+    alike = []
+    for one in search.candidates:
+        if len(one.setting.terms) == 1 and one.kind in ("spring", "rotor inertia", "zero offset", "length"):
+            columns = list(one.setting.terms[0][0])
+            if _independent(G, bench.kept, columns[0], bench.weights) < _TOLD:
+                alike.append(f"{one.kind} ({one.places[0]})")
+    error = 0.0 if kinds & {"gain", "unit", "torque sign"} else bench.errors(base.whole, Setting()).sum()
+    for k, row in reversed(list(enumerate(search.model.measured_rows))):
+        other = Setting(factors=((k, 1.5),))
+        if bench.errors(bench.fit(other, every), other).sum() < 1.01 * error:
+            alike.insert(0, f"gain of the torque ({search.model.device.row_labels[row]})")
+    return alike
+
+
+def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, float]]:
+    """Candidates with the smallest effect that the log can prove, rms in per cent of the torque; the largest first.
+
+    An effect has to be significant by the test of its column over all candidates together, and its part that other
+    columns do not explain has to be `LEAST_GAIN` of the unseen squared error.
+    """
+    bench, tests = search.bench, max(len(search.candidates), 1)
+    z = max(float(stats.norm.isf(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(stats.norm.ppf(_POWER))
+    G, made = bench.grams["used"].sum(axis=0), []
+    torque = bench.squares(Setting()).sum(axis=0)
+    for one in search.candidates:
+        if one.kind not in _EFFECTS or len(one.setting.terms[0][0]) != 1:
+            continue
+        trial, column = search.bench.run(one.setting), one.setting.terms[0][0][0]
+        motor = int(np.argmax(G[:, column, column]))
+        independent = _independent(G, bench.kept, column, bench.weights)
+        weighted = float((bench.weights**2 * G[:, column, column]).sum())
+        if independent < _TOLD or not trial.se.any() or weighted <= 0 or torque[motor] <= 0:
+            continue
+        by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent
+        theta = max(z * float(trial.se[0]), by_share)
+        made.append((one, float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))))
+    return sorted(made, key=lambda each: -each[1])
+
+
+def _independent(G: Array, kept: np.ndarray, column: int, weights: Array) -> float:
+    """Share of a column's length that the base columns leave."""
+    every = np.append(kept, column)
+    A = np.einsum("k,kij->ij", weights**2, G[:, every[:, None], every])
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    A = A * scale[:, None] * scale
+    left = A[-1, -1] - A[-1, :-1] @ np.linalg.pinv(A[:-1, :-1], rcond=1e-10, hermitian=True) @ A[:-1, -1]
+    return float(np.sqrt(max(left, 0.0)))
