@@ -37,6 +37,7 @@ kind = "coulomb"
 joints = ["1", "2"]
 width = 0.1
 """
+REDUNDANT = "".join(f'[[motors]]\nname = "{k}"\n' for k in (1, 2, 3)) + '[[motors]]\nname = "b"\ndrives = { 3 = 1 }\n'
 PASSIVE = '[[loops]]\nrelations = ["q3 = -q2"]\n'
 BALANCE = '[[terms]]\nkind = "counterbalance"\njoints = ["2"]\ncrank = 0.1\nbase = 0.5\nlaw = "gas"\nstroke = 0.3\n'
 
@@ -268,18 +269,30 @@ BROKEN = [
     (
         "DeviceFileError",
         add('[[motors]]\nname = "m"\ndrives = { 1 = 0 }'),
-        ["motors[0]", "drives no active joint"],
+        ["motors[0]", "drives no joint"],
     ),
     ("DeviceFileError", add('[[motors]]\nname = "m"'), ["motors[0].name", "no joint", "1, 2, 3"]),
     (
         "DeviceFileError",
-        add(PASSIVE + '[[motors]]\nname = "3"'),
-        ["motors[0].name", "a passive joint", "1, 2."],
+        add(PASSIVE + '[[motors]]\nname = "3"\n[transmission]\ntorque_rows = "motor"'),
+        ["transmission.torque_rows", "motor 3 drives a passive joint", "leave it out"],
     ),
     (
         "DeviceFileError",
+        add(REDUNDANT + '[transmission]\ntorque_rows = "motor"'),
+        ["transmission.torque_rows", "4 drives move 3 active joints", "leave it out"],
+    ),
+    (
+        "DeviceFileError",
+        add(REDUNDANT + "[transmission]\nweights = { 1 = 1 }"),
+        ["transmission.weights", "motor 2 has no"],
+    ),
+    ("DeviceFileError", add(REDUNDANT + "[transmission]\nweights = { 1 = 0 }"), ["transmission.weights.1", "0"]),
+    ("DeviceFileError", add(REDUNDANT + "[transmission]\npreload = { 9 = 1 }"), ["transmission.preload.9", "motor"]),
+    (
+        "DeviceFileError",
         add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'),
-        ["motors: ", "rank 2, 3 rows of rank 3"],
+        ["motors: ", "rank 2, rank 3 is required"],
     ),
     (
         "DeviceFileError",

@@ -17,6 +17,7 @@ COUNTS = {
     "arm3": (16, 22),
     "arm7": (48, 48),
     "cea_medical_branch": (23, 34),
+    "cea_medical_interface": (62, 83),
     "delta": (34, 40),
     "emps": (1, 4),
     "five_bar": (11, 15),

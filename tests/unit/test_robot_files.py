@@ -310,3 +310,19 @@ def test_the_command_and_its_exit_status(tmp_path: Path) -> None:
 def test_shipped_devices_are_no_robot_descriptions() -> None:
     with pytest.raises(RobotFileError, match="no robot description"):
         import_robot(str(files("haptid.device") / "library" / "sr400.toml"))
+
+
+def test_commands_in_amperes(tmp_path: Path) -> None:
+    given = {"shoulder-pan": 1.5, "elbow": -0.5}
+    made = imported(tmp_path, ARM, torque_constant=given)
+    assert {motor.command_unit for motor in made.device.motors} == {"A"}
+    assert [motor.gear_ratio * motor.torque_constant for motor in made.device.motors] == pytest.approx([1.5, -0.5])
+    for wrong in (given | {"rail": 1.0}, {"elbow": 1.0}, 0.0):
+        with pytest.raises(RobotFileError, match=r"torque constant|N m/A"):
+            imported(tmp_path, ARM, torque_constant=wrong)
+
+
+def test_limits_that_stand_for_none(tmp_path: Path) -> None:
+    made = imported(tmp_path, ARM.replace('lower="-1" upper="1.5"', 'lower="-1e16" upper="1e16"'))
+    assert made.device.joints[0].position_limits is None
+    assert made.device.joints[0].velocity_limit == 2

@@ -3,7 +3,8 @@
 No regressor and no estimate: the equations of motion are in `haptid.dynamics`.
 """
 
-from haptid.device.device import Cut, Device, Frame, Handle, Joint, Motor, Prior
+from haptid.device.collision import CollisionShape, read_world
+from haptid.device.device import Cut, Device, Frame, Gimbal, Handle, Joint, Motor, Prior
 from haptid.device.geometry import poses
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure, Followed
@@ -12,12 +13,13 @@ from haptid.device.parameters import INERTIAL, Combination, StandardParameters, 
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.reader import read_device, shipped_devices
-from haptid.device.toml.schema import device_schema
+from haptid.device.toml.schema import device_schema, world_schema
 from haptid.device.toml.summary import summary_lines
 
 __all__ = [
     "INERTIAL",
     "Closure",
+    "CollisionShape",
     "Combination",
     "Counterbalance",
     "Cut",
@@ -25,6 +27,7 @@ __all__ = [
     "Device",
     "Followed",
     "Frame",
+    "Gimbal",
     "Handle",
     "Joint",
     "Motor",
@@ -36,6 +39,8 @@ __all__ = [
     "device_schema",
     "poses",
     "read_device",
+    "read_world",
     "shipped_devices",
     "summary_lines",
+    "world_schema",
 ]

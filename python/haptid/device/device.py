@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.display import Overview, displayed
 from haptid.device.parameters import Combination, StandardParameters, Symmetry
 from haptid.device.terms.term import Searched, TermColumn
+from haptid.errors import IncompleteDeviceError
 
 if TYPE_CHECKING:
+    from haptid.device.collision import CollisionShape
     from haptid.device.loops.cut_joint import CutJoint
     from haptid.device.loops.linear import Closure
     from haptid.device.loops.newton import NewtonClosure
@@ -91,6 +94,28 @@ class Handle(Frame):
 
 
 @dataclass(frozen=True)
+class Gimbal:
+    """An unmeasured passive gimbal, its axes through the handle's origin.
+
+    Attributes:
+        state: "locked" to the link, "hanging" from the handle, or "free".
+        mass, com_radius, inertia: kg; distance of the centre of mass from the axes, m; least moment of inertia about
+            the handle's origin, kg m^2.
+        friction: largest friction torque of all its axes together, N m.
+        swing: largest angle from hanging, rad.
+        rate: largest angular velocity of a free one, rad/s.
+    """
+
+    state: Literal["locked", "hanging", "free"]
+    mass: float
+    com_radius: float
+    inertia: float
+    friction: float
+    swing: float
+    rate: float
+
+
+@dataclass(frozen=True)
 class Cut:
     """A joint at which a loop is cut, so that a tree is left.
 
@@ -116,7 +141,7 @@ class Motor:
         torque_constant: shaft torque per unit of command, N m or N; torque on the coordinate = gear_ratio *
             torque_constant * command.
         command_unit: N m, N, V, A or counts.
-        row: the coordinate as a combination of the active joints' positions, (active,).
+        row: the coordinate as a combination of all joints' positions, (joints,).
         motorised: False for an active joint without motor.
     """
 
@@ -130,6 +155,61 @@ class Motor:
     def __post_init__(self) -> None:
         object.__setattr__(self, "row", read_only(self.row))
 
+    @property
+    def first(self) -> int:
+        """Index of the first joint that it drives; its unit is the coordinate's."""
+        return int(np.argmax(self.row != 0))
+
+
+@dataclass(frozen=True, eq=False)
+class DistributionLaw:
+    """How redundant motors share a torque: least sum of weighted squares, plus what is in balance of a preload.
+
+    Attributes:
+        weights: of the squared torque of every drive's coordinate, (drives,), 1/(N m)^2 or 1/N^2.
+        preload: torques of the drives' coordinates whose part in balance is added, (drives,), N m or N.
+    """
+
+    weights: Array
+    preload: Array
+
+    def __post_init__(self) -> None:
+        expect("preload", self.preload.shape, self.weights.shape)
+        for name in ("weights", "preload"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @staticmethod
+    def even(drives: int) -> DistributionLaw:
+        """The minimal norm."""
+        return DistributionLaw(np.ones(drives), np.zeros(drives))
+
+    def of(self, drives: np.ndarray) -> DistributionLaw:
+        """The law of some drives, by index."""
+        return DistributionLaw(self.weights[drives], self.preload[drives])
+
+    def shares(self, rates: Array) -> Array:
+        """D of Gamma = D tau, so that B' D = 1 with the least sum of weighted squares, (..., drives, rows).
+
+        The inverse of B' where there are as many drives as rows.
+
+        Args:
+            rates: B, the Jacobian of the drives by the rows' coordinates, (..., drives, rows).
+        """
+        if rates.shape[-1] == rates.shape[-2]:
+            return np.asarray(np.swapaxes(np.linalg.inv(rates), -1, -2))
+        scaled = rates / np.sqrt(self.weights)[:, None]
+        return np.asarray(np.swapaxes(np.linalg.pinv(scaled), -1, -2) / np.sqrt(self.weights)[:, None])
+
+    def balanced(self, rates: Array, torque: Array) -> Array:
+        """The part of drives' torques that moves nothing, (..., drives): the rest is what the law gives.
+
+        Args:
+            rates: as for `shares`.
+            torque: of the drives, (..., drives), N m or N.
+        """
+        moving = np.einsum("...dr,...d->...r", rates, torque)
+        return np.asarray(torque - np.einsum("...dr,...r->...d", self.shares(rates), moving))
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -139,6 +219,7 @@ class Prior:
     std: float | None = None
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Device:
     """A mechanism, its transmission and its terms, as data; see `read_device`.
@@ -150,20 +231,24 @@ class Device:
         joints: parents before children.
         active: indices of the independent (active) joints, in the file's order.
         closure: positions and rates of the other joints as functions of these.
-        drives: as many joint-side coordinates as active joints: the motors, then active joints without motor.
-        torque_rows: whether torque rows are the motors' or the joints'; they differ if motors are coupled.
+        drives: joint-side coordinates: the motors, then active joints without motor; at least as many as active joints.
+        torque_rows: whether torque rows are the motors' or the joints'; they differ if motors are coupled. The joints'
+            where motors are redundant or drive passive joints.
         terms: regressor columns in addition to link inertia, in the core's order.
         parameters: the standard parameters.
         symmetry: parameters known to be zero or equal.
         lengths: named lengths, m.
         handle: frame at which the hand holds the device, None if unknown.
         prior: by raw parameter name.
+        gimbal: unmeasured and passive, at the handle; None where there is none.
         keep: parameters preferred as independent columns.
         base_tolerance: relative residual below which a column counts as a linear combination of others.
         notes: remarks on the file, as sentences.
         tables: the checked tables of the file, with expressions as written.
         targets: linear combinations of parameters to report.
         cut_joints: named cuts, on which terms may act.
+        collision: shapes of its links and base, for collision checks.
+        distribution: how redundant motors share a torque; None where the file says nothing and their units differ.
     """
 
     name: str
@@ -188,11 +273,15 @@ class Device:
     tables: AnyDevice = field(repr=False)
     targets: tuple[Combination, ...] = ()
     cut_joints: tuple[CutJoint, ...] = ()
+    collision: tuple[CollisionShape, ...] = ()
+    gimbal: Gimbal | None = None
+    distribution: DistributionLaw | None = None
 
     def __post_init__(self) -> None:
         expect("gravity", self.gravity.shape, (3,))
         expect("closure.constant", self.closure.constant.shape, (len(self.joints), len(self.active)))
-        expect("drives", (len(self.drives),), (len(self.active),))
+        for drive in self.drives:
+            expect(f"drive {drive.name}", drive.row.shape, (len(self.joints),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
     def with_gravity(self, gravity: ArrayLike) -> Device:
@@ -224,9 +313,54 @@ class Device:
         return tuple(drive for drive in self.drives if drive.motorised)
 
     @cached_property
-    def coupling(self) -> Array:
-        """N: drives' coordinates are N qa, (active, active)."""
+    def driven(self) -> np.ndarray:
+        """Indices of the drives that have a motor, (motors,)."""
+        return np.flatnonzero([drive.motorised for drive in self.drives])
+
+    @cached_property
+    def drive_rows(self) -> Array:
+        """Drives' coordinates as combinations of all joints' positions, (drives, joints)."""
         return freeze(np.array([drive.row for drive in self.drives], dtype=float))
+
+    @property
+    def redundant(self) -> bool:
+        """Whether there are more drives than active joints, so that motion does not determine the motors' torques."""
+        return len(self.drives) > len(self.active)
+
+    @cached_property
+    def drives_active_only(self) -> bool:
+        """Whether each drive is a combination of active joints, and all together determine these."""
+        passive = np.delete(self.drive_rows, self.active, axis=1)
+        return not self.redundant and not passive.any()
+
+    @cached_property
+    def coupling(self) -> Array:
+        """N: Jacobian of the drives by the active joints, (drives, active); zero where it varies with the pose."""
+        passive = [j for j in range(len(self.joints)) if j not in self.active]
+        return freeze(self.drive_rows[:, self.active] + self.drive_rows[:, passive] @ self.closure.constant[passive])
+
+    @cached_property
+    def active_from_drives(self) -> Array:
+        """Active joints' positions from the drives', (active, drives): least squares, without those on passive joints.
+
+        Raises:
+            IncompleteDeviceError: the drives on active joints do not determine these.
+        """
+        own = ~np.delete(self.drive_rows, self.active, axis=1).any(axis=1)
+        N, made = self.coupling[own], np.zeros((len(self.active), len(self.drives)))
+        rank = int(np.linalg.matrix_rank(N)) if len(N) else 0
+        if rank < len(self.active):
+            raise IncompleteDeviceError(
+                f"the positions of {self.name}'s motors on active joints determine {rank} of its {len(self.active)} "
+                "active joints.",
+                where="motors",
+                found=rank,
+                limit=len(self.active),
+                advice="Choose the active joints among those that motors drive (the others go to a loop's passive "
+                'list), or record the positions of the active joints (side = "joint").',
+            )
+        made[:, own] = np.linalg.inv(N) if len(N) == rank else np.linalg.pinv(N)
+        return freeze(made)
 
     @cached_property
     def row_map(self) -> Array:
@@ -251,8 +385,79 @@ class Device:
 
     @cached_property
     def drive_rates(self) -> Array:
-        """N B^-1: Jacobian of the drives by the coordinates, (active, active)."""
+        """N B^-1: Jacobian of the drives by the coordinates, (drives, active); zero where it varies with the pose."""
         return freeze(np.ascontiguousarray(np.linalg.solve(self.row_map.T, self.coupling.T).T))
+
+    @cached_property
+    def drive_varies(self) -> np.ndarray:
+        """Which entries of the Jacobian of the drives vary with the pose, (drives, active)."""
+        made = np.asarray((np.abs(self.drive_rows) @ self.varying) > 0)
+        made.flags.writeable = False
+        return made
+
+    def drive_jacobian(self, c: Array) -> Array:
+        """Jacobian of the drives by the coordinates, (drives, active), or (samples, drives, active) where it varies.
+
+        Args:
+            c: positions of the torque rows' coordinates, (active, samples), rad or m.
+
+        Raises:
+            LoopClosureError, SingularityError: a loop does not close at a pose, or is singular there.
+        """
+        if not self.drive_varies.any():
+            return self.drive_rates
+        followed = self.closure.follow(np.asarray(np.linalg.solve(self.row_map, c))).by(self.row_map)
+        return np.asarray(np.einsum("dj,sja->sda", self.drive_rows, followed.G))
+
+    def row_torque(self, c: Array, torque: Array) -> Array:
+        """Torques of the rows, B' Gamma, (active, samples), N m or N.
+
+        Args:
+            c: positions of the torque rows' coordinates, (active, samples), rad or m.
+            torque: of the motors' coordinates, (motors, samples), N m or N.
+        """
+        B = self.drive_jacobian(c)[..., self.driven, :]
+        return np.asarray(np.einsum("sda,ds->as", B, torque) if B.ndim == 3 else B.T @ torque)
+
+    def drive_torque(self, c: Array, torque: Array) -> Array:
+        """Torques of the motors' coordinates by the distribution law, (motors, samples), N m or N.
+
+        Args:
+            c: positions of the torque rows' coordinates, (active, samples), rad or m.
+            torque: of the rows, (active, samples), N m or N.
+
+        Raises:
+            IncompleteDeviceError: the motors are redundant and the file has no law.
+        """
+        law, B = self.law, self.drive_jacobian(c)
+        made = np.einsum("...dr,r...->d...", law.shares(B), torque) if B.ndim == 3 else law.shares(B) @ torque
+        if law.preload.any():
+            made = made + np.broadcast_to(law.balanced(B, law.preload), (torque.shape[1], len(law.preload))).T
+        return np.asarray(made[self.driven])
+
+    @property
+    def law(self) -> DistributionLaw:
+        """The distribution law.
+
+        Raises:
+            IncompleteDeviceError: the motors are redundant and the file has no law.
+        """
+        if self.distribution is None:
+            units = ", ".join(f"{d.name} ({'N' if self.joints[d.first].prismatic else 'N m'})" for d in self.motors)
+            raise IncompleteDeviceError(
+                f"{self.name} has {len(self.drives)} drives for {len(self.active)} active joints, and no law says how "
+                f"motors in N and in N m share a torque: {units}.",
+                where="transmission.weights",
+                found=len(self.drives),
+                limit=len(self.active),
+                advice="Add [transmission] weights = { ... } to the device file, one positive number for each motor.",
+            )
+        return self.distribution
+
+    @cached_property
+    def drive_units(self) -> tuple[str, ...]:
+        """Unit of the torque of every drive, N m or N."""
+        return tuple("N" if self.joints[drive.first].prismatic else "N m" for drive in self.drives)
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
@@ -269,8 +474,9 @@ class Device:
     @cached_property
     def measured(self) -> tuple[bool, ...]:
         """Whether the torque of each row is measured: all drives that act on it have a motor."""
-        unmeasured = np.array([not drive.motorised for drive in self.drives])
-        return tuple(bool(known) for known in ~(self.drive_rates[unmeasured] != 0).any(axis=0))
+        acts = (self.drive_rates != 0) | self.drive_varies
+        acts[self.driven] = False
+        return tuple(bool(known) for known in ~acts.any(axis=0))
 
     @cached_property
     def coordinate_units(self) -> tuple[str, ...]:
@@ -291,3 +497,17 @@ class Device:
         """
         known = [[self.prior[n].value for n in names if n in self.prior] for names in self.parameters.members]
         return freeze(np.array([np.mean(values) if values else np.nan for values in known], dtype=float))
+
+    def _shown(self) -> Overview:
+        rows = [
+            [
+                joint.name,
+                "slides" if joint.prismatic else "turns",
+                "active" if k in self.active else "passive",
+                "" if joint.position_limits is None else " .. ".join(f"{end:.4g}" for end in joint.position_limits),
+                "m" if joint.prismatic else "rad",
+            ]
+            for k, joint in enumerate(self.joints)
+        ]
+        count = f"{len(self.joints)} joints, {len(self.motors)} motors, {len(self.parameters.names)} parameters"
+        return Overview(f"Device {self.name}: {count}", ("joint", "", "", "limits", "unit"), rows)

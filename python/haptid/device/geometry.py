@@ -216,17 +216,19 @@ def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
     expect("q_tree", q.shape, (None, len(joints)))
     made = np.zeros((len(q), len(joints), 4, 4))
     made[..., 3, 3] = 1.0
+    cosines, sines = np.cos(q), np.sin(q)
     for j, joint in enumerate(joints):
-        R, p = joint.rotation, joint.translation
+        R, p = np.broadcast_to(joint.rotation, (len(q), 3, 3)), np.broadcast_to(joint.translation, (len(q), 3))
         if joint.parent >= 0:
-            above = made[:, joint.parent]
-            R, p = above[:, :3, :3] @ R, above[:, :3, :3] @ p + above[:, :3, 3]
-        R, p = np.broadcast_to(R, (len(q), 3, 3)), np.broadcast_to(p, (len(q), 3))
+            above = made[:, joint.parent, :3]
+            moved = above.reshape(-1, 4)[:, :3] @ np.column_stack([joint.rotation, joint.translation])
+            moved = moved.reshape(-1, 3, 4)
+            R, p = moved[:, :, :3], moved[:, :, 3] + above[:, :, 3]
         if joint.prismatic:
             made[:, j, :3, :3] = R
             made[:, j, :3, 3] = p + R[:, :, 2] * q[:, j, None]
         else:
-            c, s = np.cos(q[:, j, None]), np.sin(q[:, j, None])
+            c, s = cosines[:, j, None], sines[:, j, None]
             made[:, j, :3, 0] = c * R[:, :, 0] + s * R[:, :, 1]
             made[:, j, :3, 1] = c * R[:, :, 1] - s * R[:, :, 0]
             made[:, j, :3, 2] = R[:, :, 2]

@@ -32,6 +32,8 @@ CLEAR_GAP = 1e3
 CANCELLED = 1e-7
 # Most groupings that an error lists.
 MOST_GROUPS = 3
+# Columns that are made independent of those before together.
+_TOGETHER = 64
 # Within a link, the parameters that the literature keeps come first.
 _PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
 
@@ -180,21 +182,28 @@ def select_independent(W: Array, order: list[int], tolerance: float) -> tuple[li
     Returns:
         the columns kept, an orthonormal basis of them, and the least length kept and greatest dropped.
     """
-    Q = np.zeros((len(W), 0))
+    Q = np.empty((len(W), min(W.shape)), order="F")
     kept: list[int] = []
     least, greatest = 1.0, 0.0
-    for k in order:
-        rest = W[:, k]
-        for _ in range(2):  # twice is enough (Kahan and Parlett)
-            rest = rest - Q @ (Q.T @ rest)
-        length = float(np.linalg.norm(rest))
-        if length > tolerance:
-            least = min(least, length)
-            kept.append(k)
-            Q = np.column_stack([Q, rest / length])
-        else:
-            greatest = max(greatest, length)
-    return kept, Q, (least, greatest)
+    for start in range(0, len(order), _TOGETHER):
+        block = order[start : start + _TOGETHER]
+        before = Q[:, : len(kept)]
+        rests = W[:, block] - before @ (before.T @ W[:, block])
+        rests -= before @ (before.T @ rests)
+        for k, rest in zip(block, rests.T, strict=True):
+            own = Q[:, len(before.T) : len(kept)]
+            rest = rest - own @ (own.T @ rest)
+            length = float(np.linalg.norm(rest))
+            if 0.01 * tolerance < length < 0.05:  # much was cancelled: once more is enough (Kahan and Parlett)
+                rest -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ rest)
+                length = float(np.linalg.norm(rest))
+            if length > tolerance and len(kept) < Q.shape[1]:
+                least = min(least, length)
+                Q[:, len(kept)] = rest / length
+                kept.append(k)
+            else:
+                greatest = max(greatest, length)
+    return kept, Q[:, : len(kept)], (least, greatest)
 
 
 def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.bounded_files import SYMBOLIC_JOINTS
+from haptid._internal.display import Overview, displayed
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.friction import DRY, LoadDependentFriction
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 NOMINAL_LINK = [0.3, 0.0, 0.0, 0.3, 0.0, 0.3, 0.3, 0.2, 0.1, 1.0]
 
 
+@displayed
 @dataclass(frozen=True, eq=False, init=False)
 class DynamicModel:
     """The dynamic model of a device, linear in its base parameters: tau = Y(c, cd, cdd) beta.
@@ -300,6 +302,12 @@ class DynamicModel:
         if term.joint is None:
             return np.asarray(term.weights)[:, None]
         return np.asarray(self.follow(c, cd).G[:, term.joint].T)
+
+    def _shown(self) -> Overview:
+        base = self.base
+        rows = list(zip(base.names, base.units, base.groupings, strict=True))
+        title = f"DynamicModel of {self.device.name}: {len(base)} base parameters of {len(base.standard)}"
+        return Overview(title, ("parameter", "unit", "regroups"), rows)
 
 
 class MechanismArguments(NamedTuple):

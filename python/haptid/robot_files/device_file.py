@@ -19,11 +19,14 @@ from haptid.device.toml.reader import BASE
 from haptid.robot_files.loops import Hinge, OpenLoops, opened_loops
 from haptid.robot_files.moving_tree import Moving, MovingTree
 from haptid.robot_files.tree import Drive, Inertial, Note
+from haptid.robot_files.xml import refused
 
 # Longest name that a device file allows, and longest line of a comment.
 _LONGEST_NAME, _WIDTH = 40, 116
 # Standard deviation of bodies that the source computes from shapes and a density, per cent.
 GUESSED_PERCENT = 50.0
+# Limits of this size or more are none, in SI: descriptions write 1e16 for it.
+_UNLIMITED = 1e9
 # Numbers below this share of a description's size are rounding.
 _ROUNDING = 1e-15
 _STEMS = {"armature": "IA", "damping": "FV", "friction": "FC", "stiffness": "K"}
@@ -44,18 +47,27 @@ class DeviceText:
     notes: tuple[Note, ...]
 
 
-def device_text(of: MovingTree, priors: bool = True) -> DeviceText:
+def device_text(
+    of: MovingTree, priors: bool = True, torque_constant: Mapping[str, float] | float | None = None
+) -> DeviceText:
     """The device file of what moves of a tree.
 
     Args:
         of: the tree.
         priors: whether bodies, friction and springs of the source become prior values.
+        torque_constant: torque at each joint per ampere, by the source's names or one for all; None: commands are
+            torques.
+
+    Raises:
+        RobotFileError: a joint has no torque constant, one names no driven joint, or it is zero or not finite.
     """
     loops = opened_loops(of)
     names = clean_names([hinge.name for hinge in loops.hinges])
     notes = (*of.tree.notes, *loops.notes, *_drive_notes(of, loops))
     writer = _Writer(of, loops, names)
-    body = [*writer.joints(), *writer.relations(), *writer.cuts(), *writer.motors(), *writer.terms()]
+    motors = writer.motors(torque_constant)
+    body = [*writer.joints(), *writer.relations(), *writer.cuts(), *motors, *writer.terms()]
+    body += writer.collision()
     if priors:
         body += writer.priors()
     head = [*_heading(of, notes), *writer.top()]
@@ -192,12 +204,12 @@ class _Writer:
             made.append("body = false")
         limits: list[str] = []
         if one is not None:
-            if one.joint.limits is not None:
+            if one.joint.limits is not None and max(map(abs, one.joint.limits)) < _UNLIMITED:
                 limits.append(f"position = {_vector(one.joint.limits)}")
             limits += [
                 f"{key} = {_number(value)}"
                 for key, value in (("velocity", one.joint.velocity), ("torque", one.joint.effort))
-                if value is not None
+                if value is not None and value < _UNLIMITED
             ]
         return [*made, *([f"limits = {{ {', '.join(limits)} }}"] if limits else [])]
 
@@ -237,14 +249,15 @@ class _Writer:
             made.append("")
         return made
 
-    def motors(self) -> list[str]:
-        """[[motors]], if any has a gear or turns several joints; other active joints are driven directly."""
+    def motors(self, constant: Mapping[str, float] | float | None) -> list[str]:
+        """[[motors]], if any has a gear, turns several joints or is commanded in A; others drive a joint directly."""
         drives = [x for x in self.of.tree.drives if self._drivable(x)]
-        if all(drive.gear_ratio == 1 and len(drive.factors) == 1 for drive in drives):
+        if constant is None and all(drive.gear_ratio == 1 and len(drive.factors) == 1 for drive in drives):
             return []
         driven = {name for drive in drives for name in drive.factors}
         active = [hinge.name for hinge in self.loops.hinges if hinge.name not in self.passive]
         drives += [Drive(name, {name: 1.0}) for name in active if name not in driven]
+        drives.sort(key=lambda drive: min(active.index(name) for name in drive.factors))
         names = _motor_names(drives, self.names)
         made: list[str] = []
         for drive, name in zip(drives, names, strict=True):
@@ -252,8 +265,22 @@ class _Writer:
             factors = ", ".join(f"{self.names[joint]} = {_number(x)}" for joint, x in drive.factors.items())
             if factors != f"{name} = 1.0":
                 made.append(f"drives = {{ {factors} }}")
-            made += [f"gear_ratio = {_number(drive.gear_ratio)}", ""]
+            made.append(f"gear_ratio = {_number(drive.gear_ratio)}")
+            if constant is not None:
+                at_joint = self._constant(constant, next(iter(drive.factors)), drive)
+                made += [f"torque_constant = {_number(at_joint / drive.gear_ratio)}", 'command_unit = "A"']
+            made.append("")
+        if isinstance(constant, Mapping) and (unknown := set(constant) - {x for one in drives for x in one.factors}):
+            found = f"no motor drives {sorted(unknown)[0]!r}, which has a torque constant"
+            raise refused(self.of.tree.file, found, f"Driven joints: {', '.join(active)}.")
         return made
+
+    def _constant(self, given: Mapping[str, float] | float, joint: str, drive: Drive) -> float:
+        value = given.get(joint) if isinstance(given, Mapping) else given
+        if value is None or not 0 < abs(value) < math.inf:
+            found = f"the motor of joint {joint!r} has {'no torque constant' if value is None else f'{value:g} N m/A'}"
+            raise refused(self.of.tree.file, found, "Give one number for all joints, or one for each.", drive.line)
+        return value
 
     def _drivable(self, drive: Drive) -> bool:
         return all(name in self.moving and name not in self.passive for name in drive.factors)
@@ -274,6 +301,28 @@ class _Writer:
             if one.joint.stiffness:
                 made += ["[[terms]]", 'kind = "spring"', f'joints = ["{self.names[name]}"]']
                 made += [f"rest = {_number(one.joint.rest)}", ""]
+        return made
+
+    def collision(self) -> list[str]:
+        """[[collision]]: shapes of all links that are kept, those of the base too."""
+        made: list[str] = []
+        at = {hinge.name: k for k, hinge in enumerate(self.loops.hinges)}
+        others = [name for name in self.of.frames if self.of.tree.links[name].other_shapes]
+        if others:
+            text = (
+                f"# Collision meshes (or shapes without a size) are not imported, of: {plain_text(', '.join(others))}"
+            )
+            made += [text[: 10 * _WIDTH], "# Describe these links by shapes or hulls of points of your own.", ""]
+        for name, (moving, frame) in self.of.frames.items():
+            for shape in self.of.tree.links[name].shapes:
+                link = BASE if moving < 0 else self._body(at[self.of.moving[moving].joint.name])
+                made += ["[[collision]]", f'link = "{link}"', f'kind = "{shape.kind}"']
+                if shape.kind == "box":
+                    made.append(f"size = {_vector(shape.sizes)}")
+                else:
+                    keys = zip(("radius", "length"), shape.sizes, strict=False)
+                    made += [f"{key} = {_number(value)}" for key, value in keys]
+                made += [*_placement(frame @ shape.frame), ""]
         return made
 
     def priors(self) -> list[str]:

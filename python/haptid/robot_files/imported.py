@@ -23,7 +23,7 @@ from haptid.robot_files.tree import Note
 from haptid.robot_files.xml import refused
 
 # Most joints of a device.
-MOST_JOINTS = 200
+MOST_JOINTS = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,7 @@ def import_robot(
     lengths: Mapping[str, float] | None = None,
     snap: float = 0.0,
     priors: bool = True,
+    torque_constant: Mapping[str, float] | float | None = None,
     ask: bool = False,
 ) -> ImportedRobot:
     """A robot description as a device, compared with the description's own inverse dynamics.
@@ -114,6 +115,8 @@ def import_robot(
         tip: last link of a chain; all joints that are not on the way to it are held.
         hold: positions at which joints are held, by name, rad or m.
         priors: whether bodies, friction and springs of the description become prior values.
+        torque_constant: torque at each joint per ampere of its motor's current, N m/A or N/A, one for all or by the
+            names of the description: commands are then currents.
         ask: compare torques with MuJoCo or Pinocchio too, where they can read the file.
 
     Raises:
@@ -147,7 +150,7 @@ def import_robot(
         done = replace(done, others=ask_others(Path(path), exact, states))
     elif ask:
         done = replace(done, others=ask_others(Path(path), of, states))
-    if not priors:
-        made = device_text(of, priors=False)
+    if not priors or torque_constant is not None:
+        made = device_text(of, priors, torque_constant)
         device = device_from(made.text, str(path))
     return ImportedRobot(made.text, device, made.names, made.notes, done, of, snapped)

@@ -82,6 +82,20 @@ def merged(bodies: Sequence[Inertial]) -> Inertial:
 
 
 @dataclass(frozen=True, eq=False)
+class LinkShape:
+    """A collision shape of a link.
+
+    Attributes:
+        kind, sizes: "sphere": radius; "capsule", "cylinder": radius and length along z; "box": its three edges, m.
+        frame: its own frame in that of its link, (4, 4).
+    """
+
+    kind: Literal["sphere", "capsule", "cylinder", "box"]
+    sizes: tuple[float, ...]
+    frame: Array
+
+
+@dataclass(frozen=True, eq=False)
 class RobotLink:
     """A link.
 
@@ -91,6 +105,8 @@ class RobotLink:
         massless: it is no body of the source: a frame between two joints of one body.
         line: of the source.
         own_frame: pose in the link's frame of the frame in which the source gives its inertia, (4, 4).
+        shapes: for collision checks.
+        other_shapes: number of collision shapes of the source that are left out: meshes, and shapes without a size.
     """
 
     name: str
@@ -98,6 +114,8 @@ class RobotLink:
     massless: bool = False
     line: int | None = None
     own_frame: Array = field(default_factory=lambda: np.eye(4))
+    shapes: tuple[LinkShape, ...] = ()
+    other_shapes: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from haptid.robot_files.tree import (
     Follows,
     Inertial,
     JointKind,
+    LinkShape,
     Note,
     RobotLink,
     RobotTree,
@@ -60,7 +62,9 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
         name = element.name()
         if name in links:
             element.refuse("has the name of an earlier link", "Rename one of them.")
-        links[name] = RobotLink(name, _inertial(element, snap, notes), line=element.line)
+        shapes = _shapes(element, snap)
+        body, others = _inertial(element, snap, notes), len(element.all("collision")) - len(shapes)
+        links[name] = RobotLink(name, body, line=element.line, shapes=shapes, other_shapes=others)
     if not links:
         root.refuse("has no <link>", "Give the URDF of a robot.")
     joints = [_joint(element, snap, notes) for element in root.all("joint")]
@@ -111,6 +115,26 @@ def _inertial(link: Element, snap: float, notes: list[Note]) -> Inertial | None:
     at = _pose(element.first("origin"), snap)
     body = checked_inertial(mass, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), element)
     return body.moved(at)
+
+
+def _shapes(link: Element, snap: float) -> tuple[LinkShape, ...]:
+    """Collision shapes with sizes; meshes are never opened."""
+    made: list[LinkShape] = []
+    kinds: tuple[Literal["sphere", "capsule", "cylinder", "box"], ...] = ("sphere", "capsule", "cylinder", "box")
+    for element in link.all("collision"):
+        at, geometry = _pose(element.first("origin"), snap), element.first("geometry")
+        for kind in kinds:
+            shape = None if geometry is None else geometry.first(kind)
+            if shape is None:
+                continue
+            sizes: tuple[float, ...] = (shape.number("radius", 0.0),)
+            if kind == "box":
+                sizes = shape.triple("size", (0.0, 0.0, 0.0))
+            elif kind != "sphere":
+                sizes = (*sizes, shape.number("length", 0.0))
+            if min(sizes) > 0:
+                made.append(LinkShape(kind, sizes, at))
+    return tuple(made)
 
 
 def _joint(element: Element, snap: float, notes: list[Note]) -> TreeJoint:

@@ -22,7 +22,7 @@ LARGEST_DESCRIPTION = 30_000_000
 DEEPEST = 400
 # Most elements of one file.
 MOST_ELEMENTS = 500_000
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(slots=True, eq=False)

@@ -236,12 +236,32 @@ def _apart(
     left: list[int] = []
     notes: tuple[str, ...] = ()
     if len(groups) == 1:
-        return G, offset, unknown, ()
+        return _inner(chain, G, offset, unknown, loops, at)
     for cuts, joints in groups:
         part = Chain.of(chain.joints, cuts, chain.active)
         G, offset, more, added = _derived(part, G, offset, joints, loops, at)
         left, notes = left + more, notes + added
     return G, offset, sorted(left), notes
+
+
+def _inner(
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+) -> tuple[Array, Array, list[int], tuple[str, ...]]:
+    """The same of one group: single loops in it that are linear, such as parallelograms in a leg, are found first."""
+    left, waiting = unknown, list(chain.cuts)
+    while waiting:
+        cut = waiting.pop(0)
+        joints = [j for _, own in Chain.of(chain.joints, (cut,), chain.active).independent(left) for j in own]
+        if not 0 < len(joints) < len(left):
+            continue
+        part = Chain.of(chain.joints, (cut,), chain.active)
+        search = find_linear_motions(part, G, offset, joints, loops.guess, at, _CLOSED)
+        if search.linear and not search.free:
+            rounded = [_rounded(part, motion, joints, loops.guess, at) for motion in search.linear]
+            best = min(rounded, key=lambda motion: _preference(motion, joints, loops.guess, at))
+            G, offset, left = best.G, best.offset, [j for j in left if j not in joints]
+            waiting = list(chain.cuts)
+    return G, offset, left, ()
 
 
 def _rounded(

@@ -124,15 +124,20 @@ class NewtonClosure:
         """
         return conditioning(self.chain.residual(q)[1][:, :, list(self.unknown)])
 
+    def least_conditioning(self, limit: float) -> float:
+        """The limit, or half the conditioning of the start pose where that is less: the scale is a rough one."""
+        return min(limit, 0.5 * float(self.conditioning(self.start[None])[0]))
+
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
         low, high = self.chain.active_ranges(self.at)
+        roomy = self.least_conditioning(_ROOMY)
         kept = np.zeros((0, len(self.at)))
         for k in range(_DRAWS):
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
             q, closed = compiled_closure(self).reach(qa)
-            kept = np.concatenate([kept, qa[closed][self.conditioning(q[closed]) > _ROOMY]])
+            kept = np.concatenate([kept, qa[closed][self.conditioning(q[closed]) > roomy]])
             if len(kept) >= count:
                 break
         return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)

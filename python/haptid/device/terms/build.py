@@ -52,12 +52,13 @@ class Target:
     Attributes:
         what: "joint", "cut" or "motor".
         name: of the joint, cut or motor.
-        joint: index of the joint, None for a cut or a motor.
+        joint: index of the joint; None for a cut, and for a motor whose rates are constant.
         prismatic: whether the coordinate is a length.
         weights: the target's position as a combination of the coordinates, (na,).
         offset: its position where the coordinates are zero.
         speed: its velocity in the symbols of expressions, "v_2" or "1*v_1 - 0.5*v_2".
-        varies: whether it is a joint whose rates vary with the pose; weights and offset are then zero.
+        varies: whether its rates vary with the pose; weights and offset are then zero.
+        mixed: whether it is a motor whose rates vary, and not those of one joint: no term can act on it.
     """
 
     what: str
@@ -68,6 +69,7 @@ class Target:
     offset: float
     speed: str
     varies: bool = False
+    mixed: bool = False
 
     @property
     def moved(self) -> int | None:
@@ -124,13 +126,13 @@ class TermTargets:
         cuts: Sequence[CutJoint] = (),
     ) -> TermTargets:
         """From joints, drives, closure and cuts; the coordinates are the active joints', or else the drives'."""
-        coupling = np.array([drive.row for drive in drives])
-        frame = np.eye(len(drives)) if joint_rows else coupling
+        rows = np.array([drive.row for drive in drives])
+        coupling = rows @ closure.constant
+        frame: Array = np.eye(len(active)) if joint_rows else coupling
         rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.constant, coupling))
         varies = [bool(row.any()) for row in closure.varying]
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
         names = [joints[j].name for j in active]
-        first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
         return TermTargets(
             tuple(
                 Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
@@ -138,14 +140,20 @@ class TermTargets:
             ),
             tuple(
                 Target(
-                    "cut", c.name, None, c.prismatic, np.linalg.solve(frame.T, c.row), c.offset, _speed(c.row, names)
+                    "cut",
+                    c.name,
+                    None,
+                    c.prismatic,
+                    np.asarray(np.linalg.solve(frame.T, c.row)),
+                    c.offset,
+                    _speed(c.row, names),
                 )
                 for c in cuts
             ),
             tuple(names),
-            tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
+            tuple(joint.name for joint, driven in zip(joints, moved, strict=True) if driven),
             tuple(
-                Target("motor", drive.name, None, first[k].prismatic, motors[k], 0.0, _speed(drive.row, names))
+                _motor(drive, joints, motors[k], float(drive.row @ closure.offset), varies)
                 for k, drive in enumerate(drives)
                 if drive.motorised
             ),
@@ -176,6 +184,12 @@ class TermTargets:
                 if name not in names:
                     raise place.at(f"{what}s", k).unknown(what, name, names)
             made += [target for target in known if target.name in wanted]
+        for target in made:
+            if target.mixed:
+                raise place.error(
+                    f"{target.on} is not one joint, and its rates vary with the pose",
+                    "Let the term act on the joints that it drives, or let the motor drive one joint with factor 1.",
+                )
         return made
 
     def expect_one(self, table: TermTable, place: Place) -> None:
@@ -237,6 +251,18 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             return [target.column(name(), table.kind)]
 
 
+def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float, varies: Sequence[bool]) -> Target:
+    """A motor as a target; its rates vary with the pose where those of a joint that it drives do."""
+    moved = np.flatnonzero(drive.row).tolist()
+    varying = any(varies[j] for j in moved)
+    joint = moved[0] if varying else None
+    mixed = varying and (len(moved) > 1 or drive.row[moved[0]] != 1.0)
+    weights, offset = (np.zeros_like(weights), 0.0) if varying else (weights, offset)
+    speed = _speed(drive.row, [j.name for j in joints])
+    prismatic = joints[drive.first].prismatic
+    return Target("motor", drive.name, joint, prismatic, weights, offset, speed, varying, mixed)
+
+
 def _speed(row: Array, names: Sequence[str]) -> str:
-    """A combination of the active joints' velocities in the symbols of expressions."""
+    """A combination of joints' velocities in the symbols of expressions."""
     return " + ".join(f"{weight!r}*v_{name}" for weight, name in zip(row.tolist(), names, strict=True) if weight)

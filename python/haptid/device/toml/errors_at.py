@@ -50,7 +50,8 @@ def first_error(error: ValidationError, file: str, data: Any, model: type[BaseMo
     fault = Fault.of(error, model, data)
     place, steps = Place(file).at(*fault.steps), fault.steps
     if fault.kinds and fault.kind == "union_tag_invalid":
-        return place.unknown("kind of term", str(fault.found), fault.kinds)
+        noun = "shape" if "collision" in steps else "term"
+        return place.unknown(f"kind of {noun}", str(fault.found), fault.kinds)
     if fault.kinds:
         return place.error("this key is missing", f"Write kind = ..., one of {', '.join(fault.kinds)}.")
     if fault.kind == "extra_forbidden":

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
 from haptid._internal.toml_tables import Syntax, toml_values
-from haptid.device.device import Device, Handle, Joint
+from haptid.device.collision import read_shapes
+from haptid.device.device import Device, Gimbal, Handle, Joint
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.cut_joint import cut_joints
@@ -32,7 +33,7 @@ from haptid.device.terms.build import TermTargets, read_terms
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.errors_at import Place, first_error
 from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, SymmetryTable
-from haptid.device.toml.transmission import read_drives
+from haptid.device.toml.transmission import read_distribution, read_drives, torque_rows
 from haptid.errors import DeviceFileError, suggestion
 
 # Name of the fixed link.
@@ -60,8 +61,14 @@ def shipped_devices() -> tuple[str, ...]:
 
 def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
     """The checked tables of a device file, or of a shipped device by name; and the name of the file in errors."""
+    file, data = file_values(path)
+    return checked_tables(data, file)
+
+
+def file_values(path: str | Path) -> tuple[str, dict[str, Any]]:
+    """The name of a TOML file in errors, and its values; also of a shipped device by name."""
     file, content = _content(path)
-    return checked_tables(_parsed(file, content), file)
+    return file, _parsed(file, content)
 
 
 def checked_tables(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
@@ -142,8 +149,9 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     loops = read_loops(tables.loops, joints, base, reader, place.at("loops"))
     active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
     closure, notes = close(joints, active, loops)
-    drives = read_drives(tables.motors, joints, active, reader, place.at("motors"))
-    rows = tables.transmission.torque_rows
+    drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
+    transmission = place.at("transmission")
+    rows = torque_rows(tables.transmission, drives, active, transmission)
     cuts = cut_joints(joints, active, closure, place.at("loops"))
     targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts)
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
@@ -166,6 +174,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         symmetry=symmetry,
         lengths=reader.lengths,
         handle=_handle(tables, joints, base, reader, place.at("handle")),
+        gimbal=_gimbal(tables, reader, place.at("gimbal")),
         prior=prior,
         keep=_keep(tables, parameters, place.at("base_parameters")),
         base_tolerance=_tolerance(tables, reader, place.at("base_parameters", "tolerance")),
@@ -177,6 +186,8 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         ),
         tables=tables,
         cut_joints=cuts,
+        collision=read_shapes(tables.collision, joints, base, reader, place.at("collision")),
+        distribution=read_distribution(tables.transmission, drives, joints, active, reader, transmission),
     )
 
 
@@ -333,6 +344,30 @@ def _handle(tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Rea
         raise place.at("link").unknown("link", tables.handle.link, names)
     frame = frame_on(joints, names.index(tables.handle.link), reader.placement(tables.handle, place), base)
     return Handle(frame.link, frame.rotation, frame.translation)
+
+
+def _gimbal(tables: AnyDevice, reader: Reader, place: Place) -> Gimbal | None:
+    """The gimbal, its numbers positive or zero."""
+    table = tables.gimbal
+    if table is None:
+        return None
+    if tables.handle is None:
+        raise place.error("a gimbal hangs on the handle, and there is none", "Add [handle] with its link and xyz.")
+
+    def number(key: str, least: float, otherwise: float = 0.0) -> float:
+        value = getattr(table, key)
+        made = otherwise if value is None else reader.number(value, place.at(key))
+        if made < least:
+            raise place.at(key).error(f"is {made:g}, below {least:g}", "Write the physical value.")
+        return made
+
+    mass, radius = number("mass", 0.0), number("com_radius", 0.0)
+    inertia = number("inertia", mass * radius**2, mass * radius**2)
+    if (table.rate is None) == (table.state == "free"):
+        wanted = "Give `rate` for a free gimbal, and for no other."
+        raise place.at("rate").error(f"a {table.state} gimbal has {'no' if table.rate is None else 'a'} rate", wanted)
+    swing, rate = number("swing", 0.0, 0.5), number("rate", 0.0)
+    return Gimbal(table.state, mass, radius, inertia, number("friction", 0.0), swing, rate)
 
 
 def _keep(tables: AnyDevice, parameters: StandardParameters, place: Place) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ Unit = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\
 class _Table(BaseModel):
     """A table that allows no other keys."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True, defer_build=True)
 
 
 class _Limits(_Table):
@@ -133,9 +133,11 @@ class LoopTable(_Table):
 
 
 class TransmissionTable(_Table):
-    """Whether torque rows are of motors or of joints."""
+    """Whether torque rows are of motors or of joints, and how redundant motors share a torque."""
 
-    torque_rows: Literal["motor", "joint"] = "motor"
+    torque_rows: Literal["motor", "joint"] | None = None
+    weights: dict[Name, _Quantity] | None = None
+    preload: dict[Name, _Quantity] = {}
 
 
 class MotorTable(_Table):
@@ -268,6 +270,69 @@ class HandleTable(BaseTable):
     link: Name
 
 
+class _ShapeTable(BaseTable):
+    """A convex shape for collision checks, fixed to a link, in its link frame."""
+
+    link: Name = "base"
+    name: Name | None = None
+    ignore: list[Name] = []
+
+
+class SphereTable(_ShapeTable):
+    """A ball about the origin of its frame."""
+
+    kind: Literal["sphere"]
+    radius: _Quantity
+
+
+class RoundTable(_ShapeTable):
+    """A capsule or cylinder about z; the length of a capsule is that of its straight part."""
+
+    kind: Literal["capsule", "cylinder"]
+    radius: _Quantity
+    length: _Quantity
+
+
+class BoxTable(_ShapeTable):
+    """A box about the origin of its frame, with its edges."""
+
+    kind: Literal["box"]
+    size: _Triple
+
+
+class HullTable(_ShapeTable):
+    """The convex hull of points, such as of a mesh."""
+
+    kind: Literal["hull"]
+    points: Annotated[list[_Triple], Field(min_length=4, max_length=1000)]
+
+
+AnyShape = Annotated[SphereTable | RoundTable | BoxTable | HullTable, Field(discriminator="kind")]
+
+
+class WorldTable(_Table):
+    """A world file: what stands about the device, in its base frame."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    name: str = ""
+    lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], _Quantity] = {}
+    collision: Annotated[list[AnyShape], Field(min_length=1, max_length=500)]
+
+
+class GimbalTable(_Table):
+    """An unmeasured passive gimbal at the handle, its axes through the handle's origin."""
+
+    state: Literal["locked", "hanging", "free"]
+    mass: _Quantity = Field(description="kg")
+    com_radius: _Quantity = Field(description="distance of its centre of mass from the axes, m")
+    inertia: _Quantity | None = Field(
+        None, description="least moment of inertia about the handle's origin, kg m^2; default: mass * com_radius^2"
+    )
+    friction: _Quantity = Field(0.0, description="largest friction torque of all its axes together, N m")
+    swing: _Quantity | None = Field(None, description="hanging: largest angle from hanging, rad; default 0.5")
+    rate: _Quantity | None = Field(None, description="free: largest angular velocity, rad/s")
+
+
 class PriorTable(_Table):
     """Prior value with its standard deviation."""
 
@@ -288,7 +353,7 @@ class PriorBodyTable(_Table):
 class PriorsTable(_Table):
     """Priors of parameters by name, and `bodies`."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", defer_build=True)
     __pydantic_extra__: dict[str, Annotated[PriorTable | _Quantity, Field(union_mode="left_to_right")]]
 
     bodies: list[PriorBodyTable] = []
@@ -329,6 +394,8 @@ class DeviceTable(_Table):
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []
     handle: HandleTable | None = None
+    collision: Annotated[list[AnyShape], Field(max_length=500)] = []
+    gimbal: GimbalTable | None = None
     prior: PriorsTable = PriorsTable.model_validate({})
     base_parameters: BaseParametersTable = BaseParametersTable()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
@@ -338,21 +405,21 @@ class ModifiedDHDevice(DeviceTable):
     """A device described by modified Denavit-Hartenberg parameters (Khalil and Kleinfinger)."""
 
     convention: Literal["modified-dh"] = "modified-dh"
-    joints: Annotated[list[ModifiedDHJoint], Field(min_length=1, max_length=200)]
+    joints: Annotated[list[ModifiedDHJoint], Field(min_length=1, max_length=120)]
 
 
 class StandardDHDevice(DeviceTable):
     """A device described by standard Denavit-Hartenberg parameters."""
 
     convention: Literal["dh"]
-    joints: Annotated[list[StandardDHJoint], Field(min_length=1, max_length=200)]
+    joints: Annotated[list[StandardDHJoint], Field(min_length=1, max_length=120)]
 
 
 class PlacementDevice(DeviceTable):
     """A device described by placements and axes."""
 
     convention: Literal["placement"]
-    joints: Annotated[list[PlacementJoint], Field(min_length=1, max_length=200)]
+    joints: Annotated[list[PlacementJoint], Field(min_length=1, max_length=120)]
 
 
 AnyDevice = ModifiedDHDevice | StandardDHDevice | PlacementDevice
@@ -362,6 +429,11 @@ CONVENTIONS: dict[str, type[ModifiedDHDevice] | type[StandardDHDevice] | type[Pl
     "dh": StandardDHDevice,
     "placement": PlacementDevice,
 }
+
+
+def world_schema() -> dict[str, Any]:
+    """JSON Schema of a world file."""
+    return WorldTable.model_json_schema(by_alias=True)
 
 
 def device_schema() -> dict[str, Any]:

@@ -50,9 +50,8 @@ def _joint_row(device: Device, k: int, joint: Joint) -> tuple[str, ...]:
 
 
 def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
-    names = [device.joints[j].name for j in device.active]
     coordinate = ""
-    for name, factor in zip(names, drive.row, strict=True):
+    for name, factor in zip(device.joint_names, drive.row, strict=True):
         if factor:
             size = "" if abs(factor) == 1 else f"{abs(factor):g}*"
             sign = "-" if factor < 0 else "+" if coordinate else ""

@@ -1,72 +1,127 @@
-"""The transmission: from the [[motors]] of a device file to one drive for each active joint."""
+"""The transmission: from the [[motors]] of a device file to its drives, and the law by which redundant ones share."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Joint, Motor
+from haptid.device.device import DistributionLaw, Joint, Motor, TorqueRows
 from haptid.device.geometry import Reader
+from haptid.device.loops.linear import Closure
+from haptid.device.loops.newton import NewtonClosure
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import MotorTable
+from haptid.device.toml.schema import MotorTable, TransmissionTable
 from haptid.errors import DeviceFileError
 
 # Ratio of singular values below which a transmission matrix counts as singular.
 _SINGULAR = 1e-9
+# Random poses at which a transmission that varies with the pose has to determine the active joints at least once.
+_POSES = 8
 
 
 def read_drives(
     tables: Sequence[MotorTable],
     joints: Sequence[Joint],
     active: tuple[int, ...],
+    closure: Closure | NewtonClosure,
     reader: Reader,
     place: Place,
 ) -> tuple[Motor, ...]:
-    """The motors in order, then a drive without motor for every active joint that no motor drives.
+    """The motors in order, then a drive without motor for every active joint that no motor moves.
 
     A file without motors has one motor for each active joint, with gear ratio 1 and torque constant 1.
 
     Raises:
-        DeviceFileError: a motor drives no active joint, or the motors do not determine the active joints.
+        DeviceFileError: a motor drives no joint, or the motors do not determine the active joints.
     """
-    names = [joints[j].name for j in active]
+    unit_rows = np.eye(len(joints))
     if not tables:
-        units = ["N" if joints[j].prismatic else "N m" for j in active]
-        return tuple(
-            Motor(n, 1.0, 1.0, unit, row) for n, unit, row in zip(names, units, np.eye(len(names)), strict=True)
-        )
+        return tuple(_plain(joints[j], unit_rows[j]) for j in active)
     drives: list[Motor] = []
     for k, table in enumerate(tables):
         taken = [drive.name for drive in drives]
         if table.name in taken:
-            first = str(place.at(taken.index(table.name)))
-            raise place.at(k, "name").taken("motor", table.name, first)
-        drives.append(_motor(table, names, [joint.name for joint in joints], reader, place.at(k)))
-    driven = np.any([drive.row != 0 for drive in drives], axis=0)
+            raise place.at(k, "name").taken("motor", table.name, str(place.at(taken.index(table.name))))
+        drives.append(_motor(table, [joint.name for joint in joints], reader, place.at(k)))
+    reached = (closure.constant != 0) | closure.varying
+    driven = np.any([reached[drive.row != 0].any(axis=0) for drive in drives], axis=0)
     for k in np.flatnonzero(~driven).tolist():
-        if names[k] in [drive.name for drive in drives]:
-            raise place.taken("motor", names[k], f"joint {names[k]}, which has no motor and is a drive of its own")
-        unit = "N" if joints[active[k]].prismatic else "N m"
-        drives.append(Motor(names[k], 1.0, 1.0, unit, np.eye(len(names))[k], motorised=False))
-    _check(np.array([drive.row for drive in drives]), len(tables), place)
+        name = joints[active[k]].name
+        if name in [drive.name for drive in drives]:
+            raise place.taken("motor", name, f"joint {name}, which has no motor and is a drive of its own")
+        drives.append(_plain(joints[active[k]], unit_rows[active[k]], motorised=False))
+    _check(np.array([drive.row for drive in drives]), closure, len(tables), place)
     return tuple(drives)
 
 
-def _motor(table: MotorTable, active: list[str], joints: list[str], reader: Reader, place: Place) -> Motor:
-    drives = table.drives if table.drives is not None else {table.name: 1.0}
-    row = np.zeros(len(active))
-    idle = f"Name active joints with non-zero factors; the active joints are {', '.join(active)}."
+def torque_rows(table: TransmissionTable, drives: Sequence[Motor], active: tuple[int, ...], place: Place) -> TorqueRows:
+    """Whether torque rows are the motors' or the joints': the joints' where motors are redundant or on passive joints.
+
+    Raises:
+        DeviceFileError: the file asks for motor rows of such motors.
+    """
+    passive = next((drive.name for drive in drives if np.delete(drive.row, active).any()), None)
+    if len(drives) == len(active) and passive is None:
+        return table.torque_rows or "motor"
+    if table.torque_rows == "motor":
+        why = f"{len(drives)} drives move {len(active)} active joints" if passive is None else ""
+        raise place.at("torque_rows").error(
+            f'found "motor", but {why or f"motor {passive} drives a passive joint"}',
+            'Write "joint", or leave it out: rows are then of the active joints, from the torques of all motors.',
+        )
+    return "joint"
+
+
+def read_distribution(
+    table: TransmissionTable,
+    drives: Sequence[Motor],
+    joints: Sequence[Joint],
+    active: tuple[int, ...],
+    reader: Reader,
+    place: Place,
+) -> DistributionLaw | None:
+    """The distribution law; None where motors in N and in N m are redundant and the file gives no weights.
+
+    Raises:
+        DeviceFileError: a weight or preload of no motor, a weight that is not positive, a motor without a weight.
+    """
+    names = [drive.name for drive in drives]
+    motors = [drive.name for drive in drives if drive.motorised]
+    weights, preload = np.ones(len(names)), np.zeros(len(names))
+    for key, values, made in (("weights", table.weights, weights), ("preload", table.preload, preload)):
+        for name, value in (values or {}).items():
+            at = place.at(key, name)
+            if name not in motors:
+                raise at.unknown("motor", name, motors)
+            made[names.index(name)] = reader.positive(value, at) if key == "weights" else reader.number(value, at)
+    missing = [name for name in motors if table.weights is not None and name not in table.weights]
+    if missing:
+        raise place.at("weights").error(f"motor {missing[0]} has no weight", "Give every motor a positive number.")
+    slides = {joints[drive.first].prismatic for drive in drives}
+    if table.weights is None and len(slides) > 1 and len(drives) > len(active):
+        return None
+    return DistributionLaw(weights, preload)
+
+
+def _plain(joint: Joint, row: Array, motorised: bool = True) -> Motor:
+    """A drive that is the joint itself."""
+    return Motor(joint.name, 1.0, 1.0, "N" if joint.prismatic else "N m", row, motorised)
+
+
+def _motor(table: MotorTable, joints: list[str], reader: Reader, place: Place) -> Motor:
+    drives: Mapping[str, float | str] = table.drives if table.drives is not None else {table.name: 1.0}
+    row = np.zeros(len(joints))
+    idle = f"Name joints with non-zero factors; the joints are {', '.join(joints)}."
     for name, factor in drives.items():
         at = place.at("drives", name) if table.drives is not None else place.at("name")
-        if name not in active:
-            found = f'drives "{name}", which is {"a passive joint" if name in joints else "no joint"}'
-            raise at.error(f'motor "{table.name}" {found}', idle)
-        row[active.index(name)] = reader.number(factor, at)
+        if name not in joints:
+            raise at.error(f'motor "{table.name}" drives "{name}", which is no joint', idle)
+        row[joints.index(name)] = reader.number(factor, at)
     if not row.any():
-        raise place.error(f'motor "{table.name}" drives no active joint', idle)
+        raise place.error(f'motor "{table.name}" drives no joint', idle)
     settings: dict[str, float] = {}
     for key, value in (("gear_ratio", table.gear_ratio), ("torque_constant", table.torque_constant)):
         settings[key] = reader.number(value, place.at(key))
@@ -75,16 +130,22 @@ def _motor(table: MotorTable, active: list[str], joints: list[str], reader: Read
     return Motor(table.name, settings["gear_ratio"], settings["torque_constant"], table.command_unit, row)
 
 
-def _check(N: Array, motors: int, place: Place) -> None:
-    scaled = N / np.linalg.norm(N, axis=1, keepdims=True)
+def _check(rows: Array, closure: Closure | NewtonClosure, motors: int, place: Place) -> None:
+    """Raise unless the drives determine the active joints, at some pose at least."""
+    B = rows @ closure.constant
+    if (np.abs(rows) @ closure.varying).any():
+        followed = closure.follow(closure.draw(np.random.default_rng(0), _POSES))
+        B = np.einsum("dj,sja->sda", rows, followed.G)
+    scaled = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), np.finfo(float).tiny)
     singular = np.linalg.svd(scaled, compute_uv=False)
-    rank = int((singular > _SINGULAR * singular[0]).sum())
-    if N.shape[0] != N.shape[1] or rank < N.shape[1]:
+    rank = int((singular > _SINGULAR * singular[..., :1]).sum(axis=-1).max())
+    active = closure.constant.shape[1]
+    if rank < active:
         raise DeviceFileError(
-            f"{place}: {motors} motor coordinates do not determine the {N.shape[1]} active joint positions: the "
-            f"transmission matrix has rank {rank}, {N.shape[1]} rows of rank {N.shape[1]} are required.",
+            f"{place}: {motors} motor coordinates do not determine the {active} active joint positions: the "
+            f"transmission matrix has rank {rank}, rank {active} is required.",
             where=place.key,
             found=rank,
-            limit=N.shape[1],
-            advice="Give each motor its own combination of active joints.",
+            limit=active,
+            advice="Give each motor its own combination of joints, or name a motor for every active joint.",
         )

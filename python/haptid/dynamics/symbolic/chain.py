@@ -137,11 +137,12 @@ class ColumnPart:
 
 @dataclass(frozen=True)
 class SymbolicColumn:
-    """A column in addition to link inertia, on a joint, or on a cut's or motor's combination of active joints.
+    """A column in addition to link inertia, on a joint, or on a cut's or motor's combination of joints.
 
     Attributes:
         joint: index, None for a cut or a motor.
-        weights: of a cut or a motor, one for each active joint.
+        weights: of a cut or a motor, one for each active joint; none for a motor that drives passive joints.
+        row: of such a motor, a factor for each joint.
         parts: summands of the column at one of its coordinate's states.
         rest: subtracted from the position.
     """
@@ -150,6 +151,7 @@ class SymbolicColumn:
     weights: tuple[Fraction, ...]
     parts: tuple[ColumnPart, ...]
     rest: Laurent = ZERO
+    row: tuple[Fraction, ...] = ()
 
     def modulo(self, states: States, points: Points, functions: Mapping[Hashable, Residues]) -> Residues:
         """Residues of the active joints' torques, (n, active)."""
@@ -170,6 +172,14 @@ class SymbolicColumn:
         if self.joint is not None:
             each = (states.position, states.velocity, states.acceleration)
             return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
+        if self.row:
+            used = [(j, field.of(factor)) for j, factor in enumerate(self.row) if factor]
+
+            def mixed(x: Residues) -> Residues:
+                terms = np.array([field.reduce(x[j] * factor) for j, factor in used])
+                return field.reduce(terms.sum(axis=0))  # a sum of few stays small
+
+            return mixed(states.G), tuple(mixed(x) for x in (states.position, states.velocity, states.acceleration))
         weights = np.array([field.of(weight) for weight in self.weights])
         G = np.broadcast_to(weights, (states.active.shape[2], len(weights)))
         moved = field.reduce(field.reduce(states.active * weights[:, None]).sum(axis=1))  # a sum of few stays small
@@ -183,8 +193,13 @@ def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) ->
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
+        parts, rest = _parts(term), _rest(term, device, symbols)
+        drive = next((d.row for d in device.drives if side == "motor" and d.name == name), np.zeros(len(names)))
+        if np.delete(drive, [device.active[k] for k in active]).any():
+            made.append(SymbolicColumn(None, (), parts, rest, tuple(ratio(float(x)) for x in drive)))
+            continue
         weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
-        made.append(SymbolicColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
+        made.append(SymbolicColumn(joint, weights if joint is None else (), parts, rest))
     return tuple(made)
 
 

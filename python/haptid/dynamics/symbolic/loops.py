@@ -300,7 +300,8 @@ def opened_tree(tables: AnyDevice, file: str) -> Device:
     passive = _passive(tables)
     active = [joint.name for joint in tables.joints if joint.name not in passive]
     driven = {name for motor in tables.motors for name in motor.drives or {motor.name: 1.0}}
-    words = {"active": active, "motorised": [name for name in active if name in driven or not tables.motors]}
+    order = [joint.name for joint in tables.joints] if tables.motors else active
+    words = {"active": active, "motorised": [name for name in order if name in driven or not tables.motors]}
     terms = [
         term.model_copy(update={"joints": words[term.joints]}) if term.joints in ("active", "motorised") else term
         for term in tables.terms
@@ -344,7 +345,9 @@ def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> SymbolicRows:
     """Measured torques: those of active joints with motors; None where all have one or the file names no motors."""
     if not motors:
         return None
-    driven = [any(drive.motorised and drive.row[j] for drive in tree.drives) for j in active]
+    # A motor on a passive joint loads the active joints that this follows: all of a dyad's.
+    loads = [row | np.delete(row, active).any() for row in (drive.row != 0 for drive in tree.motors)]
+    driven = np.any(loads, axis=0)[list(active)]
     if all(driven):
         return None
     chosen = [k for k, known in enumerate(driven) if known]
