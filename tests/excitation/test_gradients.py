@@ -6,6 +6,7 @@ import pytest
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.excitation import (
+    AverageVariance,
     Coupling,
     FourierSeries,
     Gradients,
@@ -34,7 +35,7 @@ NARROW = Limits(
     couplings=(Coupling((0.0, 1.0, -1.0), -0.2, 0.2),),
     conditioning=0.9,
 )
-CRITERIA = [ScaledCondition(), RawCondition(), Information(), LargestDeviation()]
+CRITERIA = [ScaledCondition(), RawCondition(), Information(), AverageVariance(), LargestDeviation()]
 NOISE = np.array([0.001, 0.002, 0.004])
 
 
@@ -69,28 +70,34 @@ def test_a_sharp_stand_in_differs_from_the_criterion_by_a_constant(criterion):
         states = random_states(seed)
         made = bench.Trajectory(0.04, *(np.ascontiguousarray(x.T) for x in states))
         found = quality(observed_motion(PHANTOM, made), columns, BETA, NOISE)
-        apart.append(gradients.cost(states, power=200.0) - criterion.cost(found) - _left_out(criterion, found))
+        apart.append(gradients.at(states).cost(200.0) - criterion.cost(found) - _left_out(criterion, found))
     np.testing.assert_allclose(apart, 0.0, atol=0.02)
 
 
 def _left_out(criterion, found):
-    if isinstance(criterion, LargestDeviation):
+    if isinstance(criterion, LargestDeviation | AverageVariance):
         return -np.log(100)  # per cent
     return -0.5 * np.log(found.rows) if isinstance(criterion, Information) else 0.0
 
 
-@pytest.mark.parametrize(
-    "family", [FourierSeries(8.0, 0.2, 3), TrianglesWithSines(8.0)], ids=lambda one: type(one).__name__
-)
-def test_only_families_that_say_so_are_affine(family):
+@pytest.mark.parametrize("rest", [None, (0.1, 0.2, 0.3)], ids=["from the centre", "from a pose"])
+def test_the_basis_of_a_series_is_its_plan(rest):
+    """States and gradients by the basis against plans of the bench, and their differences."""
     bounds, rng = MotionBounds.of(PHANTOM, NARROW, BETA), np.random.default_rng(0)
-    ends = [family.start(bounds, rng) for _ in range(2)]
-    made = []
-    for share in (0.0, 0.5, 1.0):
-        kind = family.kind((1 - share) * ends[0] + share * ends[1], bounds)
-        made.append(bench.plan(kind, PHANTOM, 0.04, np.random.default_rng(1)).qdd)
-    bent = np.abs(made[1] - (made[0] + made[2]) / 2).max()
-    assert (bent < 1e-9) == family.affine
+    family = FourierSeries(8.0, 0.2, 3, start_pose=rest)
+    basis, x = family.basis(bounds, 0.04), rng.random(family.size(3))
+    made = bench.plan(family.kind(x, bounds), PHANTOM, 0.04, rng)
+    np.testing.assert_allclose(basis.states(x), [made.q.T, made.qd.T, made.qdd.T], atol=1e-11)
+    if rest is not None:
+        np.testing.assert_array_equal(made.q[[0, -1]], [rest, rest])
+    way, weights = rng.normal(size=x.shape), rng.normal(size=basis.states(x).shape)
+    slope = np.sum(weights * (basis.states(x + way) - basis.states(x)))
+    assert basis.gradient(weights, len(x)) @ way == pytest.approx(slope, rel=1e-9)
+
+
+def test_only_affine_families_have_a_basis():
+    bounds = MotionBounds.of(PHANTOM, NARROW, BETA)
+    assert TrianglesWithSines(8.0).basis(bounds, 0.04) is None
 
 
 def test_a_drawn_series_fills_its_limits():

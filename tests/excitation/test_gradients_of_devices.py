@@ -63,6 +63,6 @@ def test_gradients_of_the_criterion_are_differences_of_the_cost(name, criterion)
     some = tuple(range(0, len(model.base), 2))
     gradients = Gradients.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
     way, step = np.random.default_rng(2).normal(size=states.shape), 1e-6
-    wanted = (gradients.cost(states + step * way, 2.0) - gradients.cost(states - step * way, 2.0)) / (2 * step)
+    wanted = (gradients.at(states + step * way).cost(2.0) - gradients.at(states - step * way).cost(2.0)) / (2 * step)
     found = np.sum(gradients(states, 2.0, 0.0)[1] * way)
     assert found == pytest.approx(wanted, rel=1e-5, abs=1e-7)

@@ -137,6 +137,8 @@ def _shares(model: DynamicModel, term: TermColumn) -> Array:
     what, _, name = term.on.partition(" ")
     if what == "joint":
         shares[model.device.joint_names.index(name)] = 1.0
+    elif what == "motor":
+        return next(drive.row for drive in model.device.drives if drive.name == name)
     else:
         shares[list(model.device.active)] = term.weights @ model.device.row_map
     return shares
@@ -165,7 +167,7 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
             "rotor, viscous, coulomb (of width 0), spring and offset.",
             where=term.name,
             found=value,
-            advice=f"Set {term.name} to 0 in the experiment's [parameters].",
+            advice=f"Set {term.name} to 0 in the parameters, or take a device without this term.",
         )
 
 

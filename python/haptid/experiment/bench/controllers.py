@@ -36,14 +36,14 @@ class Assistance:
     def begin(self, dt: float) -> _Step:
         """See TorqueLaw."""
         velocity = self.code.differentiator(self.velocity_cutoff_hz, dt)
-        frame, to_motors = self.model.device.row_map, motors_of(self.model)
+        frame = self.model.device.row_map
         still = np.zeros(len(frame))
 
         def step(_t: float, qa: Array) -> Array:
             q = frame @ qa
             friction = self.code.friction_compensation(velocity(q), self.friction)
             static = self.code("gravity", q)["tau"] + self.code("terms", q, still)["tau"]
-            return np.asarray(to_motors @ (self.weight * static + friction))
+            return np.asarray(motors_of(self.model, q) @ (self.weight * static + friction))
 
         return step
 
@@ -78,11 +78,10 @@ class Tracking:
 
     def begin(self, dt: float) -> _Step:
         """See TorqueLaw."""
-        code, frame, to_motors = self.code, self.model.device.row_map, motors_of(self.model)
+        code, device = self.code, self.model.device
+        frame = device.row_map
         names = [drive.name for drive in self.model.device.motors]
         kp, kd = per_coordinate("kp", self.kp, names), per_coordinate("kd", self.kd, names)
-        to_coordinates = np.linalg.pinv(to_motors)
-        driven = np.linalg.pinv(to_motors.T)  # rates of the motor coordinates from those of the torque rows
         # The planned motion passes the same filter as the encoders, so that its lag cancels in the error.
         velocity, planned_velocity = (code.differentiator(self.velocity_cutoff_hz, dt) for _ in range(2))
         observe = code.observer(self.gain, dt)
@@ -91,16 +90,20 @@ class Tracking:
         def step(t: float, qa: Array) -> Array:
             q, k = frame @ qa, min(round(t / dt), len(self.trajectory) - 1)
             qd, (target, rate, acceleration) = velocity(q), (x[k] for x in planned)
+            rates = device.drive_jacobian(q[:, None])
+            driven, to_motors = np.squeeze(rates[..., device.driven, :]), motors_of(self.model, q)
             error, error_rate = driven @ (target - q), driven @ (planned_velocity(target) - qd)
             feedforward = code("inverse_dynamics", q, rate, acceleration)["tau"] + code("terms", q, rate)["tau"]
             tau = kp * error + kd * error_rate + self.share * (to_motors @ feedforward)
             if self.report is not None:
-                self.report(observe(q, qd, to_coordinates @ tau))
+                self.report(observe(q, qd, driven.T @ tau))
             return np.asarray(tau)
 
         return step
 
 
-def motors_of(model: DynamicModel) -> Array:
-    """Map from torques of the torque rows to torques of the motor coordinates, (motors, coordinates)."""
-    return np.asarray(np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]])
+def motors_of(model: DynamicModel, c: Array) -> Array:
+    """Map from torques of the torque rows to those of the motor coordinates, without preload, (motors, coordinates)."""
+    device = model.device
+    shares = device.law.shares(device.drive_jacobian(c[:, None]))
+    return np.asarray((shares[0] if shares.ndim == 3 else shares)[device.driven])

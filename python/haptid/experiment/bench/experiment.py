@@ -48,7 +48,7 @@ RAMP = "duration of the smooth start, and of the stop, s"
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 class SinesTable(_Table):
@@ -91,6 +91,7 @@ class FourierTable(_Table):
     sine: _Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
     cosine: _Series = Field(description="the same for the cosines")
     ramp: _Positive = Field(1.5, description=RAMP)
+    start: Each | None = Field(None, description="pose of rest before the motion and after it; default: the centre")
 
 
 class SweepTable(_Table):
@@ -124,6 +125,7 @@ class _ControllerTable(_Table):
     kd: EachNotNegative = Field(description="N m s/rad or N s/m")
     ki: EachNotNegative = Field(0.0, description="N m/(rad s) or N/(m s)")
     gravity: bool = Field(False, description="gravity feedforward along the planned motion")
+    dynamics: bool = Field(False, description="feedforward of the whole torque of the planned motion")
     rate_hz: _Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
     velocity_cutoff_hz: _Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
     tracking_limit: _Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")

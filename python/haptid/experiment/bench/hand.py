@@ -93,18 +93,18 @@ def measure_impedance(
     displacement = (moved.position - middle.position) @ direction
     fast = np.abs(v) > _FAST * np.abs(v).max()
     columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), displacement])[fast]
-    force = _along(setup, J, (made.torque - own)[begin:], direction)
+    force = _along(setup, qa, J, (made.torque - own)[begin:], direction)
     fitted = np.linalg.lstsq(columns, force[fast], rcond=None)[0]
     high_pass = signal.butter(2, VIBRATION_HZ, "high", fs=1 / setup.dt, output="sos")
-    vibration = signal.sosfiltfilt(high_pass, _along(setup, J, own[begin:], direction))
+    vibration = signal.sosfiltfilt(high_pass, _along(setup, qa, J, own[begin:], direction))
     return HandleImpedance(*map(float, (*fitted, np.sqrt(np.mean(vibration**2)))))
 
 
-def _along(setup: Setup, J: Array, torque: Array, direction: Array) -> Array:
+def _along(setup: Setup, qa: Array, J: Array, torque: Array, direction: Array) -> Array:
     """Force of motor torques at the handle along a line, (samples,), N."""
-    model = setup.model
-    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
-    force = np.linalg.pinv(J.mT) @ (torque @ model.device.coupling[driven])[:, :, None]
+    device = setup.model.device
+    on_joints = device.row_map.T @ device.row_torque(device.row_map @ qa, torque.T)
+    force = np.linalg.pinv(J.mT) @ on_joints.T[:, :, None]
     return np.asarray(force[:, :, 0] @ direction)
 
 

@@ -115,7 +115,8 @@ def simulate_in_the_loop(
 
 def _released(setup: Setup, tracking_limit: float) -> Controller:
     """The controller with zero gains: only the control law acts."""
-    return replace(setup.controller, kp=(0.0,), kd=(0.0,), ki=(0.0,), gravity=False, tracking_limit=tracking_limit)
+    off = {"gravity": False, "dynamics": False}
+    return replace(setup.controller, kp=(0.0,), kd=(0.0,), ki=(0.0,), tracking_limit=tracking_limit, **off)
 
 
 def _tracked(setup: Setup, trajectory: Trajectory, law: Tracking, hand: tuple[Push, ...] = ()) -> Recording:
@@ -147,11 +148,11 @@ def _force_errors(
     keep = np.exp(-_GAIN * setup.dt)
     model = setup.model
     motors = made.command * np.array([drive.gear_ratio * drive.torque_constant for drive in model.device.motors])
-    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
-    bare = signal.lfilter([1 - keep], [1, -keep], -motors @ model.device.drive_rates[driven], axis=0)
+    q = made.position @ model.device.row_map.T
+    on_rows = model.device.row_torque(np.ascontiguousarray(q.T), np.ascontiguousarray(motors.T)).T
+    bare = signal.lfilter([1 - keep], [1, -keep], -on_rows, axis=0)
     true = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)
     during = (made.t > hand[0].start + SETTLING_TIME) & (made.t < hand[0].stop)
-    q = made.position @ model.device.row_map.T
 
     def error(torque: Array) -> float:
         force = np.array([code("handle_force", *each)["force"] for each in zip(q[during], torque[during], strict=True)])

@@ -18,7 +18,7 @@ from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError, IncompleteDeviceError
 from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
-from haptid.experiment.bench.limits import determined_by_pins
+from haptid.experiment.bench.limits import cuts_of_unknown, determined_by_pins
 
 # Mass and inertia of a massless link: MuJoCo rejects moving bodies below 1e-15 (kg, kg m^2).
 _LEAST = 2e-15
@@ -124,10 +124,12 @@ def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
                 advice="Cut the loop at a revolute joint, and list the prismatic one in [[joints]].",
             )
         return []
-    hinges = isinstance(model.device.closure, NewtonClosure) and not determined_by_pins(model.device.closure)
+    closure = model.device.closure
     found = [(f"cut {k + 1} a", f"cut {k + 1} b", cut) for k, cut in enumerate(cuts)]
-    arm = HINGE * size(model)
-    found += [(f"{a} axis", f"{b} axis", _along_axis(cut, arm)) for a, b, cut in found if hinges]
+    if isinstance(closure, NewtonClosure) and not determined_by_pins(closure):
+        arm, spatial = HINGE * size(model), cuts_of_unknown(closure)
+        pins = [pin for pin, hinge in zip(found, spatial, strict=True) if hinge]
+        found += [(f"{a} axis", f"{b} axis", _along_axis(cut, arm)) for a, b, cut in pins]
     return found
 
 
@@ -275,9 +277,7 @@ def _combined(model: DynamicModel) -> list[tuple[str, Array]]:
     found = []
     for drive in model.device.drives:
         if np.count_nonzero(drive.row) > 1:
-            shares = np.zeros(len(model.device.joints))
-            shares[list(model.device.active)] = drive.row
-            found.append((f"motor {drive.name}", shares))
+            found.append((f"motor {drive.name}", drive.row))
     return found
 
 
@@ -304,10 +304,9 @@ def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> No
     actuators = SubElement(root, "actuator")
     for drive in model.device.motors:
         name = f"motor {drive.name}"
-        used = np.flatnonzero(drive.row)
-        if len(used) == 1:
-            joint = model.device.joints[model.device.active[int(used[0])]].name
-            SubElement(actuators, "motor", name=name, joint=joint, gear=repr(float(drive.row[used[0]])))
+        if np.count_nonzero(drive.row) == 1:
+            joint = model.device.joints[drive.first].name
+            SubElement(actuators, "motor", name=name, joint=joint, gear=repr(float(drive.row[drive.first])))
         else:
             SubElement(actuators, "motor", name=name, tendon=name)
     for act in acts:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array, expect
+from haptid._internal.extras import needing
 from haptid.device import poses
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError
@@ -44,6 +43,9 @@ def draw_strip(
     drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
     lines, handle = stick_figure(model, qa)
     across = _view(lines)
+    with needing("drawing pictures"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
     figure = Figure(figsize=(INCHES * len(drawn), INCHES), layout="constrained")
     FigureCanvasAgg(figure)
     panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from pyarrow import parquet
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
+from haptid._internal.extras import needing
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputFolderError
@@ -72,7 +71,7 @@ def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recordin
         for j, joint in enumerate(model.device.joints):
             columns[f"{letter}_{joint.name}"] = (block[:, j], joint_unit(model, j) + per)
     for k, drive in enumerate(model.device.motors):
-        unit = "N" if joint_unit(model, model.device.active[int(np.argmax(drive.row != 0))]) == "m" else "N m"
+        unit = "N" if joint_unit(model, drive.first) == "m" else "N m"
         columns[f"torque_{drive.name}"] = (made.torque[:, k], unit)
     for k, axis in enumerate("xyz"):
         columns[f"hand_{axis}"] = (made.hand[:, k], "N")
@@ -98,6 +97,9 @@ def joint_unit(model: DynamicModel, j: int) -> str:
 
 
 def _write(path: Path, columns: Mapping[str, tuple[Array, str]], about: Mapping[str, Any]) -> None:
+    with needing("a log of the bench"):
+        import pyarrow as pa
+        from pyarrow import parquet
     fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, (_, unit) in columns.items()]
     schema = pa.schema(fields, metadata={"haptid": json.dumps(about)})
     arrays = [pa.array(np.ascontiguousarray(values)) for values, _ in columns.values()]

@@ -22,6 +22,7 @@ class Controller:
     Attributes:
         kp, kd, ki: gains, N m/rad, N m s/rad, N m/(rad s); one for all motors or one for each.
         gravity: whether the gravity torque along the planned motion is fed forward.
+        dynamics: whether the whole torque of the planned motion is, by the true parameters.
         rate_hz: control rate and sampling rate of the log.
         velocity_cutoff_hz: of the first-order low-pass on the differences of the measured position.
         tracking_limit: maximum tracking error, rad or m.
@@ -31,6 +32,7 @@ class Controller:
     kd: Figures
     ki: Figures = (0.0,)
     gravity: bool = False
+    dynamics: bool = False
     rate_hz: float = 1000.0
     velocity_cutoff_hz: float = 100.0
     tracking_limit: float = 0.3
@@ -60,15 +62,15 @@ class Encoders:
     gear: Figures = (1.0,)
 
     def step(self, model: DynamicModel) -> Array | None:
-        """Resolution of each drive coordinate, (active,), rad or m; None where positions are exact."""
+        """Resolution of each drive coordinate, (drives,), rad or m; None where positions are exact."""
         if self.counts_per_turn is None:
             return None
         names = [drive.name for drive in model.device.drives]
         counts = per_coordinate("counts_per_turn", self.counts_per_turn, names) * np.abs(
             per_coordinate("gear", self.gear, names)
         )
-        first = [model.device.active[int(np.argmax(drive.row != 0))] for drive in model.device.drives]
-        return np.asarray([1.0 if model.device.joints[j].prismatic else 2 * np.pi for j in first] / counts)
+        turns = [1.0 if unit == "N" else 2 * np.pi for unit in model.device.drive_units]
+        return np.asarray(turns / counts)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
@@ -71,13 +72,12 @@ def simulate(
 
 
 def _saturation(setup: Setup) -> Array | None:
-    """Maximum torque of each drive coordinate, (active,), N m or N; infinite where there is no motor."""
+    """Maximum torque of each drive coordinate, (drives,), N m or N; infinite where there is no motor."""
     model, given = setup.model, setup.amplifiers.saturation
     if given is None:
         return None
     limits = np.full(len(model.device.drives), np.inf)
-    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
-    limits[driven] = per_coordinate("saturation", given, [drive.name for drive in model.device.motors])
+    limits[model.device.driven] = per_coordinate("saturation", given, [drive.name for drive in model.device.motors])
     return limits
 
 
@@ -137,34 +137,44 @@ class _Plant:
 
 
 class _Control:
-    """The controller: torques on the drive coordinates from their positions."""
+    """The controller: torques on the drive coordinates from their positions.
+
+    Redundant motors each follow their own planned position. Their proportional, derivative and integral torques pass
+    the map B D', so that encoder steps and integrals build up no torques in balance; the preload of the distribution
+    law is the only one.
+    """
 
     def __init__(self, setup: Setup, trajectory: Trajectory, saturation: Array | None) -> None:
         model, settings = setup.model, setup.controller
         motors = [drive.name for drive in model.device.motors]
-        self.driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+        self.driven = model.device.driven
         self.kp, self.kd, self.ki = (
             per_coordinate(name, getattr(settings, name), motors) for name in ("kp", "kd", "ki")
         )
-        self.coupling = np.asarray(model.device.coupling)
-        self.target, self.speed = trajectory.q @ self.coupling.T, trajectory.qd @ self.coupling.T
+        rows, followed = model.device.drive_rows, model.device.closure.follow(trajectory.q.T, trajectory.qd.T)
+        self.rows, self.active = rows, rows[:, list(model.device.active)]
+        self.target, self.speed = followed.q.T @ rows.T, followed.velocity(trajectory.qd.T).T @ rows.T
         self.feedforward = np.zeros((len(trajectory), len(motors)))
-        if settings.gravity:
-            still = np.zeros_like(trajectory.q.T)
-            static = inverse_dynamics(model, model.base.of(setup.chi), trajectory.q.T, still, still)
-            self.feedforward[:] = np.linalg.solve(self.coupling.T, model.device.row_map.T @ static)[self.driven].T
+        c = model.device.row_map @ trajectory.q.T
+        if settings.gravity or settings.dynamics:
+            q, *rates = (np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
+            rates = rates if settings.dynamics else [np.zeros_like(q)] * 2
+            tau = inverse_dynamics(model, model.base.of(setup.chi), q, *rates)
+            self.feedforward[:] = model.device.drive_torque(c, tau).T
+        elif model.device.redundant:
+            self.feedforward[:] = model.device.drive_torque(c, np.zeros_like(c)).T
+        self.sharing = _sharing(model, c) if model.device.redundant else None
         self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))
-        self.integral = np.zeros(len(motors))
+        self.integral, self.to_active = np.zeros(len(motors)), model.device.active_from_drives
         self.velocity = self.speed[0].copy()
         self.last: Array | None = None
         self.law = setup.law.begin(setup.dt) if setup.law is not None else None
-        self.to_joints = np.linalg.inv(self.coupling)
 
-    def read(self, qa: Array) -> Array:
-        """Quantised positions of the drive coordinates, (active,); updates their filtered velocity."""
-        c = self.coupling @ qa
+    def read(self, q: Array) -> Array:
+        """Quantised positions of the drives, (drives,), from all joints'; updates their filtered velocity."""
+        c = self.rows @ q
         if self.step is not None:
             c = self.step * np.round(c / self.step)
         if self.last is not None:
@@ -178,9 +188,19 @@ class _Control:
         self.integral += self.dt * self.ki * error
         damping = self.kd * (self.speed[k] - self.velocity)[self.driven]
         commanded = self.kp * error + damping + self.integral + self.feedforward[k]
+        if self.sharing is not None:
+            feedback = commanded - self.feedforward[k]
+            commanded = self.sharing[k if len(self.sharing) > 1 else 0] @ feedback + self.feedforward[k]
         if self.law is not None:
-            commanded = commanded + self.law(k * self.dt, self.to_joints @ c)
+            commanded = commanded + self.law(k * self.dt, self.to_active @ c)
         return np.asarray(np.clip(commanded, -self.limit, self.limit))
+
+
+def _sharing(model: DynamicModel, c: Array) -> Array:
+    """D B': motors' torques without those in balance, (samples or 1, motors, motors)."""
+    B, driven = model.device.drive_jacobian(c), model.device.driven
+    B = B[None] if B.ndim == 2 else B
+    return np.asarray(model.device.law.shares(B)[:, driven] @ np.swapaxes(B[:, driven], 1, 2))
 
 
 class _Recorder:
@@ -210,7 +230,7 @@ class _Recorder:
         if setup.sensor is not None:
             std = np.repeat([setup.sensor.force_noise, setup.sensor.moment_noise], 3)
             wrench = self.wrench + std * rng.standard_normal(self.wrench.shape)
-        joints = np.linalg.inv(setup.model.device.coupling).T
+        joints = setup.model.device.active_from_drives.T
         q, qd, qdd = (np.ascontiguousarray(x[:, plant.back]) for x in self.exact)
         return Recording(
             dt=setup.dt,
@@ -244,7 +264,7 @@ def _run(
     per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
     whole, rest = divmod(late, per)
     for k in range(n):
-        tape.c[k] = control.read(data.qpos[plant.active])
+        tape.c[k] = control.read(data.qpos[plant.back])
         tape.cd[k] = control.velocity
         tape.commanded[k] = control.torque(k, tape.c[k])
         now, before = max(k - whole, 0), max(k - whole - 1, 0)

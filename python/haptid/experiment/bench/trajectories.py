@@ -175,6 +175,7 @@ class Fourier:
         fundamental_hz: one over the period.
         sine, cosine: amplitudes of the first, second, ... harmonic, for each joint, rad or m.
         ramp: duration of the start, and of the stop, s.
+        start: pose of rest before the motion and after it, rad or m; None for the centre.
     """
 
     seconds: float
@@ -183,6 +184,12 @@ class Fourier:
     sine: tuple[Figures, ...]
     cosine: tuple[Figures, ...]
     ramp: float = 1.5
+    start: Figures | None = None
+
+    @property
+    def highest_hz(self) -> float:
+        """Frequency of the last harmonic."""
+        return self.fundamental_hz * max(map(len, self.sine), default=0)
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
         """Deterministic.
@@ -200,7 +207,9 @@ class Fourier:
         x = s @ sine.T + c @ cosine.T
         xd = c @ (omega * sine).T - s @ (omega * cosine).T
         xdd = -s @ (omega**2 * sine).T - c @ (omega**2 * cosine).T
-        return _windowed(t, self.ramp, per_coordinate("centre", self.centre, names), (x, xd, xdd))
+        centre = per_coordinate("centre", self.centre, names)
+        rest = centre if self.start is None else per_coordinate("start", self.start, names)
+        return _windowed(t, self.ramp, rest, (x + (centre - rest), xd, xdd))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """Design of exciting motions: parametrised families, limits, optimality criteria, and the constrained search."""
 
 from haptid.experiment.excitation.criteria import (
+    CRITERIA,
+    AverageVariance,
     Criterion,
     Information,
     LargestDeviation,
@@ -14,10 +16,13 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
+from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
+    "CRITERIA",
+    "AverageVariance",
     "Coupling",
     "Criterion",
     "Excitation",
@@ -28,6 +33,7 @@ __all__ = [
     "LargestDeviation",
     "Limits",
     "MotionBounds",
+    "MotionSamples",
     "Quality",
     "RawCondition",
     "ScaledCondition",
@@ -38,4 +44,5 @@ __all__ = [
     "observed_motion",
     "quality",
     "write_experiment",
+    "write_motion",
 ]

@@ -6,6 +6,7 @@ entry scaled and some columns then scaled to unit length. Its derivative is the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -209,6 +210,27 @@ class Information:
 
 
 @dataclass(frozen=True)
+class AverageVariance:
+    """A-optimality: mean squared relative standard error of all nonzero parameters."""
+
+    def cost(self, found: Quality) -> float:
+        """Logarithm of its root."""
+        finite = found.relative_se[np.isfinite(found.relative_se)]
+        return 0.5 * float(np.log((finite**2).mean())) if len(finite) else np.inf
+
+    def scaling(self, values: Array, noise: Array) -> Scaling:
+        """See Criterion."""
+        return _in_units_of(values, noise)
+
+    def smooth(self, C: Array, power: float) -> tuple[float, Array]:
+        """The cost itself up to a constant, for any power; zero-valued parameters are included."""
+        del power
+        eigenvalues, vectors = _eigen(C)
+        total = float((1 / eigenvalues).sum())
+        return 0.5 * float(np.log(total / len(C))), -0.5 / total * (vectors / eigenvalues**2) @ vectors.T
+
+
+@dataclass(frozen=True)
 class LargestDeviation:
     """Largest relative standard error of all nonzero parameters."""
 
@@ -229,6 +251,16 @@ class LargestDeviation:
         norm = float(np.sum((variances / variances.max()) ** power))
         weights = (variances / variances.max()) ** (power - 1) / norm / variances.max()
         return float((np.log(variances.max()) + np.log(norm) / power) / 2), -0.5 * (covariance * weights) @ covariance
+
+
+# Criteria by the names that options have.
+CRITERIA: Mapping[str, Criterion] = {
+    "condition": ScaledCondition(),
+    "raw-condition": RawCondition(),
+    "d-optimal": Information(),
+    "a-optimal": AverageVariance(),
+    "largest-error": LargestDeviation(),
+}
 
 
 def _in_units_of(values: Array, noise: Array) -> Scaling:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.experiment.bench.trajectories import Fourier, Multisine, TrajectoryKind, Triangles, TrianglesAndSines
+from haptid.experiment.bench.trajectories import (
+    Figures,
+    Fourier,
+    Multisine,
+    TrajectoryKind,
+    Triangles,
+    TrianglesAndSines,
+)
 from haptid.experiment.excitation.limits import MotionBounds
 
 # Centres lie in this share of the range, about its middle; further out the strokes would be small.
@@ -19,16 +26,46 @@ _LEAST = 0.3
 STEEPER = 1.13
 # Share of the maximum speed that initial motions use.
 FILLED = 0.9
+# A Fourier series has no random phases.
+_NO_PHASES = np.random.default_rng(0)
 # Points per shortest period at which a waveform is evaluated.
 _POINTS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """States of a motion as an affine function of its point, joint by joint: no plan is made in the search.
+
+    Attributes:
+        offset: states at the point of zeros, (3, active, n).
+        own: which entries of the point move each joint, (k,) for each.
+        functions: states by these entries, (3 n, k) for each joint.
+    """
+
+    offset: Array
+    own: tuple[Array, ...]
+    functions: tuple[Array, ...]
+
+    def states(self, x: Array) -> Array:
+        """Positions, velocities and accelerations, (3, active, n), at a point, (size,)."""
+        made = self.offset.copy()
+        for j, (own, functions) in enumerate(zip(self.own, self.functions, strict=True)):
+            made[:, j] += (functions @ x[own]).reshape(3, -1)
+        return made
+
+    def gradient(self, by_state: Array, size: int) -> Array:
+        """Gradient by the point, (size,), from that by the states, (3, active, n)."""
+        made = np.zeros(size)
+        for j, (own, functions) in enumerate(zip(self.own, self.functions, strict=True)):
+            made[own] += by_state[:, j].ravel() @ functions
+        return made
 
 
 class Family(Protocol):
     """Protocol of a parametrised family of motions."""
 
-    @property
-    def affine(self) -> bool:
-        """Whether positions, velocities and accelerations are affine in the point of the unit cube."""
+    def basis(self, bounds: MotionBounds, dt: float) -> Basis | None:
+        """The states as an affine function of the point of the unit cube, in steps of dt, s; None where they bend."""
 
     def size(self, joints: int) -> int:
         """Number of parameters of a motion."""
@@ -51,17 +88,33 @@ class FourierSeries:
         fundamental_hz: one over the period.
         count: harmonics.
         ramp: duration of the start, and of the stop, s.
+        start_pose: pose of rest before and after the motion, of each active joint, rad or m; None for the centre.
     """
 
     seconds: float = 13.0
     fundamental_hz: float = 0.1
     count: int = 20
     ramp: float = 1.5
+    start_pose: Figures | None = None
 
-    @property
-    def affine(self) -> bool:
+    def basis(self, bounds: MotionBounds, dt: float) -> Basis:
         """See Family."""
-        return True
+        joints, size = len(bounds.names), 2 * self.count
+        units = np.eye(size).reshape(size, 2, self.count)
+        sine, cosine = (tuple(map(tuple, units[:, k].tolist())) for k in (0, 1))
+        wave = Fourier(self.seconds, (0.0,), self.fundamental_hz, sine, cosine, self.ramp)
+        waves = np.array(wave.motion([f"{k}" for k in range(size)], dt, _NO_PHASES))
+        resting = self.kind(np.full(self.size(joints), 0.5), bounds)
+        names = bounds.names
+        level = np.array(replace(resting, centre=tuple(bounds.position[:, 0])).motion(names, dt, _NO_PHASES))
+        upper = np.array(replace(resting, centre=tuple(bounds.position[:, 1])).motion(names, dt, _NO_PHASES))
+        own, functions, offset = [], [], np.ascontiguousarray(level.transpose(0, 2, 1))
+        for j, most in enumerate(np.tile(self._most(bounds), (1, 2, 1)).reshape(joints, size)):
+            own.append(np.r_[j, joints + j * size : joints + (j + 1) * size])
+            made = np.concatenate([(upper - level)[:, :, j, None], 2 * most * waves], axis=2).reshape(-1, 1 + size)
+            functions.append(np.ascontiguousarray(made))
+            offset[:, j] -= waves @ most
+        return Basis(offset, tuple(own), tuple(functions))
 
     def size(self, joints: int) -> int:
         """A centre, and two amplitudes per harmonic, for each joint."""
@@ -89,7 +142,14 @@ class FourierSeries:
         centre = low + x[:joints] * (high - low)
         shape = (2 * x[joints:] - 1).reshape(joints, 2, self.count) * self._most(bounds)
         sine, cosine = (tuple(map(tuple, shape[:, k].tolist())) for k in (0, 1))
-        return Fourier(self.seconds, tuple(centre.tolist()), self.fundamental_hz, sine, cosine, self.ramp)
+        return Fourier(
+            self.seconds, tuple(centre.tolist()), self.fundamental_hz, sine, cosine, self.ramp, self.start_pose
+        )
+
+    @property
+    def highest_hz(self) -> float:
+        """Frequency of the last harmonic."""
+        return self.count * self.fundamental_hz
 
     @property
     def _omega(self) -> Array:
@@ -120,10 +180,9 @@ class TrianglesWithSines:
     count: int = 4
     ramp: float = 1.5
 
-    @property
-    def affine(self) -> bool:
+    def basis(self, bounds: MotionBounds, dt: float) -> None:
         """See Family."""
-        return False
+        del bounds, dt
 
     def start(self, bounds: MotionBounds, rng: np.random.Generator) -> Array:
         """Uniform in the unit cube."""

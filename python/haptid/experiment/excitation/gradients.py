@@ -12,14 +12,16 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid.device import Followed
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
+from haptid.experiment.collision import CollisionModel
+from haptid.experiment.collision.distances import Distances
 from haptid.experiment.excitation.criteria import Criterion, Scaling
-from haptid.experiment.excitation.limits import MotionBounds
+from haptid.experiment.excitation.limits import FLAT_LOOPS, MotionBounds
 
-# Power of the smooth criterion when starting points are compared.
-STARTING = 4.0
-# Safety margin to every limit, relative to its size, so that the search ends on the feasible side.
-WITHIN = 0.01
+# Safety margin to every limit, relative to its size, so that the search ends on the feasible side,
+# between its rows too.
+WITHIN = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +47,12 @@ class Gradients:
         return Gradients(bounds, criterion, columns, criterion.scaling(values, noise))
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
-        """Cost plus limit penalties, and the gradient by states, (3, active, n).
+        """Cost plus limit penalties, and the gradient by states, (3, active, n): see `Evaluation.slopes`."""
+        return self.at(states).slopes(power, weight)
 
-        Args:
-            states: positions, velocities and accelerations of the active joints, (3, active, n).
-            power: of the smooth criterion.
-            weight: of the penalties.
-        """
-        cost, by_state = self._criterion(states, power)
-        penalty, more = self._limits(states, weight)
-        return cost + penalty, by_state + more
+    def at(self, states: Array) -> Evaluation:
+        """A motion by its states, positions, velocities and accelerations of the active joints, (3, active, n)."""
+        return Evaluation(self, states)
 
     @cached_property
     def selection(self) -> tuple[list[int], Array]:
@@ -65,7 +63,7 @@ class Gradients:
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
 
     @cached_property
-    def _factors(self) -> Array:
+    def factors(self) -> Array:
         """Scale factors of products of core columns, by measured torque, (motors, columns, columns).
 
         Every core column belongs to at most one parameter.
@@ -73,55 +71,137 @@ class Gradients:
         factors = self.scaling.factors @ self.selection[1].T
         return freeze(factors[:, :, None] * factors[:, None])
 
-    def cost(self, states: Array, power: float = STARTING) -> float:
-        """The smooth criterion without penalties."""
-        _, C = self._unit(self.bounds.channels(states))
-        return self.criterion.smooth(C, power)[0]
 
-    def _unit(self, channels: CoreChannels) -> tuple[Array, Array]:
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Criterion and limits at one motion: every quantity is computed once, when it is first needed.
+
+    Attributes:
+        gradients: the criterion and the limits.
+        states: of the active joints, (3, active, n).
+    """
+
+    gradients: Gradients
+    states: Array
+
+    @cached_property
+    def channels(self) -> CoreChannels:
+        """Input channels of the core."""
+        return self.gradients.bounds.channels(self.states)
+
+    @cached_property
+    def violations(self) -> tuple[Array, tuple[str, ...]]:
+        """Relative violations of the limits that have a slope at every sample, (limits, n), and their names."""
+        found = list(self.gradients.bounds.by_sample(self.states))
+        return np.array([excess for excess, _ in found]), tuple(name for _, name in found)
+
+    @cached_property
+    def flatness(self) -> Array:
+        """Relative violation of the least distance from flat loops, (n,)."""
+        return self.gradients.bounds.flatness(self.states[0])
+
+    @cached_property
+    def excesses(self) -> list[tuple[float, str]]:
+        """Largest relative violation of each limit, at most 0 where it is met, and the name of the limit."""
+        values, names = self.violations
+        made = [(float(worst), name) for worst, name in zip(values.max(axis=1), names, strict=True)]
+        made.append((float(self.flatness.max()), FLAT_LOOPS))
+        if self.nearest is not None and len(self.nearest.distance):
+            collision, k = self._collision, int(np.argmin(self.nearest.distance))
+            worst = (self.gradients.bounds.limits.clearance - float(self.nearest.distance[k])) / collision.size
+            made.append((worst, f"the clearance of {collision.label(int(self.nearest.pair[k]))}"))
+        return made
+
+    @property
+    def _collision(self) -> CollisionModel:
+        assert self.gradients.bounds.collision is not None  # as where there are distances
+        return self.gradients.bounds.collision
+
+    @cached_property
+    def _followed(self) -> Followed:
+        return self.gradients.bounds.model.device.closure.follow(self.states[0])
+
+    @cached_property
+    def nearest(self) -> Distances | None:
+        """Distances of shapes that are within the clearance and its margin; None without shapes."""
+        bounds = self.gradients.bounds
+        if bounds.collision is None:
+            return None
+        reach = bounds.limits.clearance + WITHIN * bounds.collision.size
+        return bounds.collision.near(self._followed.q.T, reach)
+
+    def _collisions(self) -> tuple[float, Array]:
+        """Mean squared violations of the clearance, relative to the size of the shapes, and their gradient."""
+        states, found = self.states, self.nearest
+        by_state = np.zeros_like(states)
+        if found is None or not len(found.distance):
+            return 0.0, by_state
+        collision, n = self._collision, states.shape[2]
+        over = (self.gradients.bounds.limits.clearance - found.distance) / collision.size + WITHIN
+        slopes = collision.slopes(self._followed.q.T, self._followed.G, found)
+        np.add.at(by_state[0].T, found.sample, (-2 / n / collision.size * over)[:, None] * slopes)
+        return float((over**2).sum()) / n, by_state
+
+    def cost(self, power: float = np.inf) -> float:
+        """The smooth criterion without penalties; the criterion itself at an infinite power."""
+        return self.gradients.criterion.smooth(self._unit[1], power)[0]
+
+    @cached_property
+    def _unit(self) -> tuple[Array, Array]:
         """Column lengths that are divided out, (k,), and C of the scaled columns, (k, k)."""
-        model, (columns, S) = self.bounds.model, self.selection
-        made = model.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
-        C = S.T @ (made[list(model.device.measured)] * self._factors).sum(axis=0) @ S
-        lengths = np.where(self.scaling.unit, np.sqrt(np.diag(C)), 1.0)
+        of = self.gradients
+        model, (columns, S) = of.bounds.model, of.selection
+        made = model.mechanism.inner_products(*self.channels.motion, self.channels.own, columns, self.channels.loops)
+        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S
+        lengths = np.where(of.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return lengths, C / lengths / lengths[:, None]
 
-    def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
-        model, (columns, S) = self.bounds.model, self.selection
-        channels = self.bounds.channels(states)
-        lengths, C = self._unit(channels)
-        cost, B = self.criterion.smooth(C, power)
-        # The length of a unit column is constant: the derivative along it is projected out.
-        B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
-        forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
-        forms[list(model.device.measured)] = self._factors * (S @ B @ S.T)
-        by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
-        return cost, np.asarray(model.device.row_map.T @ channels.by_motion(by_channel))
+    def slopes(self, power: float, weight: float) -> tuple[float, Array]:
+        """Cost plus limit penalties, and the gradient by states, (3, active, n).
 
-    def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
+        Args:
+            power: of the smooth criterion.
+            weight: of the penalties.
+        """
+        cost, by_state = self._criterion(power)
+        penalty, more = self._limits(weight)
+        return cost + penalty, by_state + more
+
+    def _criterion(self, power: float) -> tuple[float, Array]:
+        of = self.gradients
+        model, (columns, S) = of.bounds.model, of.selection
+        lengths, C = self._unit
+        cost, B = of.criterion.smooth(C, power)
+        # The length of a unit column is constant: the derivative along it is projected out.
+        B = (B - np.diag(np.where(of.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
+        forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
+        forms[list(model.device.measured)] = of.factors * (S @ B @ S.T)
+        channels = self.channels
+        by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
+        return cost, np.tensordot(model.device.row_map.T, channels.by_motion(by_channel), axes=(1, 1)).transpose(
+            1, 0, 2
+        )
+
+    def _limits(self, weight: float) -> tuple[float, Array]:
         """Mean squared violations of the limits, and their gradient."""
-        violations = np.array([excess for excess, _ in self.bounds.by_sample(states)])
-        over, n, by_state = np.maximum(violations + WITHIN, 0.0), states.shape[2], np.zeros_like(states)
+        states, bounds = self.states, self.gradients.bounds
+        over, n, by_state = np.maximum(self.violations[0] + WITHIN, 0.0), states.shape[2], np.zeros_like(states)
         violated = over.any(axis=0)
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
-            by_state[:, :, violated] = self.bounds.gradients(there, 2 / n * over[:, violated])
-        flat, by_position = self._flatness(states)
-        by_state[0] += by_position
-        return weight * (float((over**2).sum()) / n + flat), weight * by_state
-
-    def _flatness(self, states: Array) -> tuple[float, Array]:
-        """The same for flat loops, by positions, (active, n): finite differences where it is not zero."""
-        flat, n, by_position = self._flat(states), states.shape[2], np.zeros_like(states[0])
+            by_state[:, :, violated] = bounds.gradients(there, 2 / n * over[:, violated])
+        flat = np.maximum(self.flatness + WITHIN, 0.0)
         violated = flat > 0
-        there, here = states[:, :, violated], flat[violated]
-        for j in range(len(by_position) if violated.any() else 0):
-            by_position[j, violated] = (
-                2 / n * here * (self._flat(moved(there, 0, j, DIFFERENCE_STEPS[0])) - here) / DIFFERENCE_STEPS[0]
-            )
-        return float((flat**2).sum()) / n, by_position
+        if violated.any():
+            by_state[0][:, violated] += 2 / n * flat[violated] * self._flat_slopes(violated)
+        near, by_distance = self._collisions()
+        cost = (float((over**2).sum()) + float((flat**2).sum())) / n + near
+        return weight * cost, weight * (by_state + by_distance)
 
-    def _flat(self, states: Array) -> Array:
-        """Violation of the least distance from flat loops, with the margin, (n,)."""
-        return np.maximum(self.bounds.flatness(states[0]) + WITHIN, 0.0)
+    def _flat_slopes(self, at: np.ndarray) -> Array:
+        """Derivatives of `flatness` by positions at some samples, (active, samples), by forward differences."""
+        there, bounds, step = self.states[:, :, at], self.gradients.bounds, DIFFERENCE_STEPS[0]
+        near = [moved(there, 0, j, step)[0] for j in range(there.shape[1])]
+        found = bounds.flatness(np.concatenate(near, axis=1)).reshape(len(near), -1)
+        return np.asarray((found - self.flatness[at]) / step)

@@ -10,17 +10,20 @@ from typing import TypeVar
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.device import Joint
+from haptid.device import CollisionShape, Joint
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
-from haptid.errors import IncompleteDeviceError
+from haptid.errors import IncompleteDeviceError, SettingError
 from haptid.experiment.bench.limits import FLAT, loop_conditioning
-from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate
+from haptid.experiment.bench.trajectories import Figures, per_coordinate
+from haptid.experiment.collision import CollisionModel
 
 T = TypeVar("T")
 # Planned distance from flat loops, relative to the minimum of the bench.
 _MARGIN = 1.2
+# Name of the limit of loops in errors.
+FLAT_LOOPS = "the distance of a loop from flat"
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,8 @@ class Limits:
         torque: maximum of each torque row, N m or N, computed from base parameters; unlimited by default.
         couplings: limits of combinations of active joints.
         conditioning: minimum distance of a loop from its singular configuration: see `bench.loop_conditioning`.
+        clearance: minimum distance between the collision shapes of the device, and from those of the world, m.
+        world: shapes about the device: see `haptid.device.read_world`.
     """
 
     position: tuple[tuple[float, float], ...] | None = None
@@ -56,6 +61,16 @@ class Limits:
     torque: Figures | None = None
     couplings: tuple[Coupling, ...] = ()
     conditioning: float = _MARGIN * FLAT
+    clearance: float = 0.01
+    world: tuple[CollisionShape, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.clearance < np.inf:
+            raise SettingError(
+                f"Limits: clearance is {self.clearance!r}; write a distance in m, 0 or more.",
+                where="clearance",
+                found=self.clearance,
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +130,6 @@ class MotionBounds:
             limits,
             beta,
         )
-
-    def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
-        """Largest relative violation of each limit, at most 0 where it is met, and the name of the limit."""
-        states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
-        every = [*self.by_sample(states), (self.flatness(states[0]), "the distance of a loop from flat")]
-        return [(float(excess.max()), what) for excess, what in every]
 
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
         """Relative violations at every sample, (n,) each, without flat loops.
@@ -191,6 +200,13 @@ class MotionBounds:
         return CoreChannels.of(self.model, self.model.device.row_map @ states)
 
     @cached_property
+    def collision(self) -> CollisionModel | None:
+        """The shapes that must not meet; None where neither the device nor the world has any."""
+        if not self.model.device.collision and not self.limits.world:
+            return None
+        return CollisionModel.of(self.model, self.limits.world)
+
+    @cached_property
     def _limited_passive(self) -> list[tuple[int, Joint]]:
         """Indices and data of the passive joints that have limits."""
         passive = [(k, joint) for k, joint in enumerate(self.model.device.joints) if k not in self.model.device.active]
@@ -220,7 +236,7 @@ def _given(what: str, joint: str, value: T | None) -> T:
         raise IncompleteDeviceError(
             f"joint {joint} has no {what} in the device file, so the motion is not bounded.",
             where=joint,
-            advice="Add it to the limits or to the device file.",
+            advice="Add it to the device file, or to the limits (--speed; --centre with --stroke).",
         )
     return value
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,13 +14,17 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, TrajectoryError
 from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
+from haptid.experiment.collision import Clearance, clearance_along
+from haptid.experiment.collision.clearance import LEAST_TOLERANCE
 from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed_motion, quality
-from haptid.experiment.excitation.families import Family
-from haptid.experiment.excitation.gradients import Gradients
+from haptid.experiment.excitation.families import Basis, Family, FourierSeries
+from haptid.experiment.excitation.gradients import Evaluation, Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
 _WORST = 50.0
+# Power of the smooth criterion when starting points are compared.
+_STARTING = 4.0
 # Cost of violating a limit by its full size, when starting points are compared.
 _PENALTY = 100.0
 # Share of the evaluations that random starting points use.
@@ -33,8 +37,13 @@ _ROUNDS = ((2, 3e2, 0.23), (3, 1e3, 0.23), (2, 1e3, 0.18), (4, 3e3, 0.12), (8, 1
 MEMORY = 30
 # Step of the finite differences of a motion by its parameters.
 DIFFERENCE = 1e-6
+# Step at which a motion found is checked for collisions, s, and how many motions are checked, the best first.
+_CHECK_STEP, _LOOKED_AT = 1e-3, 10
 # Rows per second at which a motion is evaluated: several in the shortest period of any family's default.
 ROWS_HZ = 25.0
+# Where a motion that would be kept is checked again: rows per second, and relative distance to every limit. Of a sine
+# of 2 Hz, peaks between rows at 25 Hz are 3 % above those at rows, and of 14 Hz between rows at 1 kHz 0.1 %.
+_DENSE_HZ, _INSIDE = 1000.0, 1e-3
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,8 @@ class Excitation:
         bounds: its limits.
         tried: number of motions evaluated.
         noise: standard deviation of a row of each motor, (motors,), N m or N.
+        history: number of motions evaluated, and least cost of the criterion, at each improvement.
+        clearance: least distance of collision shapes along the whole motion; None without shapes.
     """
 
     model: DynamicModel
@@ -83,6 +94,8 @@ class Excitation:
     bounds: MotionBounds
     tried: int
     noise: Array
+    history: tuple[tuple[int, float], ...] = ()
+    clearance: Clearance | None = None
 
     def trajectory(self, dt: float) -> Trajectory:
         """The motion in steps of dt, s: the same that the bench plans from its experiment file."""
@@ -98,6 +111,8 @@ class Excitation:
         lines = [f"{len(self.after.names)} parameters, {self.tried} motions evaluated"]
         for when, found in (("before", self.before), ("after", self.after)):
             lines.append(f"  {when:6s} condition {found.raw:.4g} raw, {found.scaled:.4g} with unit columns")
+        if self.clearance is not None:
+            lines.append(f"  {self.clearance}")
         lines.append(f"  predicted relative standard errors, {self.after.rows} rows with white noise:")
         lines += [f"    {name:8s} {percent:9.3g} %" for name, percent in self.predicted.items()]
         return "\n".join(lines)
@@ -138,11 +153,22 @@ def design_excitation(
         progress: called with the share of the search done, 0 to 1, and the least cost so far.
 
     Raises:
+        SettingError: the rows of the search are too few for the harmonics.
         IncompleteDeviceError: a joint has no limits.
         UnknownNameError: no base parameter of that name.
-        TrajectoryError: no motion within the limits was found.
+        TrajectoryError: no motion within the limits was found, or the start pose is outside them.
+        MissingDependencyError: the device has collision shapes, and MuJoCo is not installed.
     """
     search = search or Search()
+    if isinstance(family, FourierSeries) and search.rows_hz < 2.5 * family.highest_hz:
+        raise SettingError(
+            f"{search.rows_hz:g} rows per second are too few for harmonics up to {family.highest_hz:g} Hz; at least "
+            f"{2.5 * family.highest_hz:g} are needed.",
+            where="rows_hz",
+            found=search.rows_hz,
+            limit=2.5 * family.highest_hz,
+            advice="Raise the rows per second, or take fewer harmonics or a lower fundamental frequency.",
+        )
     beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
     picked = indices(model.base.names, columns if columns is not None else model.base.names)
     motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
@@ -155,8 +181,10 @@ def design_excitation(
         search,
         progress,
     )
+    if isinstance(family, FourierSeries) and family.start_pose is not None:
+        _check_start(state.bounds, per_coordinate("start_pose", family.start_pose, state.bounds.names))
     state.run()
-    if state.best is None or state.first is None:
+    if not state.kept or state.first is None:
         raise TrajectoryError(
             f"none of {state.tried} motions is within all limits; the best exceeds {state.nearest[1]} by "
             f"{100 * state.nearest[0]:.3g} %.",
@@ -165,9 +193,36 @@ def design_excitation(
             limit=0.0,
             advice="Widen that limit, move the range of positions, or evaluate more motions.",
         )
-    start, after = state.best
-    kind = family.kind(start.x, state.bounds)
-    return Excitation(model, kind, start.seed, state.first, after, state.bounds, state.tried, state.noise)
+    best, clearance = state.checked()
+    kind, before, after = family.kind(best.x, state.bounds), state.found(state.first), state.found(best)
+    history = tuple(state.history)
+    return Excitation(model, kind, best.seed, before, after, state.bounds, state.tried, state.noise, history, clearance)
+
+
+def _check_start(bounds: MotionBounds, q: Array) -> None:
+    """Raise TrajectoryError if a pose of rest is outside the limits of positions, or too near a collision."""
+    for name, (low, high), x in zip(bounds.names, bounds.position, q.tolist(), strict=True):
+        if not low <= x <= high:
+            raise TrajectoryError(
+                f"the start pose has joint {name} at {x:.4g}, outside its range from {low:.4g} to {high:.4g}.",
+                where=name,
+                found=x,
+                limit=(low, high),
+                advice="Start elsewhere, or widen the range.",
+            )
+    if bounds.collision is None:
+        return
+    found, least = clearance_along(bounds.collision, q[None], 1.0), bounds.limits.clearance
+    if found.distance < least:
+        state = f"overlap by {-1e3 * found.distance:.4g} mm" if found.distance < 0 else "are too near"
+        raise TrajectoryError(
+            f"in the start pose {found.pair} {state}: their distance is {1e3 * found.distance:.4g} mm; the limit is "
+            f"{1e3 * least:.4g} mm.",
+            where=found.pair,
+            found=found.distance,
+            limit=least,
+            advice="Start elsewhere, lower the clearance, correct the shapes, or let one `ignore` the other's link.",
+        )
 
 
 class _EvaluationsUsedError(Exception):
@@ -189,11 +244,11 @@ class _Search:
     Attributes:
         bounds, family, criterion, columns, noise, search, progress: of the search.
         tried: number of motions evaluated so far.
-        first: quality of the first feasible motion; None before there is one.
-        best: the best feasible motion and its quality; None before there is one.
+        first: the first feasible motion; None before there is one.
+        kept: feasible motions, each better than those before it.
         least: its cost.
+        history: number of motions evaluated, and least cost, at each improvement.
         nearest: least violation of the limits, and the limit.
-        jacobian: of the states by the parameters of an affine family, once it is known.
     """
 
     bounds: MotionBounds
@@ -204,11 +259,11 @@ class _Search:
     search: Search
     progress: Callable[[float, float], None] | None
     tried: int = 0
-    first: Quality | None = None
-    best: tuple[_Start, Quality] | None = None
+    first: _Start | None = None
+    kept: list[_Start] = field(default_factory=list)
     least: float = np.inf
     nearest: tuple[float, str] = (np.inf, "a limit")
-    jacobian: Array | None = None
+    history: list[tuple[int, float]] = field(default_factory=list)
 
     def run(self) -> None:
         """Search until all evaluations are used: random points first, then descents from the best of those."""
@@ -227,6 +282,43 @@ class _Search:
         """Gradients of the criterion and the limits."""
         return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
 
+    @cached_property
+    def basis(self) -> Basis | None:
+        """The states as an affine function of the point, in families that have it."""
+        return self.family.basis(self.bounds, 1.0 / self.search.rows_hz)
+
+    def checked(self) -> tuple[_Start, Clearance | None]:
+        """The best motion that keeps its clearance between the rows of the search too, and its least distance.
+
+        Raises:
+            TrajectoryError: none does.
+        """
+        collision, least = self.bounds.collision, self.bounds.limits.clearance
+        if collision is None:
+            return self.kept[-1], None
+        best: Clearance | None = None
+        for start in self.kept[: -_LOOKED_AT - 1 : -1]:
+            kind = self.family.kind(start.x, self.bounds)
+            made = plan(kind, self.bounds.model, _CHECK_STEP, phases(start.seed))
+            found = clearance_along(collision, made.q, made.dt)
+            if found.bound > 0 and found.distance >= least - max(0.1 * least, LEAST_TOLERANCE):
+                return start, found
+            best = found if best is None or found.distance > best.distance else best
+        assert best is not None  # as there is a motion
+        raise TrajectoryError(
+            f"between the rows of the search {best.pair} come to {1e3 * best.distance:.4g} mm at {best.time:.3f} s; "
+            f"the limit is {1e3 * least:.4g} mm.",
+            where=best.pair,
+            found=best.distance,
+            limit=least,
+            advice="Raise the rows per second of the search, or the clearance.",
+        )
+
+    def found(self, start: _Start) -> Quality:
+        """Quality of a motion."""
+        observed = observed_motion(self.bounds.model, self._planned(start.x, start.seed))
+        return quality(observed, self.columns, self.bounds.beta, self.noise)
+
     def _start(self, rng: np.random.Generator) -> _Start:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
 
@@ -243,25 +335,26 @@ class _Search:
 
     def _gradient(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,)."""
-        states = self.evaluate(x, seed)[0]
-        cost, by_state = self.gradients(states, power, weight)
+        cost, by_state = self.evaluate(x, seed).slopes(power, weight)
+        if self.basis is not None:
+            return cost, self.basis.gradient(by_state, len(x))
         return cost, np.tensordot(self._jacobian(x, seed), by_state, axes=3)
 
     def _jacobian(self, x: Array, seed: int) -> Array:
-        """Jacobian of the states by the parameters of the motion, (size, 3, active, n); constant in affine families."""
-        if self.family.affine and self.jacobian is not None:
-            return self.jacobian
+        """Jacobian of the states by the parameters of the motion, (size, 3, active, n), by differences."""
         made, here = [], self._states(x, seed)
         for k in range(len(x)):
             step = DIFFERENCE if x[k] < 0.5 else -DIFFERENCE
             moved = x.copy()
             moved[k] += step
             made.append((self._states(moved, seed) - here) / step)
-        self.jacobian = np.array(made)
-        return self.jacobian
+        return np.array(made)
 
     def _states(self, x: Array, seed: int) -> Array:
-        return _states(self._planned(x, seed))
+        if self.basis is not None:
+            return self.basis.states(x)
+        made = self._planned(x, seed)
+        return np.array([made.q.T, made.qd.T, made.qdd.T])
 
     def _planned(self, x: Array, seed: int) -> Trajectory:
         kind = self.family.kind(x, self.bounds)
@@ -269,32 +362,35 @@ class _Search:
 
     def _penalised(self, start: _Start) -> float:
         """Cost of a motion plus penalties of all violated limits."""
-        states, excess = self.evaluate(start.x, start.seed)
-        return self.gradients.cost(states) + _PENALTY * excess
+        at = self.evaluate(start.x, start.seed)
+        return at.cost(_STARTING) + _PENALTY * sum(max(excess, 0.0) for excess, _ in at.excesses)
 
-    def evaluate(self, x: Array, seed: int) -> tuple[Array, float]:
-        """States of the motion at a point of the unit cube, (3, active, n), and its summed violation of limits."""
+    def evaluate(self, x: Array, seed: int) -> Evaluation:
+        """The motion at a point of the unit cube; it is kept if it is within the limits and the best so far."""
         if self.tried >= self.search.tries:
             raise _EvaluationsUsedError
         self.tried += 1
-        made = self._planned(x, seed)
-        excesses = self.bounds.excesses(made)
-        worst = max(excesses, key=lambda excess: excess[0])
+        made = self.gradients.at(self._states(x, seed))
+        worst = max(made.excesses, key=lambda excess: excess[0])
         if worst[0] <= 0:
-            self._keep(made, _Start(x.copy(), seed))
+            worst = self._keep(made, _Start(x.copy(), seed))
         self.nearest = min(self.nearest, worst)
         if self.progress:
             self.progress(self.tried / self.search.tries, self.least)
-        return _states(made), float(sum(max(excess, 0.0) for excess, _ in excesses))
+        return made
 
-    def _keep(self, made: Trajectory, start: _Start) -> None:
-        """Keep a feasible motion if it is the first or the best."""
-        found = quality(observed_motion(self.bounds.model, made), self.columns, self.bounds.beta, self.noise)
-        cost = min(self.criterion.cost(found), _WORST)
-        self.first = self.first or found
-        if cost < self.least:
-            self.least, self.best = cost, (start, found)
-
-
-def _states(made: Trajectory) -> Array:
-    return np.array([made.q.T, made.qd.T, made.qdd.T])
+    def _keep(self, made: Evaluation, start: _Start) -> tuple[float, str]:
+        """Keep a motion if it is the best, and is feasible between its rows too; the limit that it is nearest to."""
+        cost = min(made.cost(), _WORST)
+        if cost >= self.least:
+            return (0.0, "a limit")
+        kind, rate = self.family.kind(start.x, self.bounds), max(_DENSE_HZ, self.search.rows_hz)
+        dense = plan(kind, self.bounds.model, 1.0 / rate, phases(start.seed))
+        states = np.array([dense.q.T, dense.qd.T, dense.qdd.T])
+        worst = max((float(excess.max()), what) for excess, what in self.bounds.by_sample(states))
+        if worst[0] <= -_INSIDE:  # clearances and flat loops change slowly: their rows are dense enough
+            self.first = self.first or start
+            self.least = cost
+            self.kept.append(start)
+            self.history.append((self.tried, cost))
+        return worst[0] + _INSIDE, worst[1]

@@ -19,7 +19,7 @@ from haptid._internal.arrays import Array, expect, positive, read_only
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.errors import NoRowsError, SettingError
+from haptid.errors import NoRowsError, SettingError, index_of
 from haptid.estimation import Estimate
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
@@ -161,7 +161,7 @@ class FrictionCurve:
     notes: tuple[str, ...]
 
     def __getitem__(self, name: str) -> JointFriction:
-        return self.joints[[joint.name for joint in self.joints].index(name)]
+        return self.joints[index_of(name, [joint.name for joint in self.joints], "joint")]
 
     def summary(self) -> str:
         """A text table: velocity, torque, its 95 % interval."""

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import write_csv
+from haptid._internal.extras import needing
 from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, FrictionFit, JointChoice
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
+
+with needing("drawing pictures"):
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
 # Colour-blind safe palette (Okabe and Ito 2008): points, the chosen model, others.
 POINTS, CHOSEN, _OTHERS = "#000000", "#0072B2", ("#E69F00", "#009E73", "#CC79A7")
