@@ -224,6 +224,19 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"{_nearest(name, names)}Known: {listed(names, 24) or 'none'}."
 
 
+def index_of(name: str, known: Sequence[str], what: str) -> int:
+    """Index of a name.
+
+    Raises:
+        UnknownNameError: it is none of them.
+    """
+    if name in known:
+        return list(known).index(name)
+    raise UnknownNameError(
+        f"there is no {what} {name!r}.", where=what, found=name, limit=tuple(known), advice=suggestion(str(name), known)
+    )
+
+
 def keys_here(where: str, known: Sequence[str]) -> str:
     """Advice on the last key of the dotted path `where`; empty where no keys are known."""
     return f"{_nearest(where.rpartition('.')[2], known)}Keys here: {', '.join(known)}." if known else ""

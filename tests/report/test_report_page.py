@@ -73,7 +73,7 @@ def test_every_chart_has_words_and_numbers(elements):
     assert len(charts) > 30
     captions = {a["id"] for a in elements.of("figcaption")}
     for chart in charts:
-        assert chart["role"] == "img"
+        assert chart["role"] == "group"
         assert len(chart["aria-label"]) > 20
         assert chart["aria-describedby"] in captions
     for section in made().sections.values():

@@ -12,7 +12,7 @@ from reported import found, made
 
 pytestmark = needs_browser
 TABLES = "[...document.querySelectorAll('main table')]"
-FOLDED = "document.querySelectorAll('details:not([open])').length"
+FOLDED = "document.querySelectorAll('details:not([open], .screen)').length"
 WIDTHS = "[...document.querySelectorAll('#torque svg.drawing')].map((s) => s.getAttribute('width'))"
 
 

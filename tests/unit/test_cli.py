@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.report.tables import short_percent, with_digits
 from haptid.results.result import treatment
+from haptid.uncertainty.figures import short_percent, with_digits
 
 
 def call(*arguments):

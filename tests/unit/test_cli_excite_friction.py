@@ -47,6 +47,36 @@ def test_the_experiment_is_one_that_the_bench_takes(tmp_path):
     np.testing.assert_allclose(np.gradient(values[:, 1], 0.01)[1:-1], values[1:-1, 4], atol=2e-2)
 
 
+def test_motions_from_a_pose_are_written_for_controllers(tmp_path):
+    out, header = tmp_path / "excite.toml", tmp_path / "motion.h"
+    options = ("--start", "0,0.2,0.3", "--rehearsal", 0.2, "--samples", header, "--torque", 1, "--rate-hz", 50)
+    done = call("excite", DEVICE, *WITHIN, *options, "--max-evaluations", 12, "--out", out)
+    assert done.exit_code == 0, done.output
+    tables = (tmp_path / name for name in ("excite.csv", "excite-rehearsal.csv"))
+    plan, slow = (np.loadtxt(table, delimiter=",", skiprows=1) for table in tables)
+    np.testing.assert_allclose(plan[[0, -1], 1:4], [[0.0, 0.2, 0.3]] * 2, atol=1e-12)
+    np.testing.assert_allclose(slow[::5, 1:4], plan[:, 1:4], atol=1e-12)
+    assert "static const double motion_q[" in header.read_text()
+    wrong = call("excite", DEVICE, *WITHIN, "--samples", tmp_path / "motion.xls", "--out", out)
+    assert wrong.exit_code == 2
+    assert ".yaml" in wrong.stderr
+    both = call("excite", DEVICE, *WITHIN, "--triangles", "--start", "0,0.2,0.3", "--out", out)
+    assert both.exit_code == 2
+    assert "--triangles" in both.stderr
+
+
+def test_a_world_without_shapes_on_the_device_is_refused(tmp_path):
+    world = tmp_path / "world.toml"
+    world.write_text('[[collision]]\nkind = "sphere"\nradius = 0.1\n')
+    done = call("excite", DEVICE, *WITHIN, "--world", world, "--out", tmp_path / "excite.toml")
+    assert done.exit_code == 2
+    assert "has no collision shapes on its links" in done.stderr
+    world.write_text('[[collision]]\nkind = "sphere"\n')
+    done = call("excite", DEVICE, *WITHIN, "--world", world, "--out", tmp_path / "excite.toml")
+    assert done.exit_code == 2
+    assert "radius" in done.stderr
+
+
 def test_an_experiment_like_another_keeps_its_controller(tmp_path, request):
     like, out = request.config.rootpath / EXAMPLE, tmp_path / "excite.toml"
     done = call(

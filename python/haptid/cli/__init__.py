@@ -10,12 +10,13 @@ from typing import Annotated
 import typer
 
 import haptid
-from haptid.cli.common import EXIT_DEFECT, app, complain, out
+from haptid.cli.common import COMPLETION_VARIABLE, EXIT_DEFECT, EXIT_ERROR, app, complain, out
+from haptid.errors import MissingDependencyError
 
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
-from haptid.cli import identify, advise, report, compare, characterise, eliminate, friction, payload, poses, export  # noqa: F401
-from haptid.cli import channels, import_, model, devices, excite, bench, demo, schema  # noqa: F401
+from haptid.cli import check, identify, advise, report, compare, characterise, eliminate, friction, payload, poses  # noqa: F401
+from haptid.cli import export, channels, import_, model, devices, excite, bench, demo, schema, completion  # noqa: F401
 # isort: on
 
 
@@ -32,8 +33,15 @@ def main() -> None:
     # The matrices are small: BLAS threads would spin longer than they work. Must be set before NumPy is imported; a
     # value set by the user takes precedence.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if COMPLETION_VARIABLE in os.environ:
+        from typer.completion import completion_init  # type: ignore[attr-defined]
+
+        completion_init()
     try:
-        app()
+        app(prog_name="haptid")
+    except MissingDependencyError as error:  # of an import, before a command does anything
+        complain(str(error))
+        sys.exit(EXIT_ERROR)
     except Exception:
         traceback.print_exc()
         complain("this is a defect of haptid, not of your input. Please report it with the traceback above.")

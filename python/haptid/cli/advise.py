@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    errors_shown,
+    out,
+    progress_bars,
+    progress_callback,
+)
 
 HELP = """\
 Try changes of a study and its device on the study's own logs, and list those that are proven, by their gain.
@@ -24,20 +34,17 @@ identified again: it is kept where this confirms it, and both errors are printed
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid advise examples/emps/study.toml --data ../shared/data/emps --apply emps-advised
+Example: `haptid advise examples/emps/study.toml --data ../shared/data/emps --apply emps-advised`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def advise(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[
-        Path | None,
-        typer.Option(help="folder of the study's relative log paths (default: the study's folder)"),
-    ] = None,
+    study: StudyFile,
+    data: DataFolder = None,
     apply: Annotated[Path | None, typer.Option(help="folder for study and device with the best combination")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no sentences")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of sentences")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid.advice import advise as advised
     from haptid.advice import apply_advice as applied

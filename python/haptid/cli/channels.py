@@ -9,56 +9,75 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out
+from haptid.cli.common import AsJson, command, errors_shown, out
 
 if TYPE_CHECKING:
     from haptid.log.survey import ChannelSurvey, Survey, TopicSurvey
 
 HELP = """\
-List what a log contains: topics, rates, joints, empty fields, stamps; and a [channels] table for a study.
+List what a log contains: topics, rates, joints, empty fields, stamps; and a draft of a study.
 
 LOG is a file (CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, db3, TDMS) or the folder of a ROS 2 bag or of a LeRobot
 data set. Quantities and units are guessed from names, stated units and ranges: the table is a draft, each line with the
-reason of its guess, and nothing is read by it before it stands in a study.
+reason of its guess, and nothing is read by it before it stands in a study. Without --device, the draft is the table
+[channels] alone; with it, a study of all LOGs, of which all but the first validate.
 
 Exit status: 0 on success, 2 if the log cannot be read; the message says what to do.
 
-Example: haptid channels run.mcap
+Example: `haptid channels sweep.mcap check.mcap --device arm.toml --out study.toml`
 """
 # Channels of a topic that are printed.
 _PRINTED = 60
 
 
-@app.command(help=HELP)
+@command(HELP)
 def channels(
-    log: Annotated[Path, typer.Argument(help="the log: a file or a folder", show_default=False)],
-    toml: Annotated[bool, typer.Option("--toml", help="print only the [channels] table")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="files or folders", show_default=False)],
+    device: Annotated[str | None, typer.Option(help="a device file: choose and order channels by its joints")] = None,
+    study: Annotated[Path | None, typer.Option("--out", help="the study to write; needs --device")] = None,
+    toml: Annotated[bool, typer.Option("--toml", help="print only the draft")] = False,
+    as_json: AsJson = False,
 ) -> None:
+    from haptid._internal.atomic_folder import publishing_files
+    from haptid.cli.options import wrong_option
+    from haptid.device import read_device
     from haptid.log.survey import survey
+    from haptid.study.draft import draft_study
 
     with errors_shown():
-        found = survey(log)
+        if device is None and (study or len(logs) > 1):
+            raise wrong_option("--device", "missing", "the device file that the study is for")
+        if device is None:
+            found = survey(logs[0])
+            draft = found.table
+        else:
+            folder = study.parent if study else Path()
+            draft, found = draft_study(logs, read_device(device), device, folder)
+        if study is not None:
+            with publishing_files(study) as new:
+                (new / study.name).write_text(draft, encoding="utf-8")
     if as_json:
         sys.stdout.write(found.to_json())
     elif toml:
-        sys.stdout.write(found.table)
+        sys.stdout.write(draft)
     else:
-        _show(found)
+        _show(found, draft, study)
 
 
-def _show(found: Survey) -> None:
+def _show(found: Survey, draft: str, study: Path | None) -> None:
     out.print(f"{found.path}: {found.format}", highlight=False)
     for note in found.notes:
         out.print(f"  {note}", highlight=False)
     for topic in found.topics:
         _show_topic(topic)
     out.print()
-    if found.table:
-        out.print("Draft for a study; units and choices are guesses, to be checked:\n", highlight=False)
-        sys.stdout.write(found.table)
-    else:
+    if not found.table:
         out.print("No channels of positions were recognised by name; name them in [channels].", highlight=False)
+    if study is not None:
+        out.print(f"Study in {study}. Units and choices are guesses: check them, then haptid identify {study}")
+    elif draft:
+        out.print("Draft for a study; units and choices are guesses, to be checked:\n", highlight=False)
+        sys.stdout.write(draft)
 
 
 def _show_topic(topic: TopicSurvey) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json, progress_bars, progress_callback
 
 HELP = """\
 Characterise the end-effector of an identified device: apparent (effective) mass, friction, weight and forces at the
@@ -16,20 +16,19 @@ handle, with confidence intervals.
 RESULT is the output folder of `haptid identify`. Poses: one or more --at, one --sweep, or a --grid over the joints'
 ranges (default: a grid). Writes into OUT:
 
-  figures.csv   a row for each pose: joints, handle, condition number, figures with 95 % intervals
-
-  masses.png    apparent masses along the sweep, or the largest one over two joints of the grid
+- `figures.csv`: a row for each pose: joints, handle, condition number, figures with 95 % intervals
+- `masses.png`: apparent masses along the sweep, or the largest one over two joints of the grid
 
 Poses at which the handle's Jacobian is nearly singular are left out; the summary counts them.
 Positions are in rad or m, in the order of the active joints; see `haptid model`.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid characterise haptid-result --sweep 0,-0.2,0.3 0,0.8,0.3 --along 0,0,1
+Example: `haptid characterise haptid-result --sweep 0,-0.2,0.3 0,0.8,0.3 --along 0,0,1`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def characterise(
     result: Annotated[Path, typer.Argument(help="output folder of `haptid identify`", show_default=False)],
     at: Annotated[list[str] | None, typer.Option("--at", help="a pose: 0,0.2,0.3")] = None,
@@ -50,10 +49,11 @@ def characterise(
         float | None, typer.Option(help="largest condition number of a pose (default: 30)")
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
-    from haptid.cli.handle import chosen, draw, show, table_request
+    from haptid.cli.handle import chosen, draw, figures, show, table_request
     from haptid.end_effector.characterisation.characterise import characterise as compute
     from haptid.end_effector.characterisation.table import table_columns, write_columns
     from haptid.end_effector.force import WORST_CONDITION
@@ -64,7 +64,7 @@ def characterise(
         read = Result.load(result)
         poses = chosen(read.model, at or (), sweep, grid, limit or ())
         wanted = table_request(read.model.device, along, speed, stiffness, torque or ())
-        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             progress("figures", 0.0)
             found = compute(
@@ -74,6 +74,8 @@ def characterise(
             write_columns(found, made, folder / "figures.csv")
             progress("figures", 1.0)
             draw(poses, found, folder / "masses.png", progress)
-    if not quiet:
+    if as_json:
+        print_json(figures(found, made))
+    elif not quiet:
         show(out, found, made)
         out.print(f"Figures in {out_folder}")

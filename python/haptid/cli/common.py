@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
@@ -19,6 +22,9 @@ from haptid.errors import HaptidError
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+# Set by the completion scripts, which then call the program for its suggestions.
+COMPLETION_VARIABLE = "_HAPTID_COMPLETE"
+_Command = TypeVar("_Command", bound=Callable[..., None])
 EXIT_CRITERIA, EXIT_ERROR, EXIT_DEFECT = 1, 2, 3
 # Shell convention for an interrupted program.
 EXIT_INTERRUPTED = 130
@@ -26,10 +32,27 @@ EXIT_INTERRUPTED = 130
 app = typer.Typer(
     help="Identify dynamic models of haptic devices and robots from their motion logs.",
     no_args_is_help=True,
+    # `haptid completion` prints the scripts; nothing writes into a user's shell configuration.
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+# Options that every command has in one form.
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")]
+AsJson = Annotated[bool, typer.Option("--json", help="print the results as JSON")]
+StudyFile = Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)]
+DataFolder = Annotated[
+    Path | None, typer.Option("--data", help="folder of the study's relative log paths (default: the study's folder)")
+]
+DeviceName = Annotated[
+    str,
+    typer.Argument(
+        help="a device file (TOML) or the name of a shipped device",
+        show_default=False,
+        autocompletion=lambda incomplete: [name for name in _shipped() if name.startswith(incomplete)],
+    ),
+]
 # Where the output is not a terminal, lines are as wide as the tables, not 80 characters.
 WIDE = None if sys.stdout.isatty() else 140
 
@@ -56,13 +79,49 @@ for _console in (out, err):
     _console.push_render_hook(_Printable())
 
 
+# Errors of the machine at any moment: disk full, quota, input or output, too many open files, memory.
+MACHINE = frozenset(
+    getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EIO", "EMFILE", "ENFILE", "ENOMEM") if hasattr(errno, name)
+)
+
+
+def _shipped() -> tuple[str, ...]:
+    from haptid.device import shipped_devices
+
+    return shipped_devices()
+
+
+def unwrapped(text: str) -> str:
+    """Markdown without line ends inside its paragraphs and list items: a terminal breaks the lines where it ends."""
+    return re.sub(" +", " ", re.sub(r"(?<!\n)\n(?!\n|- )", " ", text.strip()))
+
+
+def command(text: str, name: str | None = None) -> Callable[[_Command], _Command]:
+    """Register a function as a command with a help text in Markdown."""
+    return app.command(name, help=unwrapped(text))
+
+
+def print_json(values: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Print values as JSON, null where a number is not finite."""
+    from haptid._internal.escaping import json_text
+    from haptid.results.result import finite
+
+    sys.stdout.write(json_text(finite(values)))
+
+
 @contextmanager
 def errors_shown() -> Iterator[None]:
-    """Print haptid's own errors as one line and exit with their status."""
+    """Print haptid's own errors, and those of a full disk or a failing one, as one line and exit with their status."""
     try:
         yield
     except HaptidError as error:
         complain(str(error))
+        raise typer.Exit(EXIT_ERROR) from None
+    except OSError as error:
+        if error.errno not in MACHINE:
+            raise
+        at = "" if error.filename is None else f"{error.filename}: "
+        complain(f"{at}{error.strerror}. Make room (disk, open files, memory), and run the command again.")
         raise typer.Exit(EXIT_ERROR) from None
 
 

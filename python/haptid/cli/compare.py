@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out
+from haptid.cli.common import AsJson, command, errors_shown, out
 
 if TYPE_CHECKING:
     from haptid.inference.comparison import Series
@@ -25,16 +25,16 @@ smallest change that is found with 80 % power. Joint tests of a payload on each 
 friction of each motor find changes that no single parameter shows. With --times, also the drift of each parameter per
 day, by weighted least squares.
 
-haptid report RESULT RESULT ... writes a page with plots of the same results.
+`haptid report RESULT RESULT ...` writes a page with plots of the same results.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid compare monday tuesday friday --times 2026-03-02,2026-03-03,2026-03-06
+Example: `haptid compare monday tuesday friday --times 2026-03-02,2026-03-03,2026-03-06`
 """
 SECONDS_IN_DAY = 86400.0
 
 
-@app.command(help=HELP)
+@command(HELP)
 def compare(
     results: Annotated[list[Path], typer.Argument(help="output folders of haptid identify", show_default=False)],
     times: Annotated[
@@ -42,7 +42,7 @@ def compare(
     ] = None,
     unit: Annotated[str, typer.Option("--unit", help="unit of these numbers: day, hour, kelvin, ..")] = "day",
     confidence: Annotated[float, typer.Option("--confidence", help="joint confidence level for all parameters")] = 0.95,
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of tables")] = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.escaping import json_text
     from haptid.inference.comparison import compare as compared

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from haptid.cli.common import app, out
+from haptid.cli.common import AsJson, command, out, print_json
 
 
-@app.command()
-def devices() -> None:
-    """List the shipped devices."""
+@command("List the shipped devices.")
+def devices(as_json: AsJson = False) -> None:
     from haptid.device import read_device, shipped_devices
 
-    names = shipped_devices()
-    for name in names:
-        out.print(f"{name:{max(map(len, names))}}  {read_device(name).description}")
+    found = {name: read_device(name).description for name in shipped_devices()}
+    if as_json:
+        print_json([{"name": name, "description": description} for name, description in found.items()])
+        return
+    for name, description in found.items():
+        out.print(f"{name:{max(map(len, found))}}  {description}", highlight=False)

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    errors_shown,
+    out,
+    print_json,
+    progress_bars,
+    progress_callback,
+)
 
 if TYPE_CHECKING:
     from haptid.inference.elimination import Elimination
@@ -21,29 +32,28 @@ F-test rejects it, or where the largest relative standard error is at most 10 ti
 --max-relative-std per cent. If the study has a log with the role "validate", both models are compared on it. Writes
 into OUT:
 
-  elimination.json  every step, the essential parameters with intervals, their changes, errors of both models
-
-  result.json       the reduced model of all motors, as of haptid identify, for haptid export and others
-
-  parameters.csv, correlation.csv   its tables
+- `elimination.json`: every step, the essential parameters with intervals, their changes, errors of both models
+- `result.json`: the reduced model of all motors, as of haptid identify, for haptid export and others
+- `parameters.csv`, `correlation.csv`: its tables
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid eliminate examples/phantom/study.toml --data logs --max-relative-std 20
+Example: `haptid eliminate examples/phantom/study.toml --data logs --max-relative-std 20`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def eliminate(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    study: StudyFile,
+    data: DataFolder = None,
     max_relative_std: Annotated[
         float | None, typer.Option(min=0.0, help="largest relative standard error that remains, per cent")
     ] = None,
     level: Annotated[float, typer.Option(min=0.0, max=1.0, help="significance level of the F-test")] = 0.05,
     by_motor: Annotated[bool, typer.Option("--by-motor", help="also on the rows of each motor alone")] = False,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-elimination"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text
@@ -60,7 +70,7 @@ def eliminate(
         plan = read_study(study)
         criterion = GautierRatio() if max_relative_std is None else MaxRelativeStd(max_relative_std)
         how = BackwardElimination(criterion, level)
-        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             found = identify(plan, data, progress)
             progress("eliminating", 0.0)
@@ -77,7 +87,9 @@ def eliminate(
             progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
             (folder / "elimination.json").write_text(json_text(values), encoding="utf-8")
-    if not quiet:
+    if as_json:
+        print_json(values)
+    elif not quiet:
         for name, one in reductions.items():
             out.print(name, style="bold")
             out.print(one.summary(), highlight=False, soft_wrap=True)

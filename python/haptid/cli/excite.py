@@ -3,95 +3,145 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars
+from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, out, print_json, progress_bars
 
 if TYPE_CHECKING:
     from haptid.device import Device
-    from haptid.experiment.excitation import Excitation, Family, Limits
+    from haptid.experiment.excitation import Excitation, FourierSeries, Limits, TrianglesWithSines
 
 HELP = """\
 Optimise an exciting motion: base parameters well conditioned, within the limits of the device.
 
 Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration adds one.
+Shapes in [[collision]] of DEVICE, and of the file --world, keep their distance; the whole motion is checked, between
+samples too.
 The motion is a Fourier series, or triangles with superimposed sines (--triangles). Writes:
 
-  OUT           an experiment file for `haptid bench`
+- `OUT`: an experiment file for `haptid bench`
+- `OUT` with .csv in place of .toml: samples for a real controller: t, then position, velocity and acceleration of each
+  joint
 
-  OUT with .csv in place of .toml: samples for a real controller: t, then position, velocity and acceleration of joints
+  --samples     samples in other formats, by the ending of the name: .csv, .yaml (a ROS 2 JointTrajectory), .h (arrays
+                in C), .m (MATLAB timeseries), .json (LeRobot actions, degrees and m)
+
+  --rehearsal   OUT-rehearsal.csv: the same path at a share of the speed, such as 0.2
 
 With --like, controller, instruments and true parameters are those of another experiment. Prints the
 condition number of the observation matrix, raw and with columns of unit length, before and after the search.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid excite phantom_premium_15 --like examples/phantom/experiment.toml --speed 3 --out excite.toml
+Example: `haptid excite phantom_premium_15 --like examples/phantom/experiment.toml --speed 3 --out excite.toml`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def excite(
-    device: Annotated[
-        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
-    ],
+    device: DeviceName,
     out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
     like: Annotated[Path | None, typer.Option(help="an experiment with the controller to use")] = None,
     centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
     stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one, or one each")] = None,
     speed: Annotated[str | None, typer.Option(help="largest, rad/s or m/s: one, or one each")] = None,
     acceleration: Annotated[str | None, typer.Option(help="largest, rad/s^2 or m/s^2: one, or one each")] = None,
+    start: Annotated[str | None, typer.Option(help="pose of rest before and after: 0,0.2,0.3")] = None,
+    world: Annotated[Path | None, typer.Option(help="a file of shapes about the device (TOML)")] = None,
+    clearance_mm: Annotated[float, typer.Option(min=0.0, help="least distance of collision shapes")] = 10.0,
     triangles: Annotated[bool, typer.Option("--triangles", help="triangles with superimposed sines")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
     keep: Annotated[
         list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
     ] = None,
+    criterion: Annotated[
+        str, typer.Option(help="condition, raw-condition, d-optimal, a-optimal or largest-error")
+    ] = "condition",
     max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+    also: Annotated[
+        list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml (ROS 2), .h (C), .m, .json")
+    ] = None,
+    rehearsal: Annotated[
+        float | None, typer.Option(min=0.01, max=1.0, help="also samples at this share of the speed")
+    ] = None,
+    torque: Annotated[str | None, typer.Option(help="largest of each torque row, N m or N: one, or one each")] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid.cli.options import wrong_option
-    from haptid.device import read_device
+    from haptid.device import read_device, read_world
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import Search, design_excitation, write_experiment
+    from haptid.experiment.excitation import (
+        CRITERIA,
+        MotionSamples,
+        Search,
+        design_excitation,
+        write_experiment,
+        write_motion,
+    )
+    from haptid.experiment.excitation.samples import SAMPLE_FORMATS
     from haptid.experiment.excitation.writing import plain_experiment
 
     with errors_shown():
+        if criterion not in CRITERIA:
+            raise wrong_option("--criterion", criterion, f"one of {', '.join(CRITERIA)}")
+        for path in also or []:
+            if path.suffix not in SAMPLE_FORMATS:
+                raise wrong_option(
+                    "--samples", str(path), f"a file whose name ends in one of {', '.join(SAMPLE_FORMATS)}"
+                )
         if out_file.suffix != ".toml":
             raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
-        within, family = _limits(model.device, centre, stroke, speed, acceleration), _family(triangles, seconds)
+        within = _limits(model.device, centre, stroke, speed, acceleration, torque)
+        around = () if world is None else read_world(world)
+        within = replace(within, clearance=1e-3 * clearance_mm, world=around)
+        family = _family(model.device, triangles, seconds, start)
         columns = tuple(keep) if keep else None
-        with progress_bars(quiet) as bars:
+        with progress_bars(quiet or as_json) as bars:
             task = bars.add_task("searching", total=1.0)
             found = design_excitation(
                 model,
                 family,
                 within,
+                criterion=CRITERIA[criterion],
                 columns=columns,
                 beta=beta,
                 search=Search(tries=max_evaluations, seed=seed),
-                progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(cost)),
+                progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(criterion, cost)),
             )
+        files = [*(also or []), *([] if rehearsal is None else [_slow(out_file)])]
+        for path in files:
+            share = rehearsal if rehearsal is not None and path == _slow(out_file) else 1.0
+            write_motion(path, MotionSamples.of(found, rate_hz, share))
         write_experiment(out_file, found, plain_experiment(found) if other is None else other, rate_hz)
-    if not quiet:
+    if as_json:
+        print_json(_values(found, out_file))
+    elif not quiet:
         _show(found, out_file)
 
 
-def _so_far(cost: float) -> str:
+def _so_far(criterion: str, cost: float) -> str:
     """State of the search, for its progress bar."""
-    return f"condition {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
+    return f"{criterion} {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
 
 
 def _limits(
-    device: Device, centre: str | None, stroke: str | None, speed: str | None, acceleration: str | None
+    device: Device,
+    centre: str | None,
+    stroke: str | None,
+    speed: str | None,
+    acceleration: str | None,
+    torque: str | None,
 ) -> Limits:
     """Limits given by options, in place of the device file's."""
     from haptid.cli.options import numbers, spread, wrong_option
@@ -107,16 +157,44 @@ def _limits(
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
     fastest = None if speed is None else spread("--speed", speed, f"speeds of joints {names}", count)
     sharpest = None if acceleration is None else spread("--acceleration", acceleration, f"those of {names}", count)
-    return Limits(position=position, speed=fastest, acceleration=sharpest)
+    rows = ", ".join(device.row_labels)
+    strongest = None if torque is None else spread("--torque", torque, f"those of {rows}", len(device.row_labels))
+    return Limits(position=position, speed=fastest, acceleration=sharpest, torque=strongest)
 
 
-def _family(triangles: bool, seconds: float | None) -> Family:
+def _family(
+    device: Device, triangles: bool, seconds: float | None, start: str | None
+) -> FourierSeries | TrianglesWithSines:
     """The motions to search among."""
+    from haptid.cli.options import numbers, wrong_option
     from haptid.experiment.excitation import FourierSeries, TrianglesWithSines
 
+    family: FourierSeries | TrianglesWithSines
     if triangles:
-        return TrianglesWithSines() if seconds is None else TrianglesWithSines(seconds=seconds)
-    return FourierSeries() if seconds is None else FourierSeries(seconds=seconds)
+        if start is not None:
+            raise wrong_option("--start", "--triangles with it", "one of them: triangles start at their centre")
+        family = TrianglesWithSines()
+    else:
+        names = ", ".join(device.joint_names[j] for j in device.active)
+        pose = None if start is None else numbers("--start", start, f"positions of joints {names}", len(device.active))
+        family = FourierSeries(start_pose=None if pose is None else tuple(pose))
+    return family if seconds is None else replace(family, seconds=seconds)
+
+
+def _slow(out_file: Path) -> Path:
+    """Where the samples of the rehearsal are written."""
+    return out_file.with_name(f"{out_file.stem}-rehearsal.csv")
+
+
+def _values(found: Excitation, path: Path) -> dict[str, Any]:
+    """The search's result as JSON values."""
+    conditions = {
+        when: {"raw": one.raw, "scaled": one.scaled}
+        for when, one in (("first_condition", found.before), ("condition", found.after))
+    }
+    files = {"experiment": str(path), "samples": str(path.with_suffix(".csv"))}
+    searched = {"parameters": list(found.after.names), "motions_evaluated": found.tried}
+    return {**files, **searched, **conditions, "predicted_relative_se_percent": dict(found.predicted)}
 
 
 def _show(found: Excitation, path: Path) -> None:
@@ -126,6 +204,8 @@ def _show(found: Excitation, path: Path) -> None:
     )
     for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
+    if found.clearance is not None:
+        out.print(f"  {found.clearance}", highlight=False)
     weak = [name for name, se in found.predicted.items() if se > 50]
     if weak and len(weak) < len(found.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)

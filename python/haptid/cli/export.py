@@ -7,22 +7,18 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out
+from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json
 
 HELP = """\
 Export an identified model for other programs.
 
 RESULT is the output folder of haptid identify or haptid eliminate. Formats:
 
-  c, c-single       C99 for a control loop, in double or single precision
-
-  rust, matlab      the same functions as a no_std crate, and for MATLAB and Octave
-
-  mjcf, urdf        the device for simulators, with bodies that have the identified parameters
-
-  json              parameters, groupings and covariance for programs
-
-  latex             tables for a paper
+- `c`, `c-single`: C99 for a control loop, in double or single precision
+- `rust`, `matlab`: the same functions as a no_std crate, and for MATLAB and Octave
+- `mjcf`, `urdf`: the device for simulators, with bodies that have the identified parameters
+- `json`: parameters, groupings and covariance for programs
+- `latex`: tables for a paper
 
 Each format is written into its own folder, OUT/c and so on. A model that does not meet its study's criterion is
 refused. If the diagnosis finds a model unfit for a use, all files and the summary contain a warning.
@@ -33,16 +29,25 @@ refused. If the diagnosis finds a model unfit for a use, all files and the summa
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid export first-result --to c --to mjcf --out first-model
+Example: `haptid export first-result --to c --to mjcf --out first-model`
 """
 
 
-@app.command(help=HELP)
+def _formats(incomplete: str) -> list[str]:
+    from haptid.export.all_formats import EXPORTERS
+
+    return [name for name in EXPORTERS if name.startswith(incomplete)]
+
+
+@command(HELP)
 def export(
     result: Annotated[
         Path, typer.Argument(help="output folder of haptid identify or haptid eliminate", show_default=False)
     ],
-    to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
+    to: Annotated[
+        list[str],
+        typer.Option("--to", help="a format (repeat for several)", show_default=False, autocompletion=_formats),
+    ],
     folder: Annotated[Path, typer.Option("--out", help="parent of the formats' folders", show_default=False)],
     into: Annotated[
         Path | None, typer.Option("--into", help="a URDF or MJCF, of which a copy gets the identified parameters")
@@ -55,7 +60,8 @@ def export(
         float,
         typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s"),
     ] = 0.01,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no summary")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     import haptid.export
     from haptid.export import CCode
@@ -66,7 +72,14 @@ def export(
         made = haptid.export_model(
             read, folder, to, CCode(name, reversal_speed=reversal_speed), into=into, anyway=force
         )
-    if quiet:
+    if as_json:
+        formats = {
+            name: {"folder": str(written.folder), "files": list(written.files), "verdict": written.verdict}
+            for name, written in made.items()
+        }
+        verdict = [{"use": said.use, "grade": said.grade, "sentence": said.sentence} for said in read.verdict]
+        print_json({"formats": formats, "verdict": verdict})
+    if quiet or as_json:
         return
     for written in made.values():
         out.print(f"{written.folder}: {', '.join(written.files)}", soft_wrap=True)

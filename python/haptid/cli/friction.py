@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    AsJson,
+    DataFolder,
+    DeviceName,
+    Quiet,
+    StudyFile,
+    app,
+    errors_shown,
+    out,
+    progress_bars,
+    progress_callback,
+    unwrapped,
+)
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -24,19 +37,18 @@ In the test each joint in turn moves to and fro at several constant speeds (kind
 Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction are compared by AICc; a larger model must be
 lower by 2. Writes into OUT:
 
-  friction.csv    velocity, friction torque and its 95 % interval, one row for each constant velocity
-
-  friction.json   every model with its parameters, intervals, AICc and error, and the selected one
-
-  friction.png    plot of the curves
+- `friction.csv`: velocity, friction torque and its 95 % interval, one row for each constant velocity
+- `friction.json`: every model with its parameters, intervals, AICc and error, and the selected one
+- `friction.png`: plot of the curves
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Examples: haptid friction study friction-study.toml --out friction
+Examples:
 
-          haptid friction log phantom_premium_15 sweep.csv --out friction
+- `haptid friction study friction-study.toml --out friction`
+- `haptid friction log phantom_premium_15 sweep.csv --out friction`
 """
-friction = typer.Typer(help=HELP, no_args_is_help=True)
+friction = typer.Typer(help=unwrapped(HELP), no_args_is_help=True)
 app.add_typer(friction, name="friction")
 
 _Tolerance = Annotated[
@@ -44,37 +56,38 @@ _Tolerance = Annotated[
 ]
 _Slowest = Annotated[float | None, typer.Option(help="least speed that is used, rad/s or m/s")]
 _Out = Annotated[Path, typer.Option("--out", help="folder for the results")]
-_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")]
 _FOLDER = Path("haptid-friction")
 
 
 @friction.command("study", help="From a study, whose first log with the role 'identify' is the test.")
 def of_study(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    study: StudyFile,
+    data: DataFolder = None,
     tolerance: _Tolerance = None,
     slowest: _Slowest = None,
     out_folder: _Out = _FOLDER,
-    quiet: _Quiet = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
-    _run(lambda progress: _of_study(study, data, progress), tolerance, slowest, out_folder, quiet)
+    _run(lambda progress: _of_study(study, data, progress), tolerance, slowest, out_folder, quiet, as_json)
 
 
 @friction.command("log", help="From a device and a log with the channels t, q1.., tau1.. (N m at the joints).")
 def of_log(
-    device: Annotated[
-        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
-    ],
+    device: DeviceName,
     log: Annotated[Path, typer.Argument(help="the log of the test", show_default=False)],
     tolerance: _Tolerance = None,
     slowest: _Slowest = None,
     out_folder: _Out = _FOLDER,
-    quiet: _Quiet = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
-    _run(lambda progress: _of_log(device, log, progress), tolerance, slowest, out_folder, quiet)
+    _run(lambda progress: _of_log(device, log, progress), tolerance, slowest, out_folder, quiet, as_json)
 
 
-def _run(read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool) -> None:
+def _run(
+    read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool, as_json: bool
+) -> None:
     """Fit the friction curves of a test, and write them."""
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text
@@ -86,17 +99,20 @@ def _run(read: _Read, tolerance: float | None, slowest: float | None, out_folder
         check_writable(out_folder)
         settings = {"tolerance": tolerance, "slowest": slowest}
         constant = ConstantVelocity(**{name: value for name, value in settings.items() if value is not None})
-        with progress_bars(quiet) as bars, publishing(out_folder) as folder:
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             model, motion = read(progress)
             progress("friction by velocity", 0.0)
             curve = friction_curve(model, motion, constant=constant)
             choice = choose_friction(curve)
             write_points(curve, folder / "friction.csv")
-            (folder / "friction.json").write_text(json_text(choice_values(choice)), encoding="utf-8")
+            text = json_text(choice_values(choice))
+            (folder / "friction.json").write_text(text, encoding="utf-8")
             plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
             progress("friction by velocity", 1.0)
-    if not quiet:
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
         for sentence in (*choice.summary().splitlines(), *curve.notes):
             out.print(sentence, highlight=False, soft_wrap=True)
         out.print(f"Figures in {out_folder}")

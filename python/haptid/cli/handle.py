@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -19,7 +20,7 @@ from haptid.end_effector.characterisation.characterise import POSES
 from haptid.end_effector.characterisation.plots import SweepCurve, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
 from haptid.end_effector.characterisation.table import TableColumn, TableRequest
-from haptid.report.tables import table
+from haptid.report.model_tables import table
 
 # Poses of a sweep, and of each side of a map.
 SWEEP, SIDE = 201, 120
@@ -130,6 +131,22 @@ def show(console: Console, found: Characterisation, made: Sequence[TableColumn])
     console.print(table("", ("", *heads, "unit"), rows, left=("unit",)))
     for note in notes(found):
         console.print(f"- {note}", soft_wrap=True)
+
+
+def figures(found: Characterisation, made: Sequence[TableColumn]) -> dict[str, Any]:
+    """Poses and figures as JSON values, null where unknown."""
+    columns = [
+        {
+            "name": column.name,
+            "unit": column.figure.unit,
+            "values": column.figure.values.tolist(),
+            "conf_int": None if column.figure.se is None else np.asarray(column.figure.conf_int()).tolist(),
+        }
+        for column in made
+    ]
+    joints = [found.model.device.joint_names[j] for j in found.model.device.active]
+    poses = dict(zip(joints, found.handle.qa.tolist(), strict=True))
+    return {"device": found.model.device.name, "poses": poses, "figures": columns, "notes": list(notes(found))}
 
 
 def _single(column: TableColumn) -> list[str]:

@@ -9,7 +9,19 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import EXIT_CRITERIA, app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    EXIT_CRITERIA,
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    err,
+    errors_shown,
+    out,
+    progress_bars,
+    progress_callback,
+)
 
 HELP = """\
 Identify a device from the logs of a study, and validate the model.
@@ -17,19 +29,13 @@ Identify a device from the logs of a study, and validate the model.
 The STUDY (a TOML file) defines the device, the logs and their roles, their channels and units, the treatment, and the
 estimator. Writes into OUT:
 
-  result.json      all results: parameters with 95 % intervals, regroupings, errors, condition numbers, notes
-
-  report.html      self-contained report: verdict, parameters, plots, the device in 3D, provenance
-
-  parameters.csv   the table of parameters
-
-  correlation.csv  correlation of their errors
-
-  clusters.npz     scores of the time blocks, for joint tests of `haptid compare`
-
-  torque-*.png     measured and predicted torque, one plot for each log
-
-  haptid-files.json  SHA-256 of these files: a reader refuses one of another run
+- `result.json`: all results: parameters with 95 % intervals, regroupings, errors, condition numbers, notes
+- `report.html`: self-contained report: verdict, parameters, plots, the device in 3D, provenance
+- `parameters.csv`: the table of parameters
+- `correlation.csv`: correlation of their errors
+- `clusters.npz`: scores of the time blocks, for joint tests of `haptid compare`
+- `torque-*.png`: measured and predicted torque, one plot for each log
+- `haptid-files.json`: SHA-256 of these files: a reader refuses one of another run
 
 Changes of study and device (terms, signs, gains, delays, lengths, ...) are tried on the same data; those with a proof
 are listed by their gain. Nothing is changed; `haptid advise` writes files with the best of them.
@@ -40,20 +46,17 @@ interrupted run resumes from there, if study, logs and device are unchanged.
 Exit status: 0 on success (and the study's criteria, if any, are met), 1 if the criteria are not met, 2 on an error in
 the study, the device or a log; the message says what to do. 3 is a defect of haptid, 130 an interruption by Ctrl-C.
 
-Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
+Example: `haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def identify(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[
-        Path | None,
-        typer.Option(help="folder of the study's relative log paths (default: the study's folder)"),
-    ] = None,
+    study: StudyFile,
+    data: DataFolder = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="print result.json instead of tables")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
     count: Annotated[int, typer.Option("--workers", min=1, help="processes that reduce the logs")] = 1,
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler whose workers reduce the logs, tcp://host:8786")
@@ -62,11 +65,12 @@ def identify(
         bool, typer.Option("--no-resume", help="start again, not from an interrupted run's intermediate results")
     ] = False,
 ) -> None:
+    from importlib.util import find_spec
+
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
     from haptid.observation.plan import Plan
     from haptid.report import ReportSource, report_of, sparklines, tables
-    from haptid.report.plots import plot_torque
     from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify as run_study
@@ -89,7 +93,11 @@ def identify(
             result.write_into(folder)
             report_of(source).write_into(folder)
             progress("writing the report", 1.0)
-            for k, run in enumerate(found.runs):
+            if find_spec("matplotlib") is None:
+                err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
+            for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
+                from haptid.report.plots import plot_torque
+
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
                 progress(f"drawing {name}", 0.0)
                 kind = "rows of the fit" if run.fit_errors else "unseen"
@@ -111,5 +119,12 @@ def identify(
 
 def _typed(study: Path, data: Path | None, out_folder: Path) -> str:
     """The command line, for the report."""
-    given = ["--data", str(data)] if data else []
-    return shlex.join(["haptid", "identify", str(study), *given, "--out", str(out_folder)])
+    given = ["--data", _named(data)] if data else []
+    return shlex.join(["haptid", "identify", _named(study), *given, "--out", _named(out_folder)])
+
+
+def _named(path: Path) -> str:
+    """A path as it may be shown to others: relative where it is below this folder, else its last part."""
+    if not path.is_absolute():
+        return str(path)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name

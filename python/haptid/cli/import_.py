@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, app, complain, errors_shown, out
-from haptid.errors import OptionError
+from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, AsJson, command, complain, errors_shown, out
 
 HELP = """\
 Read a robot description, and write it as a device file.
@@ -22,11 +21,11 @@ of the description itself, link by link, and its loops must close; otherwise not
 
 Exit status: 0 on success, 1 with --strict if anything is approximate or left out, 2 if FILE is refused.
 
-Example: haptid import panda.urdf --out panda.toml
+Example: `haptid import panda.urdf --out panda.toml`
 """
 
 
-@app.command("import", help=HELP)
+@command(HELP, "import")
 def import_(
     file: Annotated[Path, typer.Argument(help="a robot description", show_default=False)],
     to: Annotated[Path, typer.Option("--out", help="the device file to write", show_default=False)],
@@ -44,10 +43,15 @@ def import_(
         float, typer.Option("--snap", help="make angles nearer than this to a quarter turn exact, rad", min=0, max=0.01)
     ] = 0.0,
     no_priors: Annotated[bool, typer.Option("--no-priors", help="leave out the description's values")] = False,
+    torque_constant: Annotated[
+        list[str] | None,
+        typer.Option("--torque-constant", help="N m/A at the joints, one or JOINT=K each: commands are currents"),
+    ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="exit status 1 if anything is not exact")] = False,
     check: Annotated[bool, typer.Option("--check", help="compare with Pinocchio or MuJoCo too")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="the report as JSON")] = False,
+    as_json: AsJson = False,
 ) -> None:
+    from haptid.cli.options import named
     from haptid.robot_files import import_robot
 
     with errors_shown():
@@ -55,12 +59,13 @@ def import_(
             file,
             root=root,
             tip=tip,
-            hold={name: _number("--hold", name, text) for name, text in _pairs("--hold", hold)},
+            hold=named("--hold", hold or ()),
             packages=dict(_pairs("--package", package)),
             xacro_arguments=dict(_pairs("--xacro-arg", xacro_arg)),
-            lengths={name: _number("--length", name, text) for name, text in _pairs("--length", length)},
+            lengths=named("--length", length or ()),
             snap=snap,
             priors=not no_priors,
+            torque_constant=_torque_constant(torque_constant),
             ask=check,
         )
         made.save(to)
@@ -82,6 +87,7 @@ def import_(
         if made.snapped is not None:
             said = f"Snapping angles changes torques by up to {made.snapped:.1e} of the greatest."
             out.print(said, soft_wrap=True, highlight=False)
+        out.print(f"Next: haptid excite {to} plans a motion; haptid channels LOG --device {to} drafts a study.")
     if strict and not made.is_exact:
         raise typer.Exit(EXIT_CRITERIA)
 
@@ -97,13 +103,9 @@ def _pairs(option: str, texts: Sequence[str] | None) -> list[tuple[str, str]]:
     return made
 
 
-def _number(option: str, name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not abs(value) < float("inf"):
-        raise OptionError(
-            f"{option} {name}={text} is not a number.", where=option, found=text, advice="Write a number."
-        )
-    return value
+def _torque_constant(texts: Sequence[str] | None) -> Mapping[str, float] | float | None:
+    from haptid.cli.options import named, numbers
+
+    if texts and len(texts) == 1 and "=" not in texts[0]:
+        return numbers("--torque-constant", texts[0], "torque at every joint per ampere", 1)[0]
+    return named("--torque-constant", texts) if texts else None

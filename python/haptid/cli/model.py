@@ -9,26 +9,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import app, err, errors_shown, out
+from haptid.cli.common import AsJson, DeviceName, command, err, errors_shown, out
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
 
 
-@app.command()
+@command("Print a device's tree, loops, motors, base parameters and regroupings.")
 def model(
-    device: Annotated[
-        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
-    ],
+    device: DeviceName,
     keep: Annotated[list[str] | None, typer.Option("--keep", help="a parameter to prefer as a base parameter")] = None,
     latex: Annotated[bool, typer.Option("--latex", help="only the regroupings, as LaTeX")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Print a device's tree, loops, motors, base parameters and regroupings."""
     from haptid.device import read_device
     from haptid.device.toml.reader import keeping
     from haptid.dynamics.model import DynamicModel
-    from haptid.report import tables
+    from haptid.report import model_tables
 
     with errors_shown():
         read = DynamicModel(keeping(read_device(device), keep) if keep else read_device(device))
@@ -37,9 +34,9 @@ def model(
         if latex:
             sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
         elif as_json:
-            sys.stdout.write(json.dumps(tables.model_values(read), indent=1) + "\n")
+            sys.stdout.write(json.dumps(model_tables.model_values(read), indent=1) + "\n")
         else:
-            tables.show_model(out, read)
+            model_tables.show_model(out, read)
 
 
 def _not_kept(model: DynamicModel) -> Iterator[str]:

@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    errors_shown,
+    out,
+    progress_bars,
+    progress_callback,
+)
 
 HELP = """\
 Identify payloads: mass, centre of mass and inertia of bodies fixed to links; and drive gains from known masses.
@@ -18,27 +28,26 @@ given there too: mass, com, inertia; the rest is estimated. Logs of one payload 
 gains are taken as unknown: at least one mass must be known, and a motor that it does not load is left out. With the
 table [poses] the logs are held poses, from which mass and first moments are identifiable. Writes into OUT:
 
-  payload.json   payloads and gains with 95 % intervals, what is not determined, the nearest rigid bodies
-
-  payload.csv    the same figures as a table
+- `payload.json`: payloads and gains with 95 % intervals, what is not determined, the nearest rigid bodies
+- `payload.csv`: the same figures as a table
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid payload tool.toml --gains --out tool
+Example: `haptid payload tool.toml --gains --out tool`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def payload(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    study: StudyFile,
     gains: Annotated[bool, typer.Option("--gains", help="estimate the drive gains from known masses")] = False,
     shared_friction: Annotated[
         bool, typer.Option("--shared-friction", help="friction is the same with and without payload")
     ] = False,
-    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    data: DataFolder = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-payload"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="print payload.json instead of tables")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text, write_csv

@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out, progress_bars, progress_callback
+from haptid.cli.common import (
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    errors_shown,
+    out,
+    progress_bars,
+    progress_callback,
+)
 
 HELP = """\
 Identify gravity, springs and Coulomb friction from held poses, and whether to compensate gravity.
@@ -17,24 +27,23 @@ The STUDY has a table [poses]. Its logs hold one pose after the other, each reac
 from the stillness of the encoders. With table = true they have one row a pose instead. Parameters that the poses do not
 determine are left out. Writes into OUT:
 
-  static.json   static base parameters with 95 % intervals, and for each motor how much of its holding torque is
-                explained at poses that were not fitted
-
-  poses.csv     the poses that were found, averaged, in SI; one row each
+- `static.json`: static base parameters with 95 % intervals, and for each motor how much of its holding torque is
+  explained at poses that were not fitted
+- `poses.csv`: the poses that were found, averaged, in SI; one row each
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid poses poses.toml --out gravity
+Example: `haptid poses poses.toml --out gravity`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def poses(
-    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
+    study: StudyFile,
+    data: DataFolder = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-poses"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="print static.json instead of tables")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text, write_csv

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out
+from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json
 
 HELP = """\
 Write the report of a result as one HTML file, or compare several results.
@@ -19,18 +19,19 @@ The file works offline, on a screen, a phone and paper.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
-Example: haptid report before after --out comparison.html
+Example: `haptid report before after --out comparison.html`
 """
 
 
-@app.command(help=HELP)
+@command(HELP)
 def report(
     results: Annotated[list[Path], typer.Argument(help="output folders of haptid identify", show_default=False)],
     page: Annotated[
         Path | None,
         typer.Option("--out", help="file to write (default: RESULT/report.html, or comparison.html)"),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import publishing
     from haptid.report import read_report, write_comparison
@@ -44,11 +45,14 @@ def report(
                     (folder / PAGE).write_text(made_of.html(), encoding="utf-8")
             else:
                 made_of.write_page(written)
-            sentences: tuple[str, ...] = ()
+            pairs: list[dict[str, Any]] = []
         else:
             written = page or Path("comparison.html")
             made = write_comparison(results, written)
-            sentences = tuple(f"{pair['second']}: {line}" for pair in made.pairs for line in pair["sentences"])
-    if not quiet:
+            pairs = list(made.pairs)
+    if as_json:
+        print_json({"page": str(written), "pairs": pairs})
+    elif not quiet:
+        sentences = (f"{pair['second']}: {line}" for pair in pairs for line in pair["sentences"])
         for line in (*sentences, f"Report in {written}"):
             out.print(line, highlight=False, soft_wrap=True)

@@ -25,7 +25,7 @@ Progress = Callable[[str, float], None]
 class Part(BaseModel):
     """A table of a plan; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Claim(Part):

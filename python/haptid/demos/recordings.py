@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pyarrow import parquet
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.extras import needing
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
@@ -22,6 +22,9 @@ from haptid.experiment.bench.run import perform, truth_paths, write_log, write_t
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
+
+with needing("a log of the bench"):
+    from pyarrow import parquet
 
 # Largest relative torque residual of a mounting expressed in the device's own base parameters: rounding.
 LARGEST_RESIDUAL = 1e-9

@@ -184,7 +184,6 @@ class _Controller:
         self.friction = np.where(resists, raw, 0.0)
         self.soft = smoothed_friction(model, settings.slow)
         self.to_joints = np.linalg.inv(model.device.row_map)
-        self.to_motors = np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]]
         self.last: Array | None = None
         self.velocity = np.zeros((len(model.device.active), 1))
         self.momentum = np.zeros((len(model.device.active), 1))
@@ -201,7 +200,8 @@ class _Controller:
         self.momentum = self.momentum + self.dt * rate
         share = settings.share_at(self.to_joints @ c)
         tau = share * rate + settings.weight * self._static(c) + settings.friction * self._friction(c)
-        return freeze((self.to_motors @ tau)[:, 0])
+        shares = self.model.device.law.shares(self.model.device.drive_jacobian(c))
+        return freeze(((shares[0] if shares.ndim == 3 else shares) @ tau)[self.model.device.driven, 0])
 
     def _static(self, c: Array) -> Array:
         """Static torque, (active, 1): gravity, springs, offsets."""

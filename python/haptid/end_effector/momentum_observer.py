@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import signal
 
 from haptid._internal.arrays import Array, expect, positive, read_only
 from haptid.dynamics.inverse import core_torque, momentum, raw_parameters, rigid
@@ -122,6 +121,8 @@ class MomentumObserver:
             SettingError: a step that is not positive, no sample, or a sample or base parameter that is not finite.
             MissingAccelerationError: a column of the device reads accelerations.
         """
+        from scipy import signal  # slow to import, and few programs observe a force
+
         if not positive(dt):
             raise force_setting_error("dt", dt, "a finite time above zero, s")
         shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
@@ -147,6 +148,8 @@ class MomentumObserver:
             signals: means over the steps that end at each sample; samples themselves come out half a step early.
             dt: step, s.
         """
+        from scipy import signal  # slow to import, and few programs observe a force
+
         return np.asarray(signal.lfilter(*self._filter(dt), signals, axis=-1))
 
     def _pole(self, dt: float) -> float:

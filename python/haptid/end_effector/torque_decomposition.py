@@ -16,6 +16,7 @@ from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
+from haptid.errors import index_of
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import Plan
@@ -66,7 +67,7 @@ class TorqueDecomposition:
 
     def __getitem__(self, part: str) -> Array:
         """Torque of one part, (motors, rows)."""
-        return np.asarray(self.torque[self.parts.index(part)])
+        return np.asarray(self.torque[index_of(part, self.parts, "part of the torque")])
 
     @cached_property
     def total(self) -> Array:

@@ -48,7 +48,7 @@ class ReferenceValues:
     def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> ReferenceValues:
         """Random states: positions in +-pi, rates in +-2, torques in +-1."""
         rng = np.random.default_rng(seed)
-        n = len(model.device.drives)
+        n = len(model.device.active)
         q = rng.uniform(-np.pi, np.pi, (n, samples))
         qd, qdd = rng.uniform(-2, 2, (2, n, samples))
         return ReferenceValues(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
@@ -153,7 +153,7 @@ def selftest(files: Files) -> str:
         wanted = reference.functions[function.name]()
         parts += [_table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
-    q, qd, tau = path(len(files.model.device.drives))
+    q, qd, tau = path(len(files.model.device.active))
     observed, differentiated = watched(files, q, qd, tau)
     for name, values in (("q", q), ("qd", qd), ("tau", tau)):
         parts.append(_table(f"path_{name}", values.T, files.dialect, inputs=True))

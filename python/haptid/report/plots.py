@@ -9,12 +9,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array
+from haptid._internal.extras import needing
 from haptid.validation.prediction import Prediction
+
+with needing("drawing pictures"):
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
 # Colour-blind safe palette (Okabe and Ito 2008).
 _MEASURED, _PREDICTED, _RESIDUAL = "#000000", "#0072B2", "#D55E00"

@@ -213,10 +213,12 @@ def criterion(found: Identification) -> str:
             "[validation]."
         )
     worst = max(found.unseen, key=lambda v: v.comparable.relative)
-    text = f"Largest relative error on unseen motion: {worst.comparable.relative:.2f} % of the torque"
-    if worst.reference is not None:
-        text += f", all rows, behind the reference filter; {worst.relative:.2f} % on the rows of the treatment"
-    text += "."
+    motors = worst.comparable.motors
+    text = f"Relative torque error on unseen motion: {worst.comparable.relative:.2g} %"
+    if len(motors) > 1:
+        largest = max(motors, key=lambda motor: motor.relative)
+        text += f" of all motors together, {largest.relative:.2g} % of {largest.label}, the largest"
+    text += "; all rows, behind the reference filter." if worst.reference is not None else "."
     if found.meets_criteria is None:
         return text
     limit = found.study.largest_error

@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from haptid.device.toml.summary import summary_lines
-from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.near_special import NEAR_ANGLE
-from haptid.dynamics.symbolic import Regroupings
-from haptid.errors import RegroupingError
-from haptid.estimation import Parameter
+from haptid.device import Device
+from haptid.estimation import BetweenLogs, Parameter
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
+from haptid.report.model_tables import table
 from haptid.report.source import criterion
 from haptid.study.identify import Identification, Run
+from haptid.treatment_choice.calibration import Calibration
+from haptid.uncertainty.figures import short_percent, with_digits
 from haptid.validation.validation import Validation
-
-Row = Sequence[str | Text]
-
-
-def table(title: str, headings: Sequence[str], rows: Iterable[tuple[Row, bool]], left: Sequence[str] = ()) -> Table:
-    """A table without lines.
-
-    Args:
-        title: above it.
-        headings: of the columns.
-        rows: cells of each row, and whether the row is printed in grey.
-        left: headings of the columns that are flush left, after the first one; the others are flush right.
-    """
-    made = Table(title=title or None, title_justify="left", box=None, pad_edge=False)
-    for k, heading in enumerate(headings):
-        flush = k == 0 or heading in left
-        made.add_column(heading, justify="left" if flush else "right", overflow="fold", no_wrap=not flush)
-    for cells, grey in rows:
-        made.add_row(*cells, style="dim" if grey else None)
-    return made
 
 
 def show_identification(console: Console, found: Identification) -> None:
@@ -62,11 +41,53 @@ def show_identification(console: Console, found: Identification) -> None:
         "Grey rows: the standard error exceeds half the value. Regroupings: result.json, or `haptid model`.",
         style="dim",
     )
+    if found.calibration:
+        console.print(calibration_table(found.calibration))
+    between = found.estimate.between_logs
+    if between is not None:
+        console.print(between_table(between))
     console.print(error_table(found.runs, found.model.device.torque_rows))
+    if any(run.motors for run in found.runs):
+        console.print(motor_table(found.runs))
+        console.print(law_words(found.model.device), style="dim")
     searched = found.projection.notes if found.projection else ()
-    for note in (*found.proposal.reasons, *found.estimate.notes, *searched, found.use.reason):
+    scatter = between.sentences if between else ()
+    corrected = found.calibration.sentences(found.model) if found.calibration else ()
+    corrected += found.gimbal.sentences if found.gimbal else ()
+    for note in (*found.proposal.reasons, *found.estimate.notes, *corrected, *scatter, *searched, found.use.reason):
         console.print(f"- {note}")
     console.print(f"\n{criterion(found)}")
+
+
+MOTOR_HEADINGS = ("log", "motor", "measured, rms", "error, rms", "preload, mean", "preload, rms", "unit")
+
+
+def motor_table(runs: Sequence[Run]) -> Table:
+    """Torques of redundant motors: measured, error of the distribution law, and the measured preload."""
+    return table(
+        "Torque of each motor", MOTOR_HEADINGS, [(row, False) for row in motor_rows(runs)], left=("motor", "unit")
+    )
+
+
+def motor_rows(runs: Sequence[Run]) -> list[list[str]]:
+    """Cells of the table of redundant motors' torques."""
+    made = []
+    for run in runs:
+        for m in run.motors:
+            figures = (m.rms, m.error, m.preload, m.preload_rms)
+            made.append([run.entry.path, m.name, *(f"{x:.3g}" for x in figures), m.unit])
+    return made
+
+
+def law_words(device: Device) -> str:
+    """The distribution law as a sentence."""
+    law = device.law
+    how = "least sum of squares" if (law.weights == 1).all() else "least sum of weighted squares, as in the device file"
+    more = " and the preload of the device file" if law.preload.any() else ""
+    return (
+        f"Distribution law: {how}{more}. Motion does not determine the preload, the part of the torques that moves "
+        "nothing: it is measured, and not an error of the model."
+    )
 
 
 def searched_table(projection: VariableProjection) -> Table:
@@ -84,6 +105,45 @@ def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
     return table(title, headings, [(parameter_cells(p), p.relative_se > 50) for p in parameters], left=("unit",))
 
 
+def calibration_table(calibration: Calibration) -> Table:
+    """Home offsets and rotations of gravity with 95 % intervals, and the standard deviation of their priors."""
+    rows = [(cells, False) for cells in calibration_cells(calibration)]
+    return table("\nCalibration", ("", "value", "95 % interval", "prior", "unit"), rows, left=("unit",))
+
+
+def calibration_cells(calibration: Calibration) -> list[list[str]]:
+    """Its rows."""
+    q = calibration.quantities
+    columns = (q.names, q.units, q.values, q.se, q.conf_int(), calibration.prior_std)
+    return [
+        [name, with_digits(value, se), " .. ".join(with_digits(end, se) for end in ends), f"+- {std:.2g}", unit]
+        for name, unit, value, se, ends, std in zip(*columns, strict=True)
+    ]
+
+
+def between_table(between: BetweenLogs) -> Table:
+    """Standard errors within and between logs, and intervals over days; grey where too few logs count."""
+    headings = ("", "std err within", "over days", "log to log", "interval over days", "of a repeat", "unit")
+    rows = [(between_cells(between, k), not np.isfinite(se)) for k, se in enumerate(between.across.se)]
+    return table(f"\nBetween {between.logs} logs, 95 % intervals", headings, rows, left=("unit",))
+
+
+def between_cells(between: BetweenLogs, k: int) -> list[str]:
+    """One row of the table; empty cells where too few logs have information on the parameter."""
+    name, unit, inside, se = (
+        between.across.names[k],
+        between.across.units[k],
+        between.within.se[k],
+        between.across.se[k],
+    )
+    if not np.isfinite(se):
+        return [name, f"{inside:.2g}", "", "", "", "", unit]
+    ends = [
+        " .. ".join(with_digits(x, se) for x in made[k]) for made in (between.conf_int(), between.repeat_conf_int())
+    ]
+    return [name, f"{inside:.2g}", f"{se:.2g}", f"{between.deviation[k]:.2g}", *ends, unit]
+
+
 def parameter_cells(p: Parameter) -> list[str]:
     """One row of the table, to two digits of the standard error; none for a value constrained outside its interval."""
     low, high = (with_digits(end, p.se) for end in p.conf_int())
@@ -96,22 +156,6 @@ def parameter_cells(p: Parameter) -> list[str]:
         "" if p.prior is None else with_digits(p.prior[0], p.se),
         p.unit,
     ]
-
-
-def short_percent(part: float, whole: float) -> str:
-    """A percentage to two digits; above 100 only its order of magnitude."""
-    percent = 100 * part / abs(whole) if whole else float("inf")
-    return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
-
-
-def with_digits(value: float, se: float) -> str:
-    """A value to two digits of its standard error."""
-    if not (se > 0 and abs(value) < 1e6 and se > 1e-9):
-        return f"{value:.6g}"
-    decimals = 1
-    while decimals < 12 and 10.0**-decimals * 10 > se:
-        decimals += 1
-    return f"{value:.{decimals}f}"
 
 
 def error_table(runs: tuple[Run, ...], row: str) -> Table:
@@ -130,65 +174,3 @@ def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text
         if found is not None:
             each = [f"{m.relative:.2f}" for m in found.motors] if motors > 1 else []
             yield [kind, f"{found.relative:.2f}", *each]
-
-
-def show_model(console: Console, model: DynamicModel) -> None:
-    """Print tree, loops, motors, terms, base parameters and regroupings of a device."""
-    for line in summary_lines(model.device):
-        console.print(line, highlight=False, markup=False)
-    base, exact = model.base, exact_regroupings(model)
-    found = base.groupings if isinstance(exact, str) else exact.formulas
-    rows = [(cells, False) for cells in zip(base.names, base.units, found, strict=True)]
-    headings = ("parameter", "unit", "regroups")
-    console.print(table(f"\n{len(base)} base parameters of {len(base.standard)}", headings, rows, left=headings))
-    if isinstance(exact, str):
-        console.print(f"\nRegroupings are valid for these lengths only: {exact}", highlight=False, soft_wrap=True)
-    elif exact.symbols:
-        console.print(f"\nWith {', '.join(f'{s.name} = {s.value:.6g}' for s in exact.symbols)}", highlight=False)
-    if base.no_effect:
-        console.print(f"\nWithout effect on the torque: {' '.join(base.no_effect)}")
-    console.print(
-        f"\nRank: least independent column kept {base.gap[0]:.1e}, most independent dropped {base.gap[1]:.1e} "
-        f"(relative, limit {base.tolerance:.0e})" + ("" if base.is_clear else "  - NOT CLEAR: check the geometry"),
-        highlight=False,
-    )
-    if model.only_by_rounding:
-        console.print(
-            f"\nOnly through the description's rounding: {' '.join(model.only_by_rounding)}. Axes there are within "
-            f"{NEAR_ANGLE:g} rad of parallel or of a right angle; with exact angles these parameters have no effect of "
-            "their own, and no motion determines them. Write such angles as pi/2, or import with --snap.",
-            highlight=False,
-            soft_wrap=True,
-        )
-
-
-def exact_regroupings(model: DynamicModel) -> Regroupings | str:
-    """Symbolic regroupings, or the reason why there are none."""
-    try:
-        return model.regroupings
-    except RegroupingError as error:
-        return str(error)
-
-
-def model_values(model: DynamicModel) -> dict[str, Any]:
-    """Values that `haptid model --json` prints."""
-    base, exact = model.base, exact_regroupings(model)
-    rows = [
-        {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}
-        for name, unit, row in zip(base.names, base.units, base.regrouping, strict=True)
-    ]
-    if not isinstance(exact, str):
-        for row, formula, latex, exactly in zip(rows, exact.formulas, exact.latex, exact.texts, strict=True):
-            row |= {"formula": formula, "latex": latex, "exact": dict(exactly)}
-    return {
-        "device": model.device.name,
-        "relations": list(model.device.closure.relations),
-        "closure_error": model.device.closure.error,
-        "base_parameters": rows,
-        "symbols": {} if isinstance(exact, str) else {symbol.name: symbol.value for symbol in exact.symbols},
-        "notes": [exact] if isinstance(exact, str) else [],
-        "no_effect": list(base.no_effect),
-        "tolerance": base.tolerance,
-        "gap": list(base.gap),
-        "only_by_rounding": list(model.only_by_rounding),
-    }

@@ -35,16 +35,20 @@ from haptid.estimation import (
 )
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.nonlinear import VariableProjection
+from haptid.inference.misfit import clusters_with_misfit
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
 from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Block
 from haptid.results.schema import (
+    BetweenLogsTable,
     BoundConstraints,
+    CalibrationQuantity,
     CandidateTable,
     Criteria,
     EqualityConstraintsTable,
     ErrorTable,
+    GimbalBound,
     ModelForUseTable,
     NonlinearConstant,
     ObservationTable,
@@ -61,6 +65,7 @@ from haptid.results.schema import (
 )
 from haptid.study.identify import Identification, Run
 from haptid.study.method import intervals_name, method_name
+from haptid.treatment_choice.calibration import Calibration
 from haptid.uncertainty.quantities import Quantities
 from haptid.validation.validation import MotorError, Validation
 
@@ -141,6 +146,8 @@ class Result(ResultTable):
                 parameters=list(_parameters(estimate)),
                 targets=list(_targets(estimate)),
                 nonlinear_constants=list(_constants(projection)),
+                gimbal=None if identification.gimbal is None else GimbalBound.of(identification.gimbal),
+                calibration=list(_calibration(identification.calibration)),
                 load_friction_parameters=None if model.load is None else model.load.tolist(),
                 constraints=_constraints(estimate),
                 covariance=estimate.covariance.tolist(),
@@ -150,10 +157,17 @@ class Result(ResultTable):
             criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
             verdict=list(_uses(verdict)),
             advice=None if advice is None else ResultAdvice.model_validate(finite(advice.to_dict())),
-            notes=[*estimate.notes, RELATIVE_ERROR, *(projection.notes if projection else ())],
+            notes=[
+                *estimate.notes,
+                *(estimate.between_logs.sentences if estimate.between_logs else ()),
+                RELATIVE_ERROR,
+                *(projection.notes if projection else ()),
+                *_calibrated(identification),
+                *(identification.gimbal.sentences if identification.gimbal else ()),
+            ],
             device_file=finite(device_file(model)),
         )
-        made._model, made._clusters = model, estimate.clusters
+        made._model, made._clusters = model, clusters_with_misfit(estimate)
         return made
 
     @classmethod
@@ -201,7 +215,8 @@ class Result(ResultTable):
             self._clusters.save(folder / CLUSTERS)
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
-        write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
+        more = ("unconstrained", "log_to_log_deviation", "repeat_low", "repeat_high")
+        write_csv(folder / "parameters.csv", [(*heads, *more), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
         write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
@@ -347,8 +362,9 @@ def finite(value: Any) -> Any:
 
 def _parameters(estimate: Estimate) -> Iterator[ResultParameter]:
     """Base parameters; `eliminated` is None where nothing was to be eliminated."""
+    between = BetweenLogsTable.each(estimate.between_logs, len(estimate.beta))
     for k, p in enumerate(estimate.parameters):
-        yield ResultParameter.of(p, estimate.dof[k], k in estimate.zero if _reduced(estimate) else None)
+        yield ResultParameter.of(p, estimate.dof[k], between[k], k in estimate.zero if _reduced(estimate) else None)
 
 
 def _reduced(estimate: Estimate) -> bool:
@@ -358,7 +374,9 @@ def _reduced(estimate: Estimate) -> bool:
 def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
         found = targets(estimate)
-        yield from map(ResultParameter.of, found.parameters, found.dof)
+        yield from map(
+            ResultParameter.of, found.parameters, found.dof, BetweenLogsTable.each(found.between_logs, len(found))
+        )
 
 
 def _clusters_beside(path: Path, size: int) -> Clusters | None:
@@ -416,6 +434,17 @@ def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConst
             conf_int=constant.conf_int(),
             range=(constant.low, constant.high),
         )
+
+
+def _calibrated(identification: Identification) -> tuple[str, ...]:
+    found = identification.calibration
+    return found.sentences(identification.model) if found else ()
+
+
+def _calibration(found: Calibration | None) -> Iterator[CalibrationQuantity]:
+    if found is not None:
+        for entry, std in zip(found.quantities.to_json(), found.prior_std.tolist(), strict=True):
+            yield CalibrationQuantity(**entry, prior_std=std)
 
 
 def _constraints(estimate: Estimate) -> PhysicalConstraints | BoundConstraints | EqualityConstraintsTable | None:
@@ -558,4 +587,10 @@ def _csv_row(p: ResultParameter) -> list[object]:
     relative = math.inf if p.relative_se_percent is None else p.relative_se_percent
     shown = "" if p.constrained_outside_ci else relative
     se = math.inf if p.se is None else p.se
-    return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained]
+    between = p.between_logs
+    last = ["", "", ""] if between is None else [_cell(x) for x in (between.deviation, *between.repeat_conf_int)]
+    return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained, *last]
+
+
+def _cell(value: float | None) -> float | str:
+    return "" if value is None else value

@@ -6,11 +6,13 @@ confidence level `estimate.level`. A number that is not finite is null.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from haptid.estimation import Parameter
+from haptid.estimation import BetweenLogs, Parameter
+from haptid.inference.gimbal import GimbalEffect
 from haptid.observation.known_payload import Payload
 from haptid.study import Role
 from haptid.study.identify import Run
@@ -23,7 +25,7 @@ Number = Annotated[float | None, BeforeValidator(lambda x: finite_or_none(x) if 
 
 
 class ResultTable(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
 
 
 class _PayloadTable(ResultTable):
@@ -41,6 +43,17 @@ class _PayloadTable(ResultTable):
         return cls(link=payload.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
 
 
+class ResultMotor(ResultTable):
+    """Torque of a redundant motor along a log, at the joint side."""
+
+    name: str
+    unit: str
+    rms: Number = Field(description="of the measured torque")
+    error: Number = Field(description="rms of measured minus predicted torque, by the distribution law")
+    preload: Number = Field(description="mean of the measured torque that moves nothing")
+    preload_rms: Number = Field(description="root mean square of it")
+
+
 class ResultLog(ResultTable):
     """A log of a result."""
 
@@ -52,6 +65,7 @@ class ResultLog(ResultTable):
     dt: float = Field(description="sampling period, s")
     notes: list[str] = Field(default=[], description="what was mended")
     payload: _PayloadTable | None = Field(default=None, description="subtracted from the torque")
+    motors: list[ResultMotor] = Field(default=[], description="of redundant motors, by the distribution law")
 
     @property
     def stop(self) -> float:
@@ -71,6 +85,7 @@ class ResultLog(ResultTable):
             dt=run.motion.dt,
             notes=list(read.notes),
             payload=None if load is None else _PayloadTable.of(load),
+            motors=[ResultMotor(**asdict(motor)) for motor in run.motors],
         )
 
 
@@ -110,6 +125,41 @@ class _Prior(ResultTable):
     std: Number = Field(description="standard deviation; null where none is given")
 
 
+class BetweenLogsTable(ResultTable):
+    """Scatter of a parameter between three logs or more; conf_int beside it is of the mean over these logs alone."""
+
+    logs: float = Field(description="effective number of logs that have information on it")
+    within_se: Number = Field(description="standard error from time blocks within logs")
+    se: Number = Field(description="standard error from logs as clusters; null where too few have information on it")
+    dof: Number = Field(description="degrees of freedom of se")
+    deviation: Number = Field(description="standard deviation from log to log beyond the noise of blocks")
+    p: Number = Field(description="of the hypothesis that logs scatter by the noise of their blocks alone")
+    conf_int: tuple[Number, Number] = Field(description="of the mean over days, at estimate.level")
+    repeat_conf_int: tuple[Number, Number] = Field(
+        description="of the estimate from one more log as informative as these, on another day, at estimate.level"
+    )
+
+    @classmethod
+    def each(cls, found: BetweenLogs | None, many: int) -> list[BetweenLogsTable | None]:
+        """One for each of so many parameters, or None."""
+        if found is None:
+            return [None] * many
+        mean, repeat = found.conf_int(), found.repeat_conf_int()
+        return [
+            cls(
+                logs=float(found.effective[k]),
+                within_se=float(found.within.se[k]),
+                se=float(found.across.se[k]),
+                dof=float(found.across.dof[k]),
+                deviation=float(found.deviation[k]),
+                p=float(found.p[k]),
+                conf_int=(mean[k, 0], mean[k, 1]),
+                repeat_conf_int=(repeat[k, 0], repeat[k, 1]),
+            )
+            for k in range(many)
+        ]
+
+
 class ResultParameter(_Quantity):
     """A base parameter, or a target."""
 
@@ -124,9 +174,12 @@ class ResultParameter(_Quantity):
         default=None, description="set to zero by backward elimination; null without elimination"
     )
     prior: _Prior | None = None
+    between_logs: BetweenLogsTable | None = Field(default=None, description="null with fewer than three logs")
 
     @classmethod
-    def of(cls, p: Parameter, dof: float, eliminated: bool | None = None) -> ResultParameter:
+    def of(
+        cls, p: Parameter, dof: float, between: BetweenLogsTable | None, eliminated: bool | None = None
+    ) -> ResultParameter:
         return cls(
             name=p.name,
             unit=p.unit,
@@ -141,6 +194,7 @@ class ResultParameter(_Quantity):
             grouping=p.grouping,
             eliminated=eliminated,
             prior=None if p.prior is None else _Prior(value=p.prior[0], std=p.prior[1]),
+            between_logs=between,
         )
 
 
@@ -148,6 +202,28 @@ class NonlinearConstant(_Quantity):
     """A constant in which the torque is nonlinear, as found by variable projection; profile likelihood interval."""
 
     range: tuple[float, float] = Field(description="in which it was searched")
+
+
+class CalibrationQuantity(_Quantity):
+    """A home offset (true position less the logged one) or a rotation of gravity, to which the logs were corrected."""
+
+    prior_std: float = Field(description="standard deviation of its prior, about zero")
+
+
+class GimbalBound(ResultTable):
+    """Largest effect of an unmeasured passive gimbal, beyond that of a point mass at the handle."""
+
+    state: str = Field(description="locked, hanging or free")
+    torque_percent: dict[str, Number] = Field(description="by motor: rms bound over rms torque")
+    parameters: dict[str, Number] = Field(description="largest change of each base parameter, SI")
+
+    @classmethod
+    def of(cls, effect: GimbalEffect) -> GimbalBound:
+        return cls(
+            state=effect.gimbal.state,
+            torque_percent=dict(zip(effect.motors, effect.share.tolist(), strict=True)),
+            parameters=dict(zip(effect.names, effect.parameters.tolist(), strict=True)),
+        )
 
 
 class ResultCost(ResultTable):
@@ -197,6 +273,8 @@ class ResultEstimate(ResultTable):
     parameters: list[ResultParameter] = Field(description="base parameters")
     targets: list[ResultParameter] = Field(default=[], description="combinations that the device file names")
     nonlinear_constants: list[NonlinearConstant] = []
+    gimbal: GimbalBound | None = Field(default=None, description="null where the device has none")
+    calibration: list[CalibrationQuantity] = Field(default=[], description="home offsets and direction of gravity")
     load_friction_parameters: list[float] | None = Field(
         default=None,
         description="parameters of links, then of rotors, of which the load-dependent friction is made, SI",
@@ -260,7 +338,7 @@ class ResultEdit(ResultTable):
     """A change of a study or device file."""
 
     file: Literal["study", "device"]
-    operation: str = Field(description="append, set, add, multiply, exchange or exclude")
+    operation: str = Field(description="append, set, add, multiply, exchange, exclude or remove")
     path: list[str | int] = Field(description="keys from the top of the file; channels: every table of channels")
     index: int | None = Field(description="entry of a list with one number for each channel")
     value: Any
@@ -278,8 +356,25 @@ class ResultAction(ResultTable):
     se: Number = Field(description="paired standard error of before - after; null where the error is not the proof")
     share: float = Field(description="of the weighted squared unseen error that goes away")
     adds: bool = Field(description="part of the best combination")
+    blocks: int = Field(description="unseen time blocks on which the errors are stated")
+    rivals: list[str] = Field(description="changes whose gain is the same within a standard error")
+    motor: str = Field(description="whose error is stated; empty for that of all")
     sentence: str
     edits: list[ResultEdit]
+
+
+class ResultMotion(ResultTable):
+    """A further motion and the intervals that are predicted with it."""
+
+    stroke: float = Field(description="over that of the log")
+    speed: float = Field(description="over that of the log")
+    seconds: float
+    same_motion_seconds: Number = Field(description="of the log's own motion; null where it would take too long")
+    torque: float = Field(description="largest torque over that of the log")
+    parameters: list[str]
+    before_percent: list[float] = Field(description="half width of the 95 % interval over the value")
+    after_percent: list[float]
+    sentence: str
 
 
 class ResultAdvice(ResultTable):
@@ -290,6 +385,7 @@ class ResultAdvice(ResultTable):
     combined_error_percent: float = Field(description="with the best combination")
     actions: list[ResultAction]
     untold: list[str] = Field(description="what cannot be told from the log")
+    more_motion: ResultMotion | None = Field(description="further motion that would make wide intervals narrow")
 
 
 class ResultUse(ResultTable):

@@ -129,7 +129,15 @@ class ControllerState:
 
     def __init__(self, law: PID, model: DynamicModel, period: float, start: InitialState) -> None:
         """Start in the stationary state of the initial torque."""
-        self.rates = np.asarray(model.device.drive_rates[[drive.motorised for drive in model.device.drives]])
+        if model.device.drive_varies.any():
+            raise SettingError(
+                f"controller: motors of {model.device.name} are on passive joints whose rates vary with the pose; the "
+                "simulated controller requires constant ones.",
+                where="controller",
+                found=model.device.name,
+                advice="Use a method that simulates no controller, such as wls, torque-noise, iv or output-error.",
+            )
+        self.rates = np.asarray(model.device.drive_rates[model.device.driven])
         self.kp, self.kd, self.ki = (law.figures(name, model) for name in ("kp", "kd", "ki"))
         self.limit = None if law.saturation is None else law.figures("saturation", model)
         self.keep = None

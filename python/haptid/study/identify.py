@@ -9,12 +9,14 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
+from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
 from haptid.executors import Executor
+from haptid.inference.gimbal import GimbalEffect, gimbal_effect
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all
@@ -23,10 +25,12 @@ from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.study.schema import fault
+from haptid.treatment_choice.calibration import Calibration, find_calibration
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
 from haptid.validation.model_for_use import ModelForUse, model_for_use
+from haptid.validation.motor_torques import MotorShare, motor_shares
 from haptid.validation.validation import Validation, fit_errors, pooled, validate
 
 _Progress = Callable[[str, float], None]
@@ -43,6 +47,7 @@ class Run:
         unseen: out-of-sample errors of the model for use: of the final one for a validation log, of each fold's own in
             cross-validation.
         reference: all its rows behind the reference filter; None where errors are not compared on them.
+        motors: torques of redundant motors by the model for use; empty where they are not redundant.
     """
 
     entry: LogEntry
@@ -50,12 +55,14 @@ class Run:
     fit_errors: Validation | None
     unseen: tuple[Validation, ...]
     reference: Observation | None = None
+    motors: tuple[MotorShare, ...] = ()
 
     @property
     def motion(self) -> Motion:
         return self.observation.motions[0]
 
 
+@displayed
 @dataclass(frozen=True)
 class Identification:
     """A study carried out.
@@ -67,7 +74,10 @@ class Identification:
         estimate: from all logs with role "identify", from which parameters and intervals are quoted.
         use: the model for use, chosen on the same rows: it predicts, and is validated and exported.
         runs: one for each log.
+        gimbal: largest effect of an unmeasured gimbal; None where the device has none.
         projection: the nonlinear constants as found by variable projection, None where the device has none.
+        calibration: home offsets and the direction of gravity, to which the logs are corrected; None where the study
+            takes them as exact.
     """
 
     study: Study
@@ -77,6 +87,8 @@ class Identification:
     use: ModelForUse
     runs: tuple[Run, ...]
     projection: VariableProjection | None = None
+    calibration: Calibration | None = None
+    gimbal: GimbalEffect | None = None
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
@@ -90,6 +102,16 @@ class Identification:
         if limit is None:
             return None
         return bool(self.unseen) and all(v.comparable.relative <= limit for v in self.unseen)
+
+    def _shown(self) -> Overview:
+        shown = self.estimate._shown()
+        errors = [
+            f"{run.entry.path}, unseen: {v.comparable.relative:.2f} %{' of all rows' if v.reference else ''}"
+            for run in self.runs
+            for v in run.unseen
+        ]
+        title = f"Identification {self.study.name}: {self.model.device.name}, {self.estimate.method.name}"
+        return Overview(title, shown.headings, shown.rows, (*errors, self.use.reason))
 
 
 def identify(
@@ -106,19 +128,21 @@ def identify(
         data: where the study's relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done; details follow a colon in the name.
         workers: executor that reduces the logs to R factors; this process where None.
-        free_parameters: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
+        cache: of the R factors of long logs, from which an interrupted run resumes; none where None.
 
     Raises:
         HaptidError: any error of the steps.
     """
     progress = progress or _silent
-    _check_kind(study)
+    check_kind(study)
     as_filed = DynamicModel(read_device(study.device))
-    logs = [_read(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    study = study.on(as_filed.device)
+    logs = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
     progress("choosing a treatment", 0.0)
     proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
     progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
+    calibration, logs = _calibrated(study, as_filed, logs, proposal.treatment, progress)
     motions = [_treat(log, proposal.treatment, progress) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
     model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, progress)
@@ -128,22 +152,27 @@ def identify(
     progress("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
     final = with_treatment_uncertainty(final, proposal)
+    final = calibration.with_uncertainty(final) if calibration else final
     all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, cache)
     seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
     use = model_for_use(final, reduce(add, seen), study.use)
     runs = []
     for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
-            runs.append(Run(entry, observation, None, (validate(use.estimate, observation, whole),), whole))
+            shares = motor_shares(use.estimate, observation.motions[0])
+            runs.append(Run(entry, observation, None, (validate(use.estimate, observation, whole),), whole, shares))
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others, whole)
-            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, whole))
+            shares = motor_shares(use.estimate, observation.motions[0])
+            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, whole, shares))
     progress("estimating", 1.0)
-    return Identification(study, model, proposal, final, use, tuple(runs), projection)
+    return Identification(
+        study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
+    )
 
 
-def _check_kind(study: Study) -> None:
+def check_kind(study: Study) -> None:
     """Refuse a study of poses, and one with a payload whose torque cannot be subtracted."""
     if study.poses is not None:
         raise fault(
@@ -166,7 +195,7 @@ def _silent(_what: str, _share: float) -> None:
     """No progress report."""
 
 
-def _read(entry: LogEntry, data: Path, progress: _Progress) -> Log:
+def read_entry(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
     path = data / entry.path
@@ -187,6 +216,21 @@ def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
 
 def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
     return log if entry.payload is None else log_without_payload(model, log, treatment, entry.payload)
+
+
+def _calibrated(
+    study: Study, model: DynamicModel, logs: Sequence[Log], treatment: Treatment, progress: _Progress
+) -> tuple[Calibration | None, list[Log]]:
+    """Home offsets and the direction of gravity from the logs of the fit, and all logs corrected to them."""
+    if study.calibration is None:
+        return None, list(logs)
+    progress("calibrating", 0.0)
+    fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
+    found = find_calibration(model, [logs[k] for k in fitted], treatment, study.calibration)
+    places = {k: j for j, k in enumerate(fitted)}
+    corrected = [found.corrected(model, log, treatment, places.get(k)) for k, log in enumerate(logs)]
+    progress("calibrating", 1.0)
+    return found, corrected
 
 
 def _treat(log: Log, treatment: Treatment, progress: _Progress) -> Motion:

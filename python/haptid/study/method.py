@@ -38,6 +38,7 @@ from haptid.estimation import (
     Ridge,
     Sandwich,
     StudentT,
+    TorqueNoise,
     Tukey,
 )
 from haptid.estimation.methods.regularised import Entropic
@@ -51,6 +52,7 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "ols": (OLS, ()),
     "wls": (WLS, ("passes",)),
     "sur": (SUR, ("passes",)),
+    "torque-noise": (TorqueNoise, ("passes",)),
     "gls": (GLS, ("passes",)),
     "irls": (IRLS, ("loss",)),
     "heteroscedastic": (Heteroscedastic, ("passes",)),
@@ -103,11 +105,12 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         StudyFileError: a setting that the method does not have, or that has no meaning; the method requires a
             controller, and there is none.
     """
-    make, keys = METHODS[table.method]
+    method = table.method or "wls"
+    make, keys = METHODS[method]
     given = {key: value for key in _SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
         if key not in keys:
-            raise fault(study, f"estimate.{key}", f"the method {table.method!r} has no such setting", given[key])
+            raise fault(study, f"estimate.{key}", f"the method {method!r} has no such setting", given[key])
     if "loss" in given:
         given["loss"] = _LOSSES[given["loss"]]()
     if isinstance(make, type) and issubclass(make, ClosedLoop):
@@ -115,8 +118,8 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             raise fault(
                 study,
                 "estimate.method",
-                f"{table.method} simulates the device under the controller that moved it, and the study has none",
-                table.method,
+                f"{method} simulates the device under the controller that moved it, and the study has none",
+                method,
                 "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as wls.",
             )
         given["controller"] = controller

@@ -89,9 +89,11 @@ def _recorded(
     study: Study, entries: Sequence[LogEntry], data: str | Path | None, tell: _Progress
 ) -> tuple[DynamicModel, list[Recorded]]:
     """The model at its nonlinear constants, and poses or treated motions of the entries."""
+    if study.calibration is not None:
+        raise fault(study.path, "calibration", "only `haptid identify` calibrates logs", advice="Leave the table out.")
     model = DynamicModel(read_device(study.device))
     if study.poses is not None:
-        return model, [_poses_of(study, model, entry, data, tell) for entry in entries]
+        return model, [recorded_poses(study, model, entry, data, tell) for entry in entries]
     folder = Path(data or study.path.parent)
     logs = []
     for entry in entries:
@@ -108,7 +110,9 @@ def _recorded(
     return model, list(motions)
 
 
-def _poses_of(study: Study, model: DynamicModel, entry: LogEntry, data: str | Path | None, tell: _Progress) -> Poses:
+def recorded_poses(
+    study: Study, model: DynamicModel, entry: LogEntry, data: str | Path | None, tell: _Progress
+) -> Poses:
     """The poses of a log, or of a table."""
     assert study.poses is not None
     path = Path(data or study.path.parent) / entry.path

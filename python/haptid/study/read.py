@@ -21,6 +21,7 @@ from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.method import INTERVALS, method_of
 from haptid.study.schema import (
+    CalibrationTable,
     ChannelsTable,
     ControllerTable,
     CrossValidation,
@@ -37,6 +38,7 @@ from haptid.study.schema import (
     fault,
 )
 from haptid.study.study import LogEntry, PoseSettings, Study
+from haptid.treatment_choice.calibration import CalibrationPrior
 
 
 def read_study(path: str | Path) -> Study:
@@ -55,7 +57,7 @@ def read_study(path: str | Path) -> Study:
     controller = _controller(path, table.controller) if table.controller else None
     method = method_of(path, table.estimate, controller)
     return Study(
-        name=table.name,
+        name=table.name or path.stem,
         path=path,
         device=_device(path, table.device),
         logs=logs,
@@ -66,7 +68,9 @@ def read_study(path: str | Path) -> Study:
         intervals=INTERVALS[table.estimate.intervals](),
         controller=controller,
         poses=poses,
+        calibration=_calibration(path, table.calibration) if table.calibration else None,
         use=_use(path, table.estimate, method),
+        method_given=table.estimate.method is not None,
     )
 
 
@@ -106,6 +110,16 @@ def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
     settings: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
     Treatment(**settings)  # a setting without meaning is an error before any log is read
     return settings
+
+
+def _calibration(study: Path, table: CalibrationTable) -> CalibrationPrior:
+    std = table.home_offset_std
+    try:
+        return CalibrationPrior(
+            tuple(std) if isinstance(std, list) else std, table.each_log, table.gravity_direction_std
+        )
+    except SettingError as error:
+        raise fault(study, "calibration", str(error).rstrip(".")) from error
 
 
 def _controller(study: Path, table: ControllerTable) -> PID:

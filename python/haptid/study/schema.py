@@ -14,11 +14,12 @@ Role = Literal["identify", "validate"]
 Use = Literal["auto", "consistent", "free"]
 CrossValidation = Literal["blocks", "leave-one-log-out"]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 class SignalTable(_Table):
@@ -116,9 +117,7 @@ class PosesTable(_Table):
 
     table: bool = Field(False, description="the logs are tables with one row a pose, without times")
     hold_s: _Positive = Field(0.5, description="least duration of a hold, s")
-    settle_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
-        0.1, description="left out at both ends of a hold, s"
-    )
+    settle_s: _NotNegative = Field(0.1, description="left out at both ends of a hold, s")
     still: _Positive | list[_Positive] | None = Field(
         None,
         description="largest range of a position channel in a hold, rad or m; default: three of its smallest steps, or "
@@ -154,13 +153,27 @@ class TreatmentTable(_Table):
     reversal_speed: _Finite | list[_Finite] | None = Field(
         None, description="rows below this speed are dropped, rad/s or m/s; 0 for none"
     )
-    reversal_guard_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+    reversal_guard_s: _NotNegative | None = Field(
         None,
         description="rows this close to slow motion are dropped too, s; default: the length of the parallel filter",
     )
     block_s: _Positive | None = Field(None, description="length of a time block, s; default 1")
     torque_delay_s: _Finite | list[_Finite] | None = Field(
         None, description="by which the acting torque is earlier, s, one for all channels or one for each; 0 for none"
+    )
+
+
+class CalibrationTable(_Table):
+    """How well the zeros of the positions and the direction of gravity are known; both are estimated then."""
+
+    home_offset_std: _NotNegative | list[_NotNegative] = Field(
+        0.0,
+        description="standard deviation of the true position of a joint less the logged one, rad or m: one for all "
+        "active joints, or one for each; 0: exact",
+    )
+    each_log: bool = Field(False, description="offsets are new in each log, as of encoders homed at every start")
+    gravity_direction_std: _NotNegative = Field(
+        0.0, description="standard deviation of the direction of gravity about each of two level axes, rad; 0: exact"
     )
 
 
@@ -206,25 +219,33 @@ class BoundTable(_Table):
 class EstimateTable(_Table):
     """The estimator."""
 
-    method: Literal[
-        "ols",
-        "wls",
-        "sur",
-        "gls",
-        "irls",
-        "heteroscedastic",
-        "total-least-squares",
-        "errors-in-variables",
-        "ridge",
-        "entropic",
-        "iv",
-        "didim",
-        "clie",
-        "cloe",
-        "output-error",
-        "ekf",
-        "ukf",
-    ] = Field("wls", description="estimation method; see the page on estimators")
+    method: (
+        Literal[
+            "ols",
+            "wls",
+            "sur",
+            "torque-noise",
+            "gls",
+            "irls",
+            "heteroscedastic",
+            "total-least-squares",
+            "errors-in-variables",
+            "ridge",
+            "entropic",
+            "iv",
+            "didim",
+            "clie",
+            "cloe",
+            "output-error",
+            "ekf",
+            "ukf",
+        ]
+        | None
+    ) = Field(
+        None,
+        description="estimation method; default: wls, or torque-noise where motors are redundant or on passive joints "
+        "whose rates vary",
+    )
     passes: int | None = Field(
         None, ge=1, description="iterations of the weights; only of wls, sur, gls, heteroscedastic and ridge"
     )
@@ -277,11 +298,12 @@ class StudyTable(_Table):
     """A study file."""
 
     schema_: Literal[1] = Field(alias="schema", description="version of this format: 1")
-    name: str = Field(min_length=1)
+    name: str | None = Field(None, min_length=1, description="of results; default: the file's")
     device: str = Field(description="name of a shipped device, or path of a device file, relative to the study")
     channels: ChannelsTable | None = None
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
+    calibration: CalibrationTable | None = None
     validation: ValidationTable | None = None
     poses: PosesTable | None = None
     controller: ControllerTable | None = None

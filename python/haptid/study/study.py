@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from haptid.estimation import ClusterRobust, Intervals, Method
+from haptid.device import Device
+from haptid.estimation import ClusterRobust, Intervals, Method, TorqueNoise
 from haptid.inference.payload_body import AttachedBody
 from haptid.log import Channels
 from haptid.motion.holds import HoldDetection
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.schema import CrossValidation, Role, Use
+from haptid.treatment_choice.calibration import CalibrationPrior
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ class Study:
         cross_validation: scheme, None for none.
         largest_error: criterion on the relative error on unseen rows, per cent; None for none.
         intervals: how standard errors are computed.
+        calibration: how well zeros and the direction of gravity are known; None where they are exact.
         use: which fit is the model for use, "auto" where it is chosen on held-out blocks.
+        method_given: whether the file names the method; else it is chosen by the device.
         controller: that moved the device, None if not given.
         poses: how the logs hold poses, None for motions.
     """
@@ -78,4 +82,14 @@ class Study:
     intervals: Intervals = field(default_factory=ClusterRobust)
     controller: PID | None = None
     poses: PoseSettings | None = None
+    calibration: CalibrationPrior | None = None
     use: Use = "auto"
+    method_given: bool = True
+
+    def on(self, device: Device) -> Study:
+        """The study with the default method of a device: torque noise where its rows mix motors by the pose."""
+        if self.method_given or not (device.redundant or device.drive_varies.any()):
+            return self
+        made: Any = self.method  # WLS, or constraints around it
+        noise = TorqueNoise()
+        return replace(self, method=replace(made, weighting=noise) if hasattr(made, "weighting") else noise)

@@ -25,7 +25,7 @@ from haptid.inference.elimination import Elimination, eliminate, eliminate_by_mo
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
-from haptid.validation.validation import Validation
+from haptid.validation.validation import Validation, validate
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,13 @@ class Identified:
         """The essential parameters on the unseen motion."""
         assert self.reduction.unseen is not None
         return self.reduction.unseen[1]
+
+    @cached_property
+    def cross_everywhere(self) -> Validation:
+        """The same on all rows, those at reversals too."""
+        return validate(
+            self.reduced, replace(self.unseen, treatment=replace(self.unseen.treatment, reversal_speed=0.0))
+        )
 
     @cached_property
     def by_motor(self) -> tuple[Elimination, ...]:

@@ -71,7 +71,8 @@ def _identification(found: Results) -> DocumentSection:
     cells = [["branch", "comparison", *motors, "all"]]
     for one in found.found.values():
         cells.append([one.branch.title, "in-sample, rows of the fit", *_errors(one.fit_errors)])
-        cells.append([one.branch.title, "cross-validation, unseen motion", *_errors(one.cross)])
+        cells.append([one.branch.title, "cross test, unseen motion", *_errors(one.cross)])
+        cells.append([one.branch.title, "cross test, unseen motion, all rows", *_errors(one.cross_everywhere)])
     title = "100 norm(measured - predicted) / norm(measured) of the treated torque, per cent"
     charts = [chart for k, drawn in enumerate(found.demo.drawn) for chart in _torque(found, drawn, f"torque-{k}")]
     return DocumentSection("identification", "Identification", tuple(text), (TextTable(title, cells),), tuple(charts))

@@ -164,7 +164,11 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
             "all rows, published columns": one.condition_of_published,
             "rows of the fit": one.full.observation.condition,
         },
-        "relative_error_percent": {"direct": _errors(one.fit_errors), "cross": _errors(one.cross)},
+        "relative_error_percent": {
+            "direct": _errors(one.fit_errors),
+            "cross": _errors(one.cross),
+            "cross, all rows": _errors(one.cross_everywhere),
+        },
         "parameters": {name: _parameter(one, name) for name in one.full.base.names},
         "essential": one.reduction.essential,
         "essential_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},

@@ -80,6 +80,21 @@ def cells2(found: Results, columns: _Columns) -> _Cells:
     return layout(rows, {key: found.demo.mountings[key] for key in found.fits}, columns, 2)
 
 
+def beside(found: Results) -> _Cells:
+    """Each published error beside those on all rows, the reversals too, and which is smaller."""
+    made = table2(found)
+    by_key = titles(found)
+    ours = {key: made[f"{by_key[key]}, all rows"] for key in ("exact", "encoders")}
+    cells = [["mounting", "motor", "published", "exact velocity, all rows", "", "encoders, all rows", ""]]
+    for name in found.fits:
+        for motor in found.demo.errors.rows:
+            theirs = made["Published"][name][motor]
+            pairs = [(ours[key][name][motor], ours[key][name][motor] < theirs) for key in ours]
+            figures = [text for error, less in pairs for text in (f"{error:.2f}", "better" if less else "worse")]
+            cells.append([found.demo.mountings[name], f"motor {motor}", f"{theirs:.2f}", *figures])
+    return cells
+
+
 def layout(rows: Mapping[str, str], heads: Mapping[str, str], columns: _Columns, decimals: int) -> _Cells:
     """Cells with headings; rows and columns by key with a title; missing numbers are blank."""
     cells = [["", *heads.values()]]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze
+from haptid._internal.display import Overview, displayed
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace
@@ -28,6 +29,7 @@ from haptid.uncertainty.quantities import Field
 POSES = 8000
 
 
+@displayed
 @dataclass(frozen=True, eq=False)
 class Characterisation:
     """The dynamics at the handle at some poses; see `characterise`.
@@ -99,15 +101,17 @@ class Characterisation:
         Its component along d is the force lost to dry friction; `backdrive_force` adds the weight.
         """
         rates = self.handle.all_rates(self._rates(self._unit(direction)))
-        return linear(self.identified, lambda beta: self._at_handle(friction.dry_torque(self.model, beta, rates)), "N")
+        qa = self.handle.qa
+        return linear(
+            self.identified, lambda beta: self._at_handle(friction.dry_torque(self.model, beta, qa, rates)), "N"
+        )
 
     @cached_property
     def coulomb_by_axis(self) -> Field:
         """J^-T Fc as printed in eq. (18), (poses, m), N: correct where signs of handle and joint rates agree."""
 
         def of(beta: Array) -> Array:
-            level = friction.coulomb_level(self.model, beta)
-            return self._at_handle(np.repeat(level[:, None], len(self.handle), axis=1))
+            return self._at_handle(friction.coulomb_level(self.model, beta, self.handle.qa))
 
         return linear(self.identified, of, "N")
 
@@ -122,7 +126,8 @@ class Characterisation:
         rates = self.handle.all_rates(self._rates(d))
 
         def of(beta: Array) -> Array:
-            return np.asarray(self._at_handle(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
+            dry = friction.dry_torque(self.model, beta, self.handle.qa, rates)
+            return np.asarray(self._at_handle(self._static(beta) + dry) @ d)
 
         return linear(self.identified, of, "N")
 
@@ -164,7 +169,7 @@ class Characterisation:
     def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Field, Array]:
         """Force capability: the force that motors can exert in every direction while they carry the weight.
 
-        Peak force for peak torques, continuous force for continuous ones.
+        Peak force for peak torques, continuous force for continuous ones. Redundant motors share it as is best.
 
         Args:
             limits: torque of each motor's coordinate by name, N m or N; else those of the device's joints.
@@ -175,31 +180,29 @@ class Characterisation:
         Raises:
             IncompleteDeviceError: a motor without a limit.
         """
-        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.handle)
-        held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
-        force, direction, motor = force_capability.weakest_motor(J, most, held)
+        bounds = force_capability.torque_bounds(self.handle, limits)
+        held = bounds.of(self._static(self.identified.beta))
+        force, direction, which = force_capability.least_force(bounds, held)
         at = np.arange(len(force))
-        sign, length = np.sign(held[motor, at]), np.linalg.norm(J[at, :, motor], axis=1)
+        sign, length = np.sign(held[at, which]), np.linalg.norm(bounds.jacobian[at, :, which], axis=1)
 
         def slope(change: Array) -> Array:
-            return np.asarray(
-                -sign * force_capability.motor_torque(self.model, self._static(change))[motor, at] / length
-            )
+            return np.asarray(-sign * bounds.of(self._static(change))[at, which] / length)
 
         return changing(self.identified, force, slope, "N"), freeze(direction)
 
     def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Field:
         """Largest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
-        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.handle)
-        held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
-        force, load, motor = force_capability.force_along(J, most, held, self._unit(direction))
+        bounds = force_capability.torque_bounds(self.handle, limits)
+        held = bounds.of(self._static(self.identified.beta))
+        force, load, which = force_capability.force_along(bounds, held, self._unit(direction))
         at = np.arange(len(force))
         # Where no motor is loaded by d, or one has no torque left, the derivative by the weight is zero.
         bound = np.isfinite(force) & (force > 0)
         slopes = np.where(bound, -1 / np.where(bound, load, 1.0), 0.0)
 
         def slope(change: Array) -> Array:
-            return np.asarray(slopes * force_capability.motor_torque(self.model, self._static(change))[motor, at])
+            return np.asarray(slopes * bounds.of(self._static(change))[at, which])
 
         return changing(self.identified, force, slope, "N")
 
@@ -221,7 +224,7 @@ class Characterisation:
 
     def _viscous(self, beta: Array) -> Array:
         inner = list(self.handle.moving)
-        D = friction.viscous_matrix(self.model, beta)[inner][:, inner]
+        D = friction.viscous_matrix(self.model, beta, self.handle.qa)[:, inner][:, :, inner]
         return np.asarray(self.inverse.mT @ D @ self.inverse)
 
     def _at_handle(self, torque: Array) -> Array:
@@ -231,6 +234,10 @@ class Characterisation:
         """Static torque, (active, poses): gravity, springs, offsets."""
         still = np.zeros_like(self.handle.qa)
         return inverse_dynamics(self.model, beta, self.handle.qa, still, still)
+
+    def _shown(self) -> Overview:
+        title, *lines = self.summary().splitlines()
+        return Overview(title, ("",), [[line] for line in lines])
 
 
 def characterise(

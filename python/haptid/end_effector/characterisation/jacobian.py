@@ -122,8 +122,8 @@ def check_pose_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], w
     if handle_of(model).link < 0:
         raise force_setting_error("handle.link", "base", "a link that moves")
     for term in model.terms:
-        if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
-            wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
+        if term.kind == "rotor" and term.joint is not None:
+            wanted = "rotors on joints with constant rates; a rotor elsewhere may be part of its link's ZZ"
             raise force_setting_error(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
         raise force_setting_error("rows", rows, "different numbers of 0 to 5")

@@ -8,13 +8,16 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure as Picture
-from matplotlib.ticker import LogLocator
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.extras import needing
 from haptid.uncertainty.quantities import Field
+
+with needing("drawing pictures"):
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Picture
+    from matplotlib.ticker import LogLocator
 
 # Colour-blind safe colours (Okabe and Ito 2008), and line styles.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

@@ -68,7 +68,7 @@ class Files:
             "title": comment(self.model.device.name),
             "real": self.dialect.real,
             "f": self.dialect.suffix,
-            "n": len(self.model.device.drives),
+            "n": len(self.model.device.active),
             "p": max(len(self.source.beta), 1),
             "k": self.generated.constants,
             "speed": f"{self.code.speed:g}",

@@ -66,7 +66,7 @@ def _function(code: Code, function: Function, name: str) -> str:
     lines += [f"% {line}" for line in function.about]
     if function.parameters:
         lines.append(f"if nargin < {len(arguments)}, beta = {name}_parameters(); end")
-    body = straight(code.graph, function, Matlab(len(code.model.device.drives)))
+    body = straight(code.graph, function, Matlab(len(code.model.device.active)))
     return "\n".join([*lines, *body, "end", ""])
 
 

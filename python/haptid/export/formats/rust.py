@@ -94,7 +94,7 @@ def _library(source: Provenance, code: Code, generated: Emitted) -> str:
     ]
     documentation = "\n".join(f"//! {line}".rstrip() for line in heading)
     written = MODEL.format(
-        n=len(source.model.device.drives),
+        n=len(source.model.device.active),
         p=len(source.beta),
         beta="\n".join(f"    {float(value)!r}," for value in source.beta),
         k=generated.constants,

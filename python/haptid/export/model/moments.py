@@ -103,7 +103,7 @@ def _changes(links: int, rotors: int) -> tuple[Array, Array]:
 def _regressor(model: DynamicModel, columns: Sequence[int], seed: int) -> Array:
     """Columns of bodies and rotors at random states, for all torque rows, measured or not."""
     rng = np.random.default_rng(seed)
-    n = len(model.device.drives)
+    n = len(model.device.active)
     states = 4 + -(-4 * len(columns) // n)
     c = rng.uniform(-np.pi, np.pi, (n, states))
     cd, cdd = rng.uniform(-2, 2, (2, n, states))

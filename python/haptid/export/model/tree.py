@@ -162,7 +162,7 @@ def tree_of(model: DynamicModel) -> Tree:
                 offset=angle,
             )
         )
-    return Tree(tuple(links), len(model.device.drives), model.device.gravity)
+    return Tree(tuple(links), len(model.device.active), model.device.gravity)
 
 
 def sine_cosine(weights: Array, offset: float, q: list[Expr]) -> Turn:

@@ -13,7 +13,7 @@ from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
-from haptid.errors import MissingAccelerationError, NoRowsError
+from haptid.errors import LogTimeError, MissingAccelerationError, NoRowsError
 from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
 from haptid.report.section import Section
@@ -48,7 +48,7 @@ def _steady(source: ReportSource) -> Iterator[JointFriction]:
     for run in source.identification.runs:
         try:
             yield from friction_curve(source.estimate.model, run.motion, ModelSubtraction(source.estimate)).joints
-        except (NoRowsError, MissingAccelerationError):
+        except (NoRowsError, MissingAccelerationError, LogTimeError):  # the last one: a log with gaps
             continue
 
 

@@ -17,7 +17,8 @@ from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
-from haptid.report.tables import short_percent, with_digits
+from haptid.report.tables import between_cells, calibration_cells
+from haptid.uncertainty.figures import short_percent, with_digits
 
 # With more parameters backward elimination takes too long for a report.
 MOST_SEARCHED = 60
@@ -32,6 +33,8 @@ class ParametersSection(Section):
     Attributes:
         rows: of the table, one for each base parameter: shown texts, sort keys and downloaded values.
         targets: the same for the targets of the device file.
+        calibration: table of home offsets and of the direction of gravity; none where they are exact.
+        between: table of scatter between logs, by base parameter; none with fewer than three logs.
         searched: constants that the torque is not linear in: name, value, ends of the interval, unit, all as text, and
             whether the log bounds them.
         symbols: values of the symbols in the formulas, "L1 = 0.215".
@@ -42,13 +45,15 @@ class ParametersSection(Section):
     title: ClassVar[str] = "Parameters"
     rows: list[dict[str, Any]]
     targets: list[dict[str, Any]]
+    calibration: list[list[str]]
+    between: list[list[str]]
     searched: list[dict[str, Any]]
     symbols: list[str]
     about: list[str]
 
     @classmethod
     def of(cls, source: ReportSource) -> ParametersSection:
-        made = source.estimate
+        made, calibration = source.estimate, source.identification.calibration
         exact = _exact(made)
         found = exact if isinstance(exact, Regroupings) else None
         formulas = groupings(made.base, found)
@@ -63,9 +68,18 @@ class ParametersSection(Section):
             charts=(correlation(made),),
             rows=rows,
             targets=[_row(p, "", None) for p in targets(made).parameters] if made.model.device.targets else [],
+            calibration=calibration_cells(calibration) if calibration else [],
+            between=_between(made),
             searched=_searched(source.identification.projection),
             symbols=[f"{s.name} = {s.value:.6g}" for s in found.symbols] if found else [],
-            about=[why, *([exact] if isinstance(exact, str) else []), *_without_effect(made)],
+            about=[
+                *(calibration.sentences(made.model) if calibration else ()),
+                *(gimbal.sentences if (gimbal := source.identification.gimbal) else ()),
+                *(made.between_logs.sentences if made.between_logs else ()),
+                why,
+                *([exact] if isinstance(exact, str) else []),
+                *_without_effect(made),
+            ],
         )
 
 
@@ -88,6 +102,12 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     except HaptidError as error:
         return None, f"Essential parameters are unknown: {error}"
     return found.reduced.zero, f"Parameters that are not essential can be eliminated. {found.reason}"
+
+
+def _between(made: Estimate) -> list[list[str]]:
+    """One row for each parameter; none with fewer than three logs."""
+    found = made.between_logs
+    return [between_cells(found, k) for k in range(len(made.beta))] if found else []
 
 
 def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:

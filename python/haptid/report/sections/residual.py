@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import hann_window, welch
 from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
@@ -112,6 +112,6 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
 
 def density(y: Array, step: float) -> tuple[Array, Array]:
     """Frequencies, Hz, logarithmically spaced where there are many, and the amplitude spectral density at each."""
-    f, power = signal.welch(y, 1 / step, nperseg=min(WELCH_SAMPLES, len(y)), detrend="constant")
+    f, power = welch(y, step, hann_window(min(WELCH_SAMPLES, len(y))))
     picks = np.unique(np.geomspace(1, len(f) - 1, FREQUENCIES).astype(int)) if len(f) > 1 else np.array([0])
     return np.asarray(f[picks]), np.sqrt(np.maximum(power[picks], np.finfo(np.float32).tiny))

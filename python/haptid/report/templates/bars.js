@@ -66,7 +66,7 @@ class Intervals {
         if (!Number.isFinite(s.value[row])) return;
         const y = row * pitch + 11 + 9 * k, ink = COLOURS[s.colour];
         svg("line", { x1: cut(s.low[row]), x2: cut(s.high[row]), y1: y, y2: y, stroke: ink, "stroke-width": 2 }, root);
-        const dot = svg("circle", { cx: cut(s.value[row]), cy: y, r: 4, stroke: ink, "stroke-width": 1.5, fill: s.differs[row] ? ink : "#fff" }, root);
+        const dot = svg("circle", { cx: cut(s.value[row]), cy: y, r: 4, stroke: ink, "stroke-width": 1.5, fill: s.differs[row] ? ink : "var(--paper)" }, root);
         dot.addEventListener("pointerenter", () => {
           this.words.textContent = `${name}, ${s.name}: ${shown(s.value[row], 3)} (${shown(s.low[row], 3)} to ${shown(s.high[row], 3)}) ${unit}`;
         });

@@ -30,16 +30,36 @@ function start() {
     width = window.innerWidth;
     visible().forEach(draw);
   });
+  themes(() => visible().forEach(draw));
   onPaper(() => visible().forEach(draw));
   unfolding();
   follow();
+}
+
+// The switch goes from the system's colours to light, to dark; charts on a canvas are drawn again.
+function themes(redraw) {
+  const press = document.getElementById("theme"), root = document.documentElement, order = ["system", "light", "dark"];
+  const kept = (value) => { try { return value ? localStorage.setItem("haptid-theme", value) : localStorage.getItem("haptid-theme"); } catch { return null; } };
+  const set = (name) => {
+    if (name === "system") delete root.dataset.theme; else root.dataset.theme = name;
+    press.textContent = `colours: ${name}`;
+    press.value = name;
+  };
+  press.addEventListener("click", () => {
+    set(order[(order.indexOf(press.value) + 1) % order.length]);
+    kept(press.value);
+    redraw();
+  });
+  set(order.includes(kept()) ? kept() : "system");
+  press.hidden = false;
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 }
 
 // For print all parts are unfolded and every chart has the width of a sheet; the state is restored afterwards.
 function onPaper(redraw) {
   const folded = [];
   window.addEventListener("beforeprint", () => {
-    folded.push(...document.querySelectorAll("details:not([open])"));
+    folded.push(...document.querySelectorAll("details:not([open], .screen)"));
     folded.forEach((part) => { part.open = true; });
     document.body.classList.add("paper");
     redraw();

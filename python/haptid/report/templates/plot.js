@@ -10,7 +10,9 @@ class Plot {
     stackUp(this.series.filter((s) => s.style === "stack"));
     this.full = this.range();
     this.view = [...this.full];
-    legend(holder, drawing.series);
+    legend(holder, drawing.series, (k, on) => { this.series[k].hidden = !on; this.draw(); });
+    this.holder.tabIndex = 0;
+    this.holder.addEventListener("keydown", (event) => this.key(event));
     if (drawing.zoom) this.addControls();
     this.words = readout(holder);
     if (drawing.group) groups.set(drawing.group, [...(groups.get(drawing.group) ?? []), this]);
@@ -28,25 +30,29 @@ class Plot {
     button(bar, "+", "zoom in", () => this.zoom(0.5));
     button(bar, "−", "zoom out", () => this.zoom(2));
     button(bar, "⟲", "show all", () => this.show(...this.full));
-    this.holder.tabIndex = 0;
-    this.holder.addEventListener("keydown", (event) => this.key(event));
   }
 
+  // Arrows move a reading line, with shift the view; + and - zoom about the line, 0 shows all.
   key(event) {
     const [a, b] = this.view;
-    const step = 0.2 * (b - a);
-    const acts = {
-      ArrowLeft: () => this.show(a - step, b - step), ArrowRight: () => this.show(a + step, b + step),
-      "+": () => this.zoom(0.5), "-": () => this.zoom(2), 0: () => this.show(...this.full),
-    };
-    if (!acts[event.key] || event.target !== this.holder) return;
+    const step = (event.key === "ArrowLeft" ? -1 : 1) * (event.shiftKey ? 0.2 : 0.01) * (b - a);
+    const move = () => (event.shiftKey && this.drawing.zoom ? this.show(a + step, b + step) : this.read((this.cursor ?? (a + b) / 2) + step));
+    const acts = { ArrowLeft: move, ArrowRight: move };
+    if (this.drawing.zoom) Object.assign(acts, { "+": () => this.zoom(0.5), "-": () => this.zoom(2), 0: () => this.show(...this.full) });
+    if (!acts[event.key] || event.target !== this.holder || event.ctrlKey || event.metaKey) return;
     acts[event.key]();
     event.preventDefault();
   }
 
+  read(x) {
+    this.cursor = Math.min(Math.max(x, this.view[0]), this.view[1]);
+    this.draw();
+    this.tell(this.cursor);
+  }
+
   zoom(factor) {
     const [a, b] = this.view;
-    const middle = (a + b) / 2;
+    const middle = this.cursor >= a && this.cursor <= b ? this.cursor : (a + b) / 2;
     this.show(middle - (factor * (b - a)) / 2, middle + (factor * (b - a)) / 2);
   }
 
@@ -74,7 +80,9 @@ class Plot {
     this.shade(svg("g", { "clip-path": `url(#${id})` }, root));
     axes(root, box, this.x, this.y, this.drawing);
     const inside = svg("g", { "clip-path": `url(#${id})` }, root);
-    for (const s of this.series) PAINT[s.style](inside, s, this.x, this.y, box);
+    for (const s of this.series) if (!s.hidden) PAINT[s.style](inside, s, this.x, this.y, box);
+    if (this.cursor >= this.view[0] && this.cursor <= this.view[1])
+      svg("line", { x1: this.x.at(this.cursor), x2: this.x.at(this.cursor), y1: box.top, y2: box.bottom, class: "cursor" }, root);
     this.listen(root);
   }
 
@@ -82,7 +90,7 @@ class Plot {
   heights() {
     const { low, high, log, zero } = this.drawing.y;
     let [a, b] = [Infinity, -Infinity];
-    for (const s of this.series)
+    for (const s of this.series.filter((one) => !one.hidden))
       for (const ys of [s.y, s.low, s.high])
         if (ys) ys.forEach((y, k) => {
           if (s.x[k] < this.view[0] || s.x[k] > this.view[1] || !Number.isFinite(y) || (log && y <= 0)) return;
@@ -130,7 +138,7 @@ class Plot {
   }
 
   tell(x) {
-    const parts = this.series.filter((s) => s.style !== "points").map((s) => {
+    const parts = this.series.filter((s) => s.style !== "points" && !s.hidden).map((s) => {
       const k = nearest(s.x, x);
       const value = s.raw ?? s.y;
       return `${s.name} ${value ? shown(value[k]) : `${shown(s.low[k])} to ${shown(s.high[k])}`}`;

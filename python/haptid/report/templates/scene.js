@@ -6,7 +6,8 @@ class Scene {
     this.device = new Mechanism(drawing);
     this.height = drawing.height;
     this.trail = drawing.trail ? numbers(drawing.trail) : null;
-    this.canvas = html("canvas", { class: "scene" }, holder);
+    const name = "the device in three dimensions; arrow keys turn it, plus and minus zoom, 0 returns";
+    this.canvas = html("canvas", { class: "scene", tabindex: 0, role: "img", "aria-label": name }, holder);
     this.words = readout(holder);
     [this.yaw, this.pitch, this.zoom] = [-0.9, 0.42, 1];
     this.frame();
@@ -36,9 +37,20 @@ class Scene {
 
   addControls() {
     const bar = html("div", { class: "controls" }, this.holder);
-    button(bar, "+", "zoom in", () => { this.zoom *= 1.25; this.draw(); });
-    button(bar, "−", "zoom out", () => { this.zoom /= 1.25; this.draw(); });
-    button(bar, "⟲", "first view", () => { [this.yaw, this.pitch, this.zoom] = [-0.9, 0.42, 1]; this.draw(); });
+    const acts = {
+      "+": () => { this.zoom *= 1.25; }, "-": () => { this.zoom /= 1.25; },
+      0: () => { [this.yaw, this.pitch, this.zoom] = [-0.9, 0.42, 1]; },
+      ArrowLeft: () => { this.yaw += 0.08; }, ArrowRight: () => { this.yaw -= 0.08; },
+      ArrowUp: () => { this.pitch = Math.min(this.pitch + 0.08, 1.55); }, ArrowDown: () => { this.pitch = Math.max(this.pitch - 0.08, -1.55); },
+    };
+    for (const [key, text, label] of [["+", "+", "zoom in"], ["-", "−", "zoom out"], [0, "⟲", "first view"]])
+      button(bar, text, label, () => { acts[key](); this.draw(); });
+    this.canvas.addEventListener("keydown", (event) => {
+      if (!acts[event.key] || event.ctrlKey || event.metaKey) return;
+      acts[event.key]();
+      this.draw();
+      event.preventDefault();
+    });
     this.sliders = [...document.querySelectorAll("input[data-joint]")];
     for (const slider of this.sliders) slider.addEventListener("input", () => this.moved());
   }
@@ -99,6 +111,7 @@ class Scene {
     this.canvas.style.height = `${this.height}px`;
     const c = this.canvas.getContext("2d");
     c.scale(ratio, ratio);
+    this.inks = Object.fromEntries(["ink", "paper", "soft", "grid", "bar", "body", "passive", "c-blue", "vermillion", "orange", "zero"].map((name) => [name, resolved(name)]));
     c.clearRect(0, 0, this.width, this.height);
     this.ground(c);
     this.drawTrail(c);
@@ -116,7 +129,7 @@ class Scene {
   }
 
   ground(c) {
-    c.strokeStyle = "#e4e6ea";
+    c.strokeStyle = this.inks.grid;
     c.lineWidth = 1;
     const step = ticks(0, this.size, 4)[1] || this.size, low = Math.min(0, this.middle[2] - this.size);
     for (let k = -5; k <= 5; k++) {
@@ -130,7 +143,7 @@ class Scene {
 
   drawTrail(c) {
     if (!this.trail) return;
-    c.strokeStyle = "rgba(110,118,130,0.45)";
+    c.strokeStyle = this.inks.zero;
     c.lineWidth = 1;
     this.trace(c, this.way());
     c.stroke();
@@ -140,7 +153,7 @@ class Scene {
     c.lineCap = c.lineJoin = "round";
     if (part.kind === "bar") {
       const wide = 0.03 * this.size * this.project(part.points[0]).scale;
-      for (const [ink, share] of [[part.link < 0 ? "#5b6470" : "#00496f", 1], [part.link < 0 ? "#8d95a1" : COLOURS.blue, 0.68]]) {
+      for (const [ink, share] of [[part.link < 0 ? this.inks.soft : this.inks.bar, 1], [part.link < 0 ? this.inks.body : this.inks["c-blue"], 0.68]]) {
         c.strokeStyle = ink;
         c.lineWidth = Math.max(wide * share, 1.2);
         this.trace(c, part.points);
@@ -148,15 +161,15 @@ class Scene {
       }
     } else if (part.kind === "handle") {
       const { x, y } = this.project(part.points[0]);
-      c.strokeStyle = COLOURS.vermillion;
+      c.strokeStyle = this.inks.vermillion;
       c.lineWidth = 3;
       c.beginPath();
       c.arc(x, y, 6, 0, 2 * Math.PI);
       c.stroke();
     } else {
       this.trace(c, part.points, true);
-      c.fillStyle = part.kind === "pin" ? "#ffffff" : part.active ? COLOURS.orange : "#c9ced6";
-      c.strokeStyle = "#30363f";
+      c.fillStyle = part.kind === "pin" ? this.inks.paper : part.active ? this.inks.orange : this.inks.passive;
+      c.strokeStyle = this.inks.ink;
       c.lineWidth = 1.2;
       c.fill();
       c.stroke();
@@ -175,7 +188,7 @@ class Scene {
     const at = this.device.placed(this.device.links(), this.device.handle).p;
     const arms = felt.map(({ mass, vector }) => vector.map((v) => v * Math.min(this.unit * mass, this.size)));
     c.lineWidth = 1.3;
-    c.strokeStyle = COLOURS.vermillion;
+    c.strokeStyle = this.inks.vermillion;
     c.fillStyle = "rgba(213,94,0,0.13)";
     for (const [a, b] of [[0, 1], [0, 2], [1, 2]]) {
       if (!arms[a] || !arms[b]) continue;
@@ -190,8 +203,8 @@ class Scene {
   triad(c) {
     const length = 0.25 * this.size;
     c.font = "12px system-ui, sans-serif";
-    [["x", "#333", [length, 0, 0]], ["y", "#333", [0, length, 0]], ["z", "#333", [0, 0, length]]].forEach(([name, ink, end]) => {
-      c.strokeStyle = c.fillStyle = ink;
+    [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, end]) => {
+      c.strokeStyle = c.fillStyle = this.inks.ink;
       c.lineWidth = 1;
       this.trace(c, [[0, 0, 0], end]);
       c.stroke();

@@ -1,9 +1,16 @@
 // SVG elements, colour-blind safe palette (Okabe and Ito 2008), legends and readouts.
 
-const COLOURS = {
-  black: "#000000", blue: "#0072B2", vermillion: "#D55E00", green: "#009E73",
-  purple: "#CC79A7", orange: "#E69F00", sky: "#56B4E9", yellow: "#F0E442",
-};
+// By name of a chart's colour: a custom property of the style sheet, which has it for light and dark.
+const COLOURS = Object.fromEntries(["black", "blue", "vermillion", "green", "purple", "orange", "sky", "yellow"].map(
+  (name) => [name, `var(--${name === "blue" ? "c-blue" : name})`]));
+
+// A custom property as a canvas needs it.
+function resolved(name) {
+  const probe = html("i", { style: `color:var(--${name})` }, document.body);
+  const made = getComputedStyle(probe).color;
+  probe.remove();
+  return made;
+}
 
 function svg(name, attributes = {}, parent = null, text = "") {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -30,18 +37,25 @@ function canvasOf(holder, height) {
   return { root, width, height };
 }
 
-function legend(holder, entries) {
-  const box = html("div", { class: "legend", "aria-hidden": "true" });
-  for (const entry of entries) {
-    const one = html("span", { class: "entry" }, box);
-    html("i", { class: `swatch ${entry.style ?? "bar"}`, style: `--ink:${COLOURS[entry.colour]}` }, one);
+// Entries are buttons where `toggle` hides and shows a curve by its number.
+function legend(holder, entries, toggle = null) {
+  const box = html("div", { class: "legend" });
+  entries.forEach((entry, k) => {
+    const one = toggle && entries.length > 1 ? button(box, "", `hide or show ${entry.name}`, () => {
+      const on = one.getAttribute("aria-pressed") !== "true";
+      one.setAttribute("aria-pressed", on);
+      toggle(k, on);
+    }) : html("span", {}, box);
+    one.classList.add("entry");
+    if (one.type) { one.setAttribute("aria-pressed", "true"); one.removeAttribute("aria-label"); }
+    html("i", { class: `swatch ${entry.style ?? "bar"}`, style: `--tint:${COLOURS[entry.colour]}` }, one);
     one.append(entry.name);
-  }
+  });
   holder.prepend(box);
 }
 
 function readout(holder) {
-  return html("div", { class: "readout", "aria-hidden": "true" }, holder, "\u00a0");
+  return html("div", { class: "readout", role: "status" }, holder, "\u00a0");
 }
 
 function button(parent, text, label, act) {

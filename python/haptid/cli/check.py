@@ -1,0 +1,45 @@
+"""`haptid check`."""
+
+from __future__ import annotations
+
+import typer
+
+from haptid.cli.common import (
+    EXIT_ERROR,
+    AsJson,
+    DataFolder,
+    Quiet,
+    StudyFile,
+    command,
+    errors_shown,
+    out,
+    print_json,
+    progress_bars,
+    progress_callback,
+)
+
+HELP = """\
+Read everything that a study names, fit nothing, and say what is wrong and what would be done.
+
+The STUDY, its device and all its logs are read and checked; a problem of one log does not hide those of the others.
+The treatment is chosen with its reasons, and the steps that `haptid identify` would take are listed.
+
+Exit status: 0 if nothing is wrong, 2 if something has to be changed first; the message says what to do.
+
+Example: `haptid check examples/emps/study.toml --data ../shared/data/emps`
+"""
+
+
+@command(HELP)
+def check(study: StudyFile, data: DataFolder = None, quiet: Quiet = False, as_json: AsJson = False) -> None:
+    from haptid.study.check import check_study
+
+    with errors_shown(), progress_bars(quiet or as_json) as bars:
+        found = check_study(study, data, progress_callback(bars))
+    if as_json:
+        print_json(found.to_json())
+    elif not quiet:
+        for line in found.summary().splitlines():
+            out.print(line, highlight=False, soft_wrap=True)
+    if found.problems:
+        raise typer.Exit(EXIT_ERROR)

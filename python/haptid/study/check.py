@@ -1,0 +1,190 @@
+"""`check_study`: read everything that a study names, fit nothing, and say what is wrong and what would be done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError
+from haptid.estimation.nonlinear.load_friction import has_nonlinear_constants
+from haptid.log import Log
+from haptid.motion.channels import check_log
+from haptid.motion.holds import Poses
+from haptid.motion.treatment import Motion, treat
+from haptid.observation.plan import Plan
+from haptid.study.identify import check_kind, read_entry
+from haptid.study.payloads import recorded_poses
+from haptid.study.read import read_study
+from haptid.study.study import LogEntry, Study
+from haptid.treatment_choice.propose import propose
+
+_Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """One log of a study, as it was read.
+
+    Attributes:
+        path, role: of the study's entry.
+        summary: samples, rate and duration, or poses; empty where it could not be read.
+        notes: findings and repairs while reading.
+        problem: why it cannot be used; empty where it can.
+    """
+
+    path: str
+    role: str
+    summary: str
+    notes: tuple[str, ...] = ()
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class StudyCheck:
+    """What `haptid identify` would meet and do.
+
+    Attributes:
+        name: of the study.
+        device: summary of the device; empty where it could not be read.
+        logs: one for each log of the study.
+        treatment: reasons of the treatment, a sentence each; empty where none could be chosen.
+        steps: what would be done, a sentence each; empty where there are problems.
+        problems: what has to be changed first, a sentence each.
+    """
+
+    name: str
+    device: str
+    logs: tuple[LogCheck, ...]
+    treatment: tuple[str, ...]
+    steps: tuple[str, ...]
+    problems: tuple[str, ...]
+
+    def summary(self) -> str:
+        """Device, logs, treatment and steps, then the problems."""
+        lines = [self.name, *([f"  {self.device}"] if self.device else [])]
+        for log in self.logs:
+            lines += ["", f"{log.path} ({log.role})", *([f"  {log.summary}"] if log.summary else [])]
+            lines += [f"  {note}" for note in log.notes]
+        for title, sentences in (("Treatment", self.treatment), ("Would be done", self.steps)):
+            lines += ["", title, *(f"- {sentence}" for sentence in sentences)] if sentences else []
+        if self.problems:
+            return "\n".join([*lines, "", "To be changed first", *(f"- {problem}" for problem in self.problems)])
+        return "\n".join([*lines, "", "No problems were found. Nothing was estimated."])
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as JSON values."""
+        logs = [
+            {"path": one.path, "role": one.role, "summary": one.summary, "notes": one.notes, "problem": one.problem}
+            for one in self.logs
+        ]
+        return {
+            "study": self.name,
+            "device": self.device,
+            "logs": logs,
+            "treatment": self.treatment,
+            "steps": self.steps,
+            "problems": self.problems,
+        }
+
+
+def check_study(path: str | Path, data: str | Path | None = None, progress: _Progress | None = None) -> StudyCheck:
+    """Read study, device and logs, and choose the treatment; nothing is estimated.
+
+    A problem of one log does not keep the others from being read.
+
+    Args:
+        path: of the study file.
+        data: where relative log paths start; the study's own folder where None.
+        progress: called with the name of a step and the share of it done.
+
+    Raises:
+        StudyFileError: the study file itself is wrong.
+    """
+    tell = progress or (lambda _what, _share: None)
+    study = read_study(path)
+    try:
+        model = DynamicModel(read_device(study.device))
+    except HaptidError as error:
+        unread = tuple(LogCheck(entry.path, entry.role, "") for entry in study.logs)
+        return StudyCheck(study.name, "", unread, (), (), (str(error),))
+    device = model.device
+    study = study.on(device)
+    about = (
+        f"{device.name}: {len(device.joints)} joints, {len(device.active)} active, {len(device.motors)} motors, "
+        f"{len(model.base)} base parameters of {len(device.parameters.names)}"
+    )
+    recordings = [_read(study, model, entry, Path(data or study.path.parent), tell) for entry in study.logs]
+    logs = tuple(found for found, _ in recordings)
+    problems = [log.problem for log in logs if log.problem]
+    reasons: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
+    try:
+        if study.poses is None and all(entry.body is None for entry in study.logs):
+            check_kind(study)
+        read = [recording for _, recording in recordings]
+        motions = [one for one in read if isinstance(one, Log)]
+        seen = [(one, entry) for one, entry in zip(motions, study.logs, strict=False) if entry.role == "identify"]
+        bare = [one for one, entry in seen if entry.body is None] or [one for one, _ in seen]
+        if not problems and study.poses is None:
+            tell("choosing a treatment", 0.0)
+            proposal = propose(model, *bare, **study.treatment)
+            reasons = proposal.reasons
+            tell("choosing a treatment", 1.0)
+            steps = _steps(study, model, [treat(log, proposal.treatment) for log in motions])
+        elif not problems:
+            steps = (f"haptid poses {study.path.name}: gravity, springs and friction from the held poses.",)
+    except HaptidError as error:
+        problems.append(str(error))
+    return StudyCheck(study.name, about, logs, reasons, steps, tuple(problems))
+
+
+def _read(
+    study: Study, model: DynamicModel, entry: LogEntry, data: Path, tell: _Progress
+) -> tuple[LogCheck, Log | Poses | None]:
+    """What was found in a log, and the log or its poses."""
+    try:
+        if study.poses is not None:
+            poses = recorded_poses(study, model, entry, data, tell)
+            return LogCheck(entry.path, entry.role, f"{len(poses)} held poses"), poses
+        log = read_entry(entry, data, tell)
+        about = f"{log.t.size} samples, {log.rate_hz:.5g} Hz, {float(log.t[-1] - log.t[0]):.4g} s"
+        parts = f", {len(log.segments)} segments" if len(log.segments) > 1 else ""
+        found = LogCheck(entry.path, entry.role, f"{about}{parts}", log.notes)
+        check_log(model.device, log)
+    except HaptidError as error:
+        return LogCheck(entry.path, entry.role, "", (), str(error)), None
+    return found, log
+
+
+def _steps(study: Study, model: DynamicModel, motions: list[Motion]) -> tuple[str, ...]:
+    """What `haptid identify` or `haptid payload` would do with these logs."""
+    roles = [entry.role for entry in study.logs]
+    rows = [Plan.of(model, motion).rows for motion in motions]
+    fitted = sum(count for count, role in zip(rows, roles, strict=True) if role == "identify")
+    logs = roles.count("identify")
+    steps = [
+        f"{len(model.base)} base parameters are estimated from {fitted} rows a motor of {logs} "
+        f"log{'s' if logs > 1 else ''} by {study.method.name}; intervals: {study.intervals.name}."
+    ]
+    if has_nonlinear_constants(model):
+        steps.append("Nonlinear constants of the device are searched first, by variable projection.")
+    if model.device.targets:
+        steps.append(f"{len(model.device.targets)} targets of the device file are computed from them.")
+    bodies = dict.fromkeys(entry.body.name for entry in study.logs if entry.body is not None)
+    if bodies:
+        steps.append(f"Payloads: {', '.join(bodies)}. `haptid payload` estimates what is not given of them.")
+    if "validate" in roles:
+        unseen = [entry.path for entry in study.logs if entry.role == "validate"]
+        steps.append(f"The model predicts {', '.join(unseen)}, which the fit does not use.")
+    if study.cross_validation is not None:
+        kind = {"blocks": "every other time block from the rest", "leave-one-log-out": "each log from the others"}
+        steps.append(f"Cross-validation: {kind[study.cross_validation]}.")
+    elif "validate" not in roles:
+        steps.append("Nothing is validated: there is no log with role 'validate', and cross-validation is off.")
+    if study.largest_error is not None:
+        steps.append(f"Exit status 1 if an error on unseen rows is above {study.largest_error:g} %.")
+    return tuple(steps)

@@ -1,0 +1,49 @@
+"""`draft_study`: the text of a study of logs whose channels are guessed, to be checked by a person."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from haptid.device import Device
+from haptid.log.survey import Survey, basic_string, survey
+
+
+def draft_study(
+    logs: Sequence[str | Path], device: Device, device_path: str, folder: str | Path = "."
+) -> tuple[str, Survey]:
+    """A study of a device and logs, in TOML, and the survey of the first log, from which its channels are.
+
+    Args:
+        logs: paths; the second one and later ones validate.
+        device: whose active joints the channels are for, by name or alias.
+        device_path: as the study names it: a path, or the name of a shipped device.
+        folder: where the study will be; paths are relative to it.
+
+    Raises:
+        LogFileError: the first log cannot be read.
+    """
+    joints = {k: (device.joints[k].name, device.joints[k].alias) for k in device.active}
+    motors = []
+    for motor in device.motors:
+        driven = np.flatnonzero(motor.row)
+        single = joints.get(int(driven[0]), ()) if len(driven) == 1 else ()
+        motors.append((motor.name, *single))
+    found = survey(logs[0], *([tuple(filter(None, group)) for group in groups] for groups in (joints.values(), motors)))
+    path = Path(device_path)
+    if path.suffix == ".toml" or path.parts[1:]:
+        device_path = _relative(path, folder)
+        device_path = device_path if "/" in device_path or device_path.endswith(".toml") else f"./{device_path}"
+    lines = ["schema = 1", f"name = {basic_string(device.name)}", f"device = {basic_string(device_path)}", ""]
+    lines.append(found.table or "[channels]  # no channels of positions were recognised by name: name them here\n")
+    for k, log in enumerate(logs):
+        lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
+        lines += ['role = "validate"', ""] if k else [""]
+    return "\n".join(lines).rstrip() + "\n", found
+
+
+def _relative(path: Path, folder: str | Path) -> str:
+    return Path(os.path.relpath(path, folder)).as_posix()
