@@ -7,6 +7,8 @@ RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.l
 # One BLAS thread: the matrices are small, and the core has threads of its own.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Some tests start many processes; each would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-fast check bench fuzz sbom docs wheel clean
 
@@ -37,6 +39,7 @@ check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) --no-print-directory docs
 
 bench: $(VENV)/.test $(VENV)-bench/.made
 	$(BIN)/python benchmarks/run.py
@@ -50,8 +53,10 @@ fuzz: $(VENV)/.test
 sbom: $(VENV)/.run
 	$(BIN)/python tools/write_sbom.py dist/haptid.cdx.json
 
-docs: $(VENV)/.docs
-	$(BIN)/mkdocs build --strict
+# The site, without warnings; then its links, anchors, formulas, and its width on a phone.
+docs: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	$(BIN)/python tools/site/check.py
 
 wheel: $(VENV)/.run
 	$(PIP) install -c constraints.txt maturin
@@ -68,11 +73,11 @@ $(VENV)/.made:
 
 # The extension is built by maturin through pip, in release mode, with the locked crates.
 $(VENV)/.run: $(VENV)/.made pyproject.toml constraints.txt $(RUST)
-	$(PIP) install -c constraints.txt -e ".[bench]"
+	$(PIP) install -c constraints.txt -e ".[all]"
 	touch $@
 
 $(VENV)/.test: $(VENV)/.run
-	$(PIP) install -c constraints.txt -e ".[test,oracle,lint]"
+	$(PIP) install -c constraints.txt -e ".[test,oracle,lint,docs]"
 	touch $@
 
 # Programs that haptid is measured against, in an environment of their own; CasADi's C code needs gcc beside it, and
@@ -82,8 +87,4 @@ $(VENV)-bench/.made: benchmarks/peers/requirements.txt benchmarks/peers/pinocchi
 	$(PYTHON) -m venv $(VENV)-bench
 	$(PEERS) -m pip --disable-pip-version-check --quiet install -r $<
 	-cd benchmarks && ../$(PEERS) -m peers.pinocchio_cpp
-	touch $@
-
-$(VENV)/.docs: $(VENV)/.test
-	$(PIP) install -c constraints.txt -e ".[docs]"
 	touch $@

@@ -1,0 +1,77 @@
+"""Hooks of the documentation site: formulas as MathML, and the page of commands made from the commands.
+
+A formula is set while the site is built, by latex2mathml, so that a page needs neither a script nor a network for it.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from latex2mathml.converter import convert
+
+# What `pymdownx.arithmatex` makes of a formula, in a line or displayed.
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+# In docs/cli.md.
+COMMANDS = "<!--commands-->"
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """The commands in place of their mark."""
+    return markdown.replace(COMMANDS, "\n".join(commands())) if COMMANDS in markdown else markdown
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """MathML in place of TeX."""
+    return FORMULA.sub(lambda found: formula(html.unescape(found[3]), displayed=found[2] == "["), content)
+
+
+def formula(tex: str, displayed: bool) -> str:
+    """A formula as MathML; a displayed one scrolls where the page is narrower."""
+    made = convert(tex.strip(), display="block" if displayed else "inline")
+    return f'<div class="formula" tabindex="0" role="group" aria-label="formula">{made}</div>' if displayed else made
+
+
+def commands() -> Iterator[str]:
+    """Every command with its text, arguments and options, as Markdown."""
+    from typer.main import get_command
+
+    from haptid.cli import app
+
+    for name, command in get_command(app).commands.items():
+        yield from described(f"haptid {name}", command)
+
+
+def described(name: str, command: Any) -> Iterator[str]:
+    """One command, and the commands below it."""
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+    inner = getattr(command, "commands", {})
+    usage = " ".join([name, *(["COMMAND"] if inner else []), *(_place(p) for p in arguments)])
+    yield f"## {name}\n\n```text\n{usage}{' [options]' if options else ''}\n```\n\n{command.help}\n"
+    if arguments or options:
+        yield "| | | default |\n|---|---|---|"
+        for p in (*arguments, *options):
+            shown = p.name.upper() if p in arguments else ", ".join(p.opts)
+            yield f"| `{shown}` | {_cell(p.help or '')} | {_default(p)} |"
+        yield ""
+    for below, one in inner.items():
+        yield from described(f"{name} {below}", one)
+
+
+def _place(parameter: Any) -> str:
+    shown = parameter.name.upper() + (" ..." if parameter.nargs == -1 else "")
+    return shown if parameter.required else f"[{shown}]"
+
+
+def _default(parameter: Any) -> str:
+    if parameter.required:
+        return "required"
+    value = parameter.default
+    return "" if value is None or value is False or callable(value) or value == () else f"`{_cell(str(value))}`"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("[", "\\[")
