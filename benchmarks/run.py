@@ -13,6 +13,7 @@ from pathlib import Path
 import bench_identification
 import characterisation
 import codegen
+import command_time
 import coverage
 import diagnosis
 import dynamics
@@ -43,6 +44,7 @@ STUDIES = {
     "kernel": kernel.run,
     "dynamics": dynamics.run,
     "start-up": start_up.run,
+    "command-time": command_time.run,
     "long-log": long_log.run,
     "file-to-result": file_to_result.run,
     "coverage": coverage.run,

@@ -43,8 +43,8 @@ def command(name: str, folder: Path) -> list[str]:
 def state(folder: Path) -> dict[str, str]:
     """Names and contents of the outputs; only names of pictures, whose bytes may differ."""
     files = [path for path in folder.glob("out*/**/*") if path.is_file() and path.name != MANIFEST]
-    files += folder.glob("out.html")
-    return {str(path.relative_to(folder)): path.read_text(errors="replace") for path in sorted(files)}
+    files += folder.glob("out.*")
+    return {str(path.relative_to(folder)): path.read_text(errors="replace") for path in sorted(set(files))}
 
 
 def wrong(folder: Path, names: set[str], torn: bool) -> str:

@@ -110,6 +110,7 @@ class Worker:
                 return found
             what = f"finding: more than {LONGEST:g} s"
         except (EOFError, ConnectionError):
+            self.process.join(1.0)
             what = f"finding: process died, exit code {self.process.exitcode}"
         self.stop()
         self._start()

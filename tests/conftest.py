@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# How long an example takes is no claim: other processes decide on it.
-settings.register_profile("untimed", deadline=None)
+# How long an example takes is no claim: other processes decide on it. Laws that need more examples than 50 say so.
+settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
 PROJECT = Path(__file__).resolve().parents[1]

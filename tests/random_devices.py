@@ -39,7 +39,9 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Dynam
         joints=joints,
         active=tuple(range(n)),
         closure=Closure(mechanism.rates, mechanism.offset, 0.0, (), ()),
-        drives=tuple(Motor(names[k], 1.0, 1.0, "N m", row) for k, row in enumerate(np.eye(n))),
+        drives=tuple(
+            Motor(name, 1.0, 1.0, "N m", row) for name, row in zip(names, np.eye(len(names))[:n], strict=False)
+        ),
         torque_rows="joint",
         terms=terms,
         parameters=standard_parameters(names, [True] * len(names), terms),

@@ -1,6 +1,7 @@
 """The demonstration with branches: its plan, a small run of one branch, and its results."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,12 +87,12 @@ def found(demo, tmp_path_factory):
 
 
 def shorter(take):
-    """The same take with a motion of few seconds."""
+    """The same take with a motion of few seconds, simulated in coarse steps."""
     text = take.experiment.read_text(encoding="utf-8")
     text = text.replace("seconds = 59.3", "seconds = 16.0").replace("seconds = 30.0", "seconds = 10.0")
     text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
     take.experiment.write_text(text, encoding="utf-8")
-    return take
+    return replace(take, step=5e-4)
 
 
 def test_everything_is_written(found):

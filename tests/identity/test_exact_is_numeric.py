@@ -52,7 +52,7 @@ def test_placements_with_symbols_have_the_values_of_those_with_numbers(
 
 
 # Loops that are no dyads have numeric groupings only.
-NUMERIC_ONLY = {"delta", "slider_crank"}
+NUMERIC_ONLY = {"cea_medical_interface", "delta", "slider_crank"}
 
 
 @pytest.mark.parametrize("name", sorted(NUMERIC_ONLY))

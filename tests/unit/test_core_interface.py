@@ -9,6 +9,7 @@ import pytest
 
 import haptid
 from haptid import _core, errors
+from haptid.device.loops.chain import compiled
 from haptid.observation.r_factor import triangle
 
 EYE = np.eye(3)[None]
@@ -93,3 +94,16 @@ except MemoryError as error:
     print(error)
 """)
     assert "there is no memory for" in done.stdout, done.stderr
+
+
+def test_whole_numbers_that_would_never_end_are_refused():
+    closure = haptid.read_device("delta").closure
+    core, q = compiled(closure.chain), np.zeros((2, len(closure.chain.joints)))
+    with pytest.raises(OverflowError):
+        core.close(q, [0], 2**64, 0.0)
+    one, still = link(1), np.zeros((1, 100))
+    sizes = {"taps": np.ones(1), "decimation": 1, "first": 0, "rows": 10, "block": 5, "weights": np.ones((1, 10))}
+    columns = list(range(10))
+    for name in ("decimation", "first", "rows"):
+        with pytest.raises((ValueError, OverflowError)):
+            one.reduce(still, still, still, np.zeros((0, 100)), still, columns, *(sizes | {name: 2**62}).values())

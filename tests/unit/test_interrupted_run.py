@@ -19,7 +19,6 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
-from haptid.observation.cache import LEAST_KEPT
 from haptid.study import read_study
 from haptid.study.identify import identify
 from small_study import DEVICE, STUDY, columns
@@ -35,7 +34,9 @@ import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background may not listen
 from haptid.observation import plan as planning
 from haptid.observation import batch
-planning.SEGMENT = 4096
+from haptid.observation.cache import RFactorCache
+planning.SEGMENT = 1024
+RFactorCache.__init__.__defaults__ = (0,)  # this log is shorter than those whose parts are worth a file
 made, plain = [], batch.Reducer.__call__
 batch.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
 from haptid.cli import main
@@ -45,18 +46,19 @@ finally:
     print("made", len(made))
 """
 MANY = 3
+SAMPLES = 2**17
 PATIENCE = 300.0
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of one log that is just long enough for its triangles to be kept."""
+    """Of one log of some hundred parts."""
     folder = tmp_path_factory.mktemp("long")
     (folder / "device.toml").write_text(DEVICE)
     logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay_s = 0.0\nreversal_speed = 0.0'
     head, _, tail = STUDY.partition('[[logs]]\npath = "log.csv"')
     (folder / "study.toml").write_text(head + logs + tail[tail.index("[treatment]") + len("[treatment]") :])
-    parquet.write_table(pa.table(columns(1, (LEAST_KEPT + 9_000) * 2e-3)), folder / "log.parquet")
+    parquet.write_table(pa.table(columns(1, SAMPLES * 2e-3)), folder / "log.parquet")
     return folder / "study.toml"
 
 
@@ -144,7 +146,7 @@ def segments(study: Path) -> Iterator[tuple[int, int]]:
     from haptid.observation import plan as planning
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning, "SEGMENT", 4096)
+        patch.setattr(planning, "SEGMENT", 1024)
         made = identify(read_study(study))
         log = made.runs[0].motion.log
         for treatment in (made.proposal.treatment, made.proposal.reference):

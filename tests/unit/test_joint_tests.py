@@ -13,6 +13,7 @@ from haptid.cli import app
 from haptid.estimation.intervals.clusters import Clusters, alike
 from haptid.inference.comparison import compare
 from haptid.inference.joint_tests import named_directions, randomised
+from haptid.inference.misfit import clusters_with_misfit
 from motions import motion
 from small_study import write_study
 from true_parameters import true_parameters
@@ -60,7 +61,7 @@ def clusters(seed=0, blocks=20, k=4):
     U = W @ root
     y = rng.normal(size=(blocks, 6))
     e = y - U @ np.einsum("bij,bi->j", U, y)
-    made = Clusters(root, U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e), np.zeros((0, k)))
+    made = Clusters(root, U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e), np.zeros((0, k)), np.zeros((0, k)))
     return made, U
 
 
@@ -80,7 +81,9 @@ def test_htz_freedom_is_that_of_simulated_covariances():
     for _ in range(1000):
         y = rng.normal(size=U.shape[:2])
         e = y - U @ np.einsum("bij,bi->j", U, y)
-        drawn.append(Clusters(made.root, made.G, np.einsum("bij,bi->bj", U, e), made.shifts).covariance(own))
+        drawn.append(
+            Clusters(made.root, made.G, np.einsum("bij,bi->bj", U, e), made.shifts, made.misfit_shifts).covariance(own)
+        )
     assert np.mean(drawn, axis=0) == pytest.approx(np.eye(2), abs=0.1)
     assert made.freedom(C) == pytest.approx(6 / np.var(drawn, axis=0).sum(), rel=0.2)
 
@@ -135,9 +138,41 @@ def test_errors_of_the_model_widen_the_comparison(model):
     wrong = np.array([fitted(model, beta, k, noise=0.02, extra=0.3).clusters.misfit for k in range(4)])
     assert (right >= 1).all()
     assert np.median(wrong) > 1.2 * np.median(right)
-    one = compare(fitted(model, beta, 1, 0.02, 0.3), fitted(model, beta, 2, 0.02, 0.3))
-    plain = fitted(model, beta, 1, 0.02, 0.3)
-    assert one.first_se[0] == pytest.approx(plain.se[0] * np.sqrt(plain.clusters.misfit))
+    pairs = [[fitted(model, beta, 2 * k + j, 0.02, 0.3) for j in (0, 1)] for k in range(4)]
+    widened = [compare(*pair) for pair in pairs]
+    assert sum(len(one.differs) for one in widened) <= 1
+    assert sum(bool(one.joint.differs) for one in widened) <= 1
+    (plain, _), one = pairs[0], widened[0]
+    scores = clusters_with_misfit(plain)
+    assert len(scores.misfit_shifts) == 3
+    shifted = scores.misfit * np.diag(plain.covariance) + (scores.misfit_shifts**2).sum(axis=0)
+    np.testing.assert_allclose(one.first_se, np.sqrt(shifted))
+    assert any("Errors of the model count as uncertainty" in note for note in one.notes)
+
+
+def test_the_shift_is_that_of_the_missing_term(model):
+    """A fit with the term itself moves the parameters by as much: constant torque on one motor that the model lacks."""
+    beta, bare = loaded(model, 0.0), model
+    made = motion(bare, beta, seconds=SECONDS, dt=DT, seed=1, noise=0.01)
+    made = replace(made, tau=made.tau + 0.5 * made.tau.std() * np.array([0.0, 1.0, 0.0]))
+    found = haptid.estimate(haptid.observe(bare, made), haptid.WLS())
+    moved = clusters_with_misfit(found).misfit_shifts
+    away = found.beta - beta
+    near = min(np.linalg.norm((away - sign * shift) / found.se) for shift in moved for sign in (1, -1))
+    assert near < 0.3 * np.linalg.norm(away / found.se)
+
+
+def test_equality_leaves_out_what_missing_terms_move():
+    """A difference along such a shift is none; across it, it is one."""
+    made = [clusters(k)[0] for k in (0, 1)]
+    rng = np.random.default_rng(3)
+    values = [one.root @ rng.normal(size=4) for one in made]
+    shift = np.array([3.0, -1.0, 2.0, 0.5])
+    far = [values[0], values[1] + 50 * shift]
+    known = [replace(one, misfit_shifts=shift[None]) for one in made]
+    assert randomised(far, made) < 0.01
+    assert randomised(far, known) == pytest.approx(randomised(values, known), abs=1e-9)
+    assert randomised([values[0], values[1] + [50.0, 0, 0, 0]], known) < 0.01
 
 
 def test_blocks_of_like_motion_are_grouped():

@@ -2,6 +2,8 @@
 
 import json
 import os
+import struct
+import zlib
 from pathlib import Path
 
 import h5py
@@ -24,6 +26,7 @@ from haptid.errors import (
     SettingError,
 )
 from haptid.log import read_log
+from haptid.log.formats import mat
 from haptid.report import read_report
 from haptid.report.mathml import formula_markup
 from small_study import DEVICE, HEAD
@@ -168,6 +171,7 @@ def test_damaged_results_and_reports(tmp_path):
         ('t,q1,tau1\n0,1,1\n0.1,"2,2\n' + "0.2,3,3\n" * 40_000, "line 3: a cell cannot be read"),
         ("t,q1,tau1\n0,1,1\n0.1,２,2\n0.2,3,3\n", "line 3: q1 is `２`, not a number"),
         ("t,q1,tau1\n0,1,1\n0.1," + "x" * 600_000 + ",2\n0.2,3,3\n", "line 3: a cell cannot be read"),
+        ("t,q1,tau1\n" + 40 * ("0,1," + "1" * 100_000 + "[\n"), "not a number|no numbers|no row"),
     ],
 )
 def test_rows_of_text_logs(tmp_path, text, word):
@@ -214,3 +218,33 @@ def test_the_page_on_limits_states_every_default():
     for limit in LIMITS:
         shown = f"{limit.default}" if limit.counted else amount_text(limit.default)
         assert f"| `{limit.variable}` | {shown} | {limit.meaning}" in text
+
+
+def test_parquet_pages_that_declare_two_gigabytes(tmp_path):
+    path = tmp_path / "log.parquet"
+    columns = {name: np.linspace(0, k, 100) for k, name in enumerate(CHANNELS, 1)}
+    parquet.write_table(pa.table(columns), path, compression="none", use_dictionary=False, column_encoding="PLAIN")
+    size, most = b"\x15\xce\x0c", b"\x15\xfe\xff\xff\xff\x0f"  # 807 bytes (100 numbers, levels) and 2^31 - 1
+    assert path.read_bytes().count(2 * size) == len(CHANNELS)
+    path.write_bytes(path.read_bytes().replace(2 * size, 2 * most))
+    before = pa.default_memory_pool().max_memory()
+    with pytest.raises(LogFileError, match="cannot be read"):
+        read_log(path)
+    assert pa.default_memory_pool().max_memory() < before + 2**28
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_elements_of_no_type_do_not_reach_the_compiled_reader(tmp_path, compressed):
+    """SciPy's reader takes the type as an index, and the process dies."""
+    path = tmp_path / "log.mat"
+    io.savemat(path, {name: np.linspace(0, 1, 60) for name in CHANNELS} | {"run": {"q": np.linspace(0, 1, 60)}})
+    assert "run.q" in mat.names(path)
+    header, element = path.read_bytes()[:128], path.read_bytes()[128:]
+    broken = element.replace(struct.pack("<II", 9, 480), struct.pack("<II", 249, 480))
+    assert broken != element
+    if compressed:
+        packed = zlib.compress(broken[: 8 + struct.unpack("<I", broken[4:8])[0]])
+        broken = struct.pack("<II", 15, len(packed)) + packed
+    path.write_bytes(header + broken)
+    with pytest.raises(LogFileError, match="type 249"):
+        read_log(path)

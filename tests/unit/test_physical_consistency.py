@@ -151,8 +151,8 @@ def test_what_is_far_outside_of_its_interval_is_reported(model):
     assert held.value == 0.0 > held.free
     assert parameter_cells(held)[1] == "0"
     assert parameter_cells(held)[3:5] == ["", ""]
-    assert ResultParameter.of(held, 10.0).relative_se_percent is None
-    assert ResultParameter.of(held, 10.0).unconstrained == held.free
+    assert ResultParameter.of(held, 10.0, None).relative_se_percent is None
+    assert ResultParameter.of(held, 10.0, None).unconstrained == held.free
     assert not other.constrained_outside_ci
     assert other.relative_se == 100 * other.se / abs(other.value)
 

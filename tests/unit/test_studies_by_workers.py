@@ -41,10 +41,11 @@ kd = [0.5, 0.4, 0.16]
 
 @pytest.fixture(scope="module")
 def crews() -> Iterator[tuple[Executor, ...]]:
-    """Two processes, and a scheduler with two workers."""
+    """Two processes, and a scheduler with two workers in this one; test_dask.py has workers in processes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        local = {"processes": False, "protocol": "tcp", "dashboard_address": None}
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **local) as cluster:
             yield ProcessExecutor(2), DaskExecutor(cluster.scheduler_address)
 
 
