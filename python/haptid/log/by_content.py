@@ -56,8 +56,8 @@ class Content:
             return Content()
         start = max(0, (size - _ROWS) // 2)
         rows = np.array([columns[name][start : start + _ROWS] for name in names], dtype=np.float64)
-        good = np.isfinite(rows).all(axis=1)
-        names, rows = [name for name, fine in zip(names, good.tolist(), strict=True) if fine], rows[good]
+        good = np.flatnonzero(np.isfinite(rows).all(axis=1))
+        names, rows = [names[k] for k in good], rows[good]
         steady = [_steady(row) for row in rows]
         moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
         if len(moving) < 2:
