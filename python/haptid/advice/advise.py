@@ -258,7 +258,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     search, masks = with_masks(search)
     base = search.base()
     before = unseen_percent(search.model, search.bench, base)
-    negative = list(impossible(part, search.rows.position))
+    negative = list(impossible(part, search.rows))
     if before > (_LARGE if negative else _ROUGH):
         search = replace(search, candidates=(*search.candidates, *positions(search)))
     if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.advice.rows import TrialRows
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import core_mass, raw_parameters
 from haptid.estimation import Estimate
@@ -17,6 +18,9 @@ from haptid.inference.diagnosis.added_variable import device_rows
 IMPOSSIBLE = 3.0
 # Poses at which the inertia of a motor is evaluated.
 _POSES = 16
+# Least share of the torque, root mean square, that is of inertia and friction: where a hand moves the device while the
+# motors carry its weight, or the torque is held at a limit, both are close to zero, on either side of it.
+_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -36,16 +40,17 @@ class Impossible:
     t: float
 
 
-def impossible(estimate: Estimate, position: Array) -> Iterator[Impossible]:
-    """Motors of which everything that must be positive is significantly negative.
+def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
+    """Motors of which everything that must be positive is significantly negative, and matters for the torque.
 
     Args:
         estimate: of the parameters.
-        position: of the torque rows' coordinates along the log, (coordinates, rows), SI.
+        rows: of the log.
     """
     model, kinds = estimate.model, estimate.model.device.parameters.kinds
-    every = np.linspace(0, position.shape[1] - 1, _POSES).astype(int)
-    M = _masses(estimate, position[:, every])
+    every = np.linspace(0, rows.position.shape[1] - 1, _POSES).astype(int)
+    M = _masses(estimate, rows.position[:, every])
+    weightless = [k for k, own in enumerate(model.base.independent_columns) if kinds[own] not in ("MX", "MY", "MZ")]
     for m, (row, motor) in enumerate(zip(device_rows(estimate), estimate.observation.motors, strict=True)):
         others = [set(o.columns.tolist()) for k, o in enumerate(estimate.observation.motors) if k != m]
         combinations, names = [M[row]], ["inertia"]
@@ -58,6 +63,10 @@ def impossible(estimate: Estimate, position: Array) -> Iterator[Impossible]:
         se = np.sqrt(np.diag(spread.covariance))
         t = np.array(combinations) @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
         told = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
+        used = rows.used[m]
+        moving = rows.W[m][used][:, weightless] @ estimate.beta[weightless]
+        if np.linalg.norm(moving) < _SHARE * np.linalg.norm(rows.y[m][used]):
+            continue
         if told and all(t[k] < 0 for k in told) and (0 in told or len(told) > 1):
             negative = tuple(names[k] for k in told)
             yield Impossible(m, motor.label, negative, float(np.abs(t[told]).min()))

@@ -1,0 +1,64 @@
+"""Logs of single joints through the whole path: a device file and a table of samples, nothing else given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid.advice import advise
+from haptid.device import read_device
+from haptid.inference.diagnosis import diagnose
+from haptid.study import read_study
+from haptid.study.draft import draft_study
+from haptid.study.identify import Identification, identify
+
+DEVICE = """
+schema = 1
+name = "pendulum"
+gravity = [0.0, -9.81, 0.0]
+[[joints]]
+name = "1"
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[prior.bodies]]
+link = "1"
+mass = 0.7
+com = [0.5, 0.0, 0.0]
+inertia = [0.0, 0.0, 0.003, 0.0, 0.0, 0.0]
+"""
+WEIGHT, INERTIA = 0.7 * 0.5 * 9.81, 0.003 + 0.7 * 0.25
+
+
+def swung(seconds: float = 12.0, rate: float = 250.0, seed: int = 1) -> tuple[np.ndarray, ...]:
+    """Time, position, velocity and acceleration of a joint that follows five sines."""
+    rng, t = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
+    w, phase = 2 * np.pi * rng.uniform(0.2, 1.4, (5, 1)), rng.uniform(0, 6, (5, 1))
+    a = 0.9 / (1 + w)
+    x = w * t + phase
+    return t, (a * np.sin(x)).sum(0), (a * w * np.cos(x)).sum(0), -(a * w**2 * np.sin(x)).sum(0)
+
+
+def identified(folder: Path, columns: dict[str, np.ndarray]) -> Identification:
+    """The study that is drafted for one log, carried out as it is."""
+    (folder / "device.toml").write_text(DEVICE)
+    names, values = list(columns), np.column_stack(list(columns.values()))
+    np.savetxt(folder / "log.csv", values, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    text, _ = draft_study([folder / "log.csv"], read_device(folder / "device.toml"), str(folder / "device.toml"), folder)
+    (folder / "study.toml").write_text(text)
+    return identify(read_study(folder / "study.toml"))
+
+
+@pytest.mark.parametrize("hand", [True, False])
+def test_a_hand_that_moves_a_carried_weight_is_no_wrong_sign(tmp_path: Path, hand: bool) -> None:
+    """The inertia of such a log is zero but for errors, here below it; a motor's wrong sign still is told."""
+    t, q, v, a = swung()
+    rng = np.random.default_rng(2)
+    torque = WEIGHT * np.cos(q) - 0.0025 * a if hand else -(INERTIA * a + 0.05 * v + WEIGHT * np.cos(q))
+    made = identified(tmp_path, {"t": t, "q1": q, "tau1": torque + 0.002 * rng.standard_normal(t.size)})
+    found = diagnose(made.estimate)
+    signs = [action for action in advise(made, found).actions if action.kind == "torque sign"]
+    assert bool(signs) != hand
+    assert ("carry its weight" in found["units and signs"].sentence) == hand
