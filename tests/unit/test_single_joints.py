@@ -46,7 +46,9 @@ def identified(folder: Path, columns: dict[str, np.ndarray]) -> Identification:
     (folder / "device.toml").write_text(DEVICE)
     names, values = list(columns), np.column_stack(list(columns.values()))
     np.savetxt(folder / "log.csv", values, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
-    text, _ = draft_study([folder / "log.csv"], read_device(folder / "device.toml"), str(folder / "device.toml"), folder)
+    text, _ = draft_study(
+        [folder / "log.csv"], read_device(folder / "device.toml"), str(folder / "device.toml"), folder
+    )
     (folder / "study.toml").write_text(text)
     return identify(read_study(folder / "study.toml"))
 

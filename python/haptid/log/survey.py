@@ -39,9 +39,13 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # A command of nothing in particular stands for a torque.
 _COMMAND = frozenset({"command", "commands", "commanded", "cmd"})
 _CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
+# Before one of these words "current" means the present value.
+_PRESENT = re.compile(r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state))", re.I)
 # Less likely to be measured: the wanted value, and not the motion.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
-_TIME = re.compile(r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE)
+_TIME = re.compile(
+    r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
+)
 _SPLIT = re.compile(r"[^a-z]+")
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
@@ -322,7 +326,7 @@ def _guessed(
 ) -> ChannelSurvey:
     """What a channel is, by its name and that of its topic, its stated unit and its range."""
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
-    words = _words(base) or _words(name)
+    words = _words(_PRESENT.sub("", base)) or _words(name)
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
     if words and words <= _COMMAND:
         quantity = "torque"
