@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
@@ -134,7 +135,7 @@ class _Clock:
         self.first: int | None = None
         self.last = 0
 
-    def seconds(self, cells: Sequence[str | None]) -> Array:
+    def seconds(self, cells: NDArray[Any]) -> Array:
         """Of the cells of a block, (n,), s.
 
         Raises:
