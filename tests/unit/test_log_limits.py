@@ -76,3 +76,14 @@ def test_a_joint_outside_its_limits_is_only_mentioned() -> None:
 
 def test_motor_side_positions_are_not_compared() -> None:
     assert check_against(log(motion(57.3), side="motor"), RANGES, (False, False), NAMES) == ()
+
+
+def test_one_joint_that_turns_among_others_is_not_in_degrees() -> None:
+    """A wrist without limits turns two and a half times each way; as degrees the other joints would hardly move."""
+    turning = np.column_stack([8 * np.sin(T), 0.8 * np.cos(T), np.sin(T)])
+    channels = Channels(Signal(("q1", "q2", "q3"), "rad"), Signal("tau", "N m"), rate_hz=100)
+    made = Log(Path("log"), "", T, turning, np.ones((T.size, 1)), channels)
+    assert check_against(made, (None, None, None), (False,) * 3, ("A", "B", "C")) == ()
+    degrees = Log(Path("log"), "", T, 50 * turning, np.ones((T.size, 1)), channels)
+    with pytest.raises(errors.LogMismatchError, match="give the joint limits"):
+        check_against(degrees, (None, None, None), (False,) * 3, ("A", "B", "C"))

@@ -252,6 +252,16 @@ def test_logs_at_different_rates_are_not_searched_for_one_delay(phantom):
     assert "1000 and 250 Hz" in proposal.reasons[-1]
 
 
+def test_rates_that_stamps_of_one_clock_differ_by_are_one(phantom):
+    """A part in a thousand is what the stamps of a recorder drift by; the delay is found from both logs."""
+    made = recorded(phantom, late=2.0, noise=0.01)
+    other = recorded(phantom, late=2.0, noise=0.01, seed=2)
+    drifted = haptid.Log(other.path, "d", 1.001 * other.t, other.position, other.torque, other.channels)
+    proposal = haptid.propose(phantom, made, drifted)
+    assert proposal.delays is not None
+    np.testing.assert_allclose(proposal.delays.seconds, 2e-3, atol=5 * proposal.delays.se.max())
+
+
 def test_a_rate_too_low_for_the_motion_is_named(phantom):
     made = recorded(phantom)
     slow = haptid.Log(made.path, "s", made.t[::100], made.position[::100], made.torque[::100], made.channels)

@@ -42,6 +42,10 @@ Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 _ROUGH, _LARGE = 20.0, 10.0
 # Actions of a combination, and actions that are shown.
 _MOST, SHOWN = 4, 6
+# Least share of what is negative in the torque of a motor that is reversed.
+_SHOWS = 0.05
+# Share of the squared error that rounding changes.
+_SAME_ERROR = 1e-6
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
 # Kinds that leave rows out.
@@ -278,7 +282,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies(negative, known)]
+    first = [*_bodies([one for one in negative if _reversible(search, base, one)], known)]
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
@@ -433,6 +437,25 @@ def _filter_action(one: OtherFilter, blocks: int) -> Action:
         "filter", (where,), _CHANGE["filter"].format(where=where), "unseen error", one.before, one.after, one.se,
         one.gain.share, True, (one.edit,), blocks,
     )  # fmt: skip
+
+
+def _reversible(search: Trials, base: Trial, one: Impossible) -> bool:
+    """Whether the motor's torque reversed leaves no greater error, and nothing negative that must be positive.
+
+    A reversed motor has all of its torque reversed: where only a trace of it is negative, as in slow motion or where a
+    hand moves the device, that says nothing of the channel.
+    """
+    if one.share < _SHOWS:
+        return False
+    grams = search.bench.grams["used"].copy()
+    column = grams.shape[-1] - search.bench.motors + one.motor
+    grams[:, :, column] *= -1
+    grams[:, :, :, column] *= -1
+    trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"), test=False)
+    made = gain(base, trial)
+    beta = np.zeros(one.combinations.shape[1])
+    beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]
+    return made.share > -max(LEAST_SE * made.se, _SAME_ERROR) and bool((one.combinations @ beta > 0).all())
 
 
 def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterator[Action]:

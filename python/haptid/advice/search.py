@@ -21,7 +21,12 @@ from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
-from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
+from haptid.inference.diagnosis.lack_of_fit import (
+    FrictionCoordinate,
+    coupled_coordinates,
+    fourier_sums,
+    friction_coordinates,
+)
 from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
@@ -37,6 +42,8 @@ _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "len
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
+# Terms that joints of coupled motors may have besides the motors.
+_OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -178,6 +185,9 @@ def _sources(
     """Added columns that do not concern the geometry."""
     ranges = candidate_columns.local_ranges(places, plain.position, plain.velocity)
     yield from candidate_columns.terms(model, places, ranges)
+    coupled = coupled_coordinates(model, rows, places)
+    ranges = candidate_columns.local_ranges(coupled, plain.position, plain.velocity)
+    yield from (one for one in candidate_columns.terms(model, coupled, ranges) if one.kind in _OF_A_JOINT)
     low, high = float(plain.t.min()), float(plain.t.max())
     yield from candidate_columns.channels(model, rows, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
     yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())

@@ -316,7 +316,10 @@ def check_against(
     if log.channels.position.unit == "deg":
         _check_radians(angles, spans, position_ranges, names)
     else:
+        usual = float(np.median([spans[k][1] - spans[k][0] for k in angles])) if angles else 0.0
         for k in angles:
+            if position_ranges[k] is None and usual < 2 * math.pi:  # one joint turns, the others are no degrees
+                continue
             _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
     _check_swapped(log, spans, position_ranges, prismatic, names)
     return tuple(
@@ -416,7 +419,9 @@ def _degrees(name: str, channel: str, low: float, high: float, limits: _Range | 
         where=name,
         found=(low, high),
         limit=limits,
-        advice="Give the position signal unit='deg', or correct the joint's limits.",
+        advice="Give the position signal unit='deg', or correct the joint's limits."
+        if limits
+        else "Give the position signal unit='deg', or, if it turns so far, give the joint limits in the device file.",
     )
 
 

@@ -62,6 +62,9 @@ _LOUD = 0.1
 _QUIETER = 0.7
 # Length of the part of each log that is analysed, s, and samples up to which it may be longer.
 _ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
+# Ratio of the sampling rates of logs below which they are one: stamps of one recorder differ by a few parts in a
+# thousand, and half a period then by less than the prior of a channel's own delay allows.
+_SAME_RATE = 1.02
 _Given = Mapping[str, Any]
 
 
@@ -191,8 +194,14 @@ def _quieter(
 def _no_delay(logs: Sequence[Log]) -> str:
     """Why there is no estimate of the delay."""
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
-    why = f", which have {' and '.join(rates)} Hz" if len(rates) > 1 else ""
+    why = "" if _one_rate(logs) else f", which have {' and '.join(rates)} Hz"
     return f"The torque delay could not be estimated from the logs{why}; none is compensated. Give `torque_delay_s`."
+
+
+def _one_rate(logs: Sequence[Log]) -> bool:
+    """Whether the logs have one sampling rate, but for what stamps of one clock differ by."""
+    rates = [log.rate_hz for log in logs]
+    return max(rates) < _SAME_RATE * min(rates)
 
 
 def _with_delays(
@@ -209,7 +218,7 @@ def _delays(
     model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None
 ) -> Delays | None:
     """Delays of the torque channels; None where the logs have no rows, or their rates differ."""
-    if len({f"{log.rate_hz:.4g}" for log in logs}) > 1:  # a hold of one sample is not one time
+    if not _one_rate(logs):  # a hold of one sample is not one time
         return None
     plain = treatment
     if treatment.momentum:  # the lag of a differentiator is not a delay of the torque

@@ -137,7 +137,11 @@ def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> It
     if "errors" in groups:
         yield exogeneity.exogeneity(augmented, which["errors"], labels, by)
     known = bodies and groups.get("bodies")
-    scales = plausibility.torque_scales(augmented, which["bodies"], bodies, labels) if bodies and known else ()
+    outside = plausibility.moved_from_outside(augmented, which["bodies"], bodies, labels) if bodies and known else None
+    if outside:
+        yield outside
+    compared = bodies if known and not outside else None
+    scales = plausibility.torque_scales(augmented, which["bodies"], compared, labels) if compared else ()
     yield plausibility.units_and_signs(estimate, scales)
 
 

@@ -36,8 +36,8 @@ _NAMED, GOOD = 0.15, 2.0
 IDENTIFIABLE = 0.25
 # Columns of each motor: inertial torque, gravity, a rotor; torque over that of the bodies that no rotor causes.
 _OF_A_MOTOR, _NO_ROTOR = 3, 100.0
-# Share of the inertial torque below which something else than the motor accelerates the bodies.
-_CARRIED = 0.1
+# Share of the inertial torque below which a motor does not move its bodies.
+_NOT_MOVED = 0.25
 # Parameters that cannot be negative, by kind.
 _POSITIVE = ("FV", "FC", "IA")
 
@@ -101,19 +101,12 @@ class TorqueScale:
         motor: "motor 2".
         value, se: the ratio and its standard error.
         half: half-width of the 95 % confidence interval.
-        weight: the ratio of the gravity torques; NaN where it was not estimated.
     """
 
     motor: str
     value: float
     se: float
     half: float
-    weight: float = np.nan
-
-    @property
-    def carried(self) -> bool:
-        """Whether the torque is that of the weight alone, and something else accelerates the bodies."""
-        return abs(self.value) < _CARRIED and 1 / GOOD < self.weight < GOOD
 
 
 def torque_scales(
@@ -134,12 +127,43 @@ def torque_scales(
             value, se = float(test.values[0]), float(test.se[0])
             if se >= IDENTIFIABLE * abs(value):
                 continue
-            gravity = float(test.values[1]) if weight in tried else np.nan
-            same = abs(gravity / value - 1) < _NAMED
+            same = weight in tried and abs(test.values[1] / value - 1) < _NAMED
             if rotor in tried or value < GOOD or value > _NO_ROTOR or same:
-                made.append(TorqueScale(label, value, se, float(half_width(se, test.dof)), gravity))
+                made.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
                 break
     return tuple(made)
+
+
+def moved_from_outside(
+    augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
+) -> Finding | None:
+    """Motors whose torque holds the weight of the prior bodies and does not accelerate them; None where there are none.
+
+    Something else moved the device then, such as the hand that guides it while gravity is compensated: no sign and no
+    unit is wrong, and inertia and friction cannot be identified from the log.
+    """
+    figures: dict[str, float] = {}
+    found: list[str] = []
+    for m, label in enumerate(labels):
+        motion, weight, _ = which[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
+        test = augmented.test((motion, weight), bodies.inertial, motor=m)
+        if test is None:
+            continue
+        (moved, held), (se, own) = test.values[:2], test.se[:2]
+        carries = 1 / GOOD < held < GOOD and own < IDENTIFIABLE * held  # masses of descriptions are not exact
+        if abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED and carries:
+            figures |= {f"inertial {label}": float(moved), f"weight {label}": float(held)}
+            found.append(label)
+    if not found:
+        return None
+    held, moved = figures[f"weight {found[0]}"], figures[f"inertial {found[0]}"]
+    return Finding(
+        "moved from outside",
+        "bad",
+        figures,
+        f"The torque of {joined_names(found)} holds the weight of the device file's bodies ({held:.3g} of it) and does "
+        f"not accelerate them ({moved:.2g} of it): something else moved the device.",
+    )
 
 
 def unit_error(factor: float, gears: Sequence[float]) -> str | None:
@@ -156,7 +180,7 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
 
 def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, negative friction, and clock jitter."""
-    figures = {f"factor {scale.motor}": scale.value for scale in found if not scale.carried}
+    figures = {f"factor {scale.motor}": scale.value for scale in found}
     gears = [motor.gear_ratio for motor in made.model.device.motors] + [
         motor.gear_ratio * motor.torque_constant for motor in made.model.device.motors
     ]
@@ -164,12 +188,7 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
     for scale in found:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times the inertial torque of the device file's bodies"
         words = unit_error(scale.value, gears)
-        if scale.carried:
-            doubt.append(
-                f"{size}, and {scale.weight:.3g} times their weight's, as where a hand moves the device while the "
-                "motors carry its weight: inertia and friction cannot be told from such a log."
-            )
-        elif scale.value < 0:
+        if scale.value < 0:
             bad.append(f"{size}: a sign is wrong, of torque or of position.")
         elif words and not 1 / GOOD < scale.value < GOOD:
             bad.append(f"{size}, as caused by {words}.")

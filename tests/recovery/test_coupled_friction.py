@@ -1,0 +1,79 @@
+"""Friction of a joint between coupled motors is found where the device file has that of the motors only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.advice import advise
+from haptid.inference.diagnosis.lack_of_fit import coupled_coordinates, friction_coordinates
+from motions import multisine
+
+ARM = """
+schema = 1
+name = "coupled arm"
+gravity = [0.0, -9.81, 0.0]
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+d = 0.3
+[[motors]]
+name = "1"
+[[motors]]
+name = "2"
+drives = { 1 = 1, 2 = 1 }
+[[terms]]
+kind = "viscous"
+motors = "all"
+[[terms]]
+kind = "coulomb"
+motors = "all"
+"""
+JOINT = '[[terms]]\nkind = "coulomb"\njoints = ["2"]\n'
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the arm with friction in joint 2, and a study whose device file lacks it."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "device.toml").write_text(ARM)
+    (folder / "true.toml").write_text(ARM + JOINT)
+    model = haptid.DynamicModel(haptid.read_device(folder / "true.toml"))
+    values = {"ZZ1R": 0.15, "ZZ2": 0.04, "MX1R": 0.6, "MX2": 0.15, "FCM1": 0.1, "FCM2": 0.05, "FC2": 0.15}
+    beta = np.array([values.get(name, 0.01 if name.startswith("FV") else 0.0) for name in model.base.names])
+    rng = np.random.default_rng(2)
+    q, qd, qdd = multisine(2, 20.0, 2e-3, 3)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    tau = tau + 0.02 * tau.std(axis=1, keepdims=True) * rng.standard_normal(tau.shape)
+    columns = [2e-3 * np.arange(q.shape[1]), *1e-4 * np.round(q / 1e-4), *tau]
+    np.savetxt(folder / "log.csv", np.array(columns).T, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    (folder / "study.toml").write_text(
+        'schema = 1\ndevice = "device.toml"\n[channels]\ntime = "t"\n'
+        'position = { channels = ["q1", "q2"], unit = "rad" }\n'
+        'torque = { channels = ["tau1", "tau2"], unit = "N m", side = "motor" }\n[[logs]]\npath = "log.csv"\n'
+    )
+    return folder
+
+
+def test_joints_of_coupled_motors_are_places_of_friction(recorded: Path) -> None:
+    model = haptid.DynamicModel(haptid.read_device(recorded / "device.toml"))
+    known = friction_coordinates(model, [0, 1])
+    (joint,) = coupled_coordinates(model, [0, 1], known)
+    assert joint.label == "joint 2"
+    np.testing.assert_allclose(joint.weights, [-1.0, 1.0])
+    plain = haptid.DynamicModel(haptid.read_device("arm3"))
+    assert coupled_coordinates(plain, [0, 1, 2], friction_coordinates(plain, [0, 1, 2])) == ()
+
+
+def test_friction_of_a_joint_is_advised_and_its_study_is_better(recorded: Path) -> None:
+    study = haptid.read_study(recorded / "study.toml")
+    found = haptid.identify(study)
+    made = advise(found)
+    first = made.actions[0]
+    assert (first.kind, first.places) == ("coulomb", ("joint 2",)), made.sentences
+    assert first.edits[0].value == {"kind": "coulomb", "joints": ["2"]}
+    assert first.after < 0.6 * first.before
