@@ -90,3 +90,17 @@ def test_noise_of_the_positions_does_not_attenuate_a_free_swing(tmp_path: Path) 
     truth = np.array([INERTIA, WEIGHT / 9.81, 0.0, 0.03])
     np.testing.assert_array_less(np.abs(made.estimate.beta - truth), 4 * made.estimate.se)
     assert (made.estimate.se[:2] / truth[:2]).max() < 0.02  # 0.08 behind three times the bandwidth, and as much off
+
+
+def test_a_pendulum_that_turns_is_not_read_in_degrees_for_long(tmp_path: Path) -> None:
+    """Beyond two turns the draft takes degrees, and says that; the weight, a sine of the angle, tells otherwise."""
+    t, q, v, a = swung()
+    q, v = q + 1.6 * t, v + 1.6
+    torque = INERTIA * a + 0.05 * v + WEIGHT * np.cos(q) + 0.02 * np.random.default_rng(4).standard_normal(t.size)
+    made = identified(tmp_path, {"t": t, "q1": q, "tau1": torque})
+    assert "a joint that turns so far is in rad" in (tmp_path / "study.toml").read_text()
+    first = advise(made).actions[0]
+    assert first.sentence.startswith("Read the positions in rad and not in deg: the error on")
+    assert first.after < 10 < first.before
+    (study,) = (edit for edit in first.edits)
+    assert (study.path, study.value) == (("channels", "position", "unit"), "rad")

@@ -73,6 +73,7 @@ _CHANGE: Mapping[str, str] = {
     "torque swap": "exchange the torque channels of {where}",
     "position sign": "reverse the position channel of {where}",
     "position swap": "exchange the position channels of {where}",
+    "position unit": "read the positions in {where}",
     "zero offset": "correct the zero of the position of {where}",
     "length": "correct {where} in the device file",
     "gravity direction": "correct the direction of gravity in the device file",
@@ -349,7 +350,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
-    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap")
+    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap", "position unit")
     return one.kind in channels and other.kind in channels
 
 

@@ -55,6 +55,8 @@ _SPLIT = re.compile(r"[^a-z]+")
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Below this, rad, a joint may have turned, as a pendulum or a wheel.
+_FEW_TURNS = 20 * math.pi
 # Currents beyond this are in mA.
 _AMPERES = 200.0
 
@@ -406,7 +408,8 @@ def _unit(
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
-            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}"
+            few = "; a joint that turns so far is in rad" if largest < _FEW_TURNS and not more else ""
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{few}"
         more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":
