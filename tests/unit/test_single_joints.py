@@ -84,7 +84,11 @@ def test_noise_of_the_positions_does_not_attenuate_a_free_swing(tmp_path: Path) 
     noise = np.zeros(t.size // fine)
     for k in range(1, noise.size):  # as of a belt or a frame that vibrates: more at low frequencies
         noise[k] = 0.8 * noise[k - 1] + 0.0012 * rng.standard_normal()
-    columns = {"t": t[::fine], "q1": q[::fine] + noise, "tau1": torque[::fine] + 0.005 * rng.standard_normal(noise.size)}
+    columns = {
+        "t": t[::fine],
+        "q1": q[::fine] + noise,
+        "tau1": torque[::fine] + 0.005 * rng.standard_normal(noise.size),
+    }
     made = identified(tmp_path, columns)
     assert any("noise matters less" in reason for reason in made.proposal.reasons)
     truth = np.array([INERTIA, WEIGHT / 9.81, 0.0, 0.03])

@@ -411,7 +411,7 @@ def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
 
 
 def positions(search: Trials) -> Iterator[TriedChange]:
-    """Signs, assignments and unit of the position channels; each is another pass over the log, stored with the trials."""
+    """Signs, assignments and unit of the position channels; each is a pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]

@@ -322,14 +322,15 @@ def check_against(
         for k in angles:
             if position_ranges[k] is None and usual < 2 * math.pi:  # one joint turns, the others are no degrees
                 continue
-            whole = position_ranges[k] is None and len(angles) == 1
-            whole = whole or (position_ranges[k] is not None and np.ptp(position_ranges[k]) > 2 * math.pi - 0.1)
+            limits = position_ranges[k]
+            whole = len(angles) == 1 if limits is None else limits[1] - limits[0] > 2 * math.pi - SLACK
             if whole and spans[k][1] - spans[k][0] < MOST_ALONE:
                 continue
             _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
     _check_swapped(log, spans, position_ranges, prismatic, names)
     turned = tuple(
-        f"joint {names[k]} turns {(spans[k][1] - spans[k][0]) / (2 * math.pi):.1f} times; if it does not, its unit is wrong"
+        f"joint {names[k]} turns {(spans[k][1] - spans[k][0]) / (2 * math.pi):.1f} times; "
+        "if it does not, its unit is wrong"
         for k in angles
         if len(angles) == 1 and position_ranges[k] is None and spans[k][1] - spans[k][0] > MOST_TURNS
     )

@@ -158,10 +158,11 @@ def _quieter(
     times: float,
     start: tuple[Treatment, Delays | None],
 ) -> tuple[float, Treatment, Delays | None] | None:
-    """A narrower parallel filter, where the encoders' noise changes the predicted torque too much; None where it need not.
+    """A narrower parallel filter, where the encoders' noise changes the predicted torque too much; None elsewhere.
 
-    Unseen rows cannot tell this: their positions have the same noise, and attenuated parameters predict them better than
-    the true ones. Where the torque is a small difference of large ones, as in free swinging, little noise suffices.
+    Unseen rows cannot tell this: their positions have the same noise, and attenuated parameters predict them better
+    than the true ones. Where the torque is a small difference of large ones, as in free swinging, little noise
+    suffices.
 
     Args:
         model, logs: device and recordings.
@@ -182,12 +183,13 @@ def _quieter(
             continue
         rows = observe(model, *(treat(log, made[0]) for log in logs))
         sizes = [of_torque(rows, shift[0]) for shift in effects.values()]
+        size = float(np.linalg.norm(sizes))
         if k == times:
-            usual = float(np.hypot(*sizes))
+            usual = size
             if sizes[0] <= NOISY:
                 return None
-        elif usual and np.hypot(*sizes) < best * usual:
-            best, quieter = float(np.hypot(*sizes)) / usual, (k, *made)
+        elif size < best * usual:
+            best, quieter = size / usual, (k, *made)
     return quieter
 
 
