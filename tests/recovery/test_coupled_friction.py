@@ -1,4 +1,4 @@
-"""Friction of a joint between coupled motors is found where the device file has that of the motors only."""
+"""Coupled motors: friction of the joints between them is found, and channels that are of the motors."""
 
 from __future__ import annotations
 
@@ -77,3 +77,23 @@ def test_friction_of_a_joint_is_advised_and_its_study_is_better(recorded: Path) 
     assert (first.kind, first.places) == ("coulomb", ("joint 2",)), made.sentences
     assert first.edits[0].value == {"kind": "coulomb", "joints": ["2"]}
     assert first.after < 0.6 * first.before
+
+
+def test_channels_of_the_motors_that_a_study_takes_for_those_of_the_joints_are_named(
+    recorded: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "device.toml").write_text((recorded / "true.toml").read_text())
+    table = np.loadtxt(recorded / "log.csv", delimiter=",", skiprows=1)
+    table[:, 2] += table[:, 1]  # the second motor turns with the first joint
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    text = (recorded / "study.toml").read_text().replace(', side = "motor"', "")
+    (tmp_path / "study.toml").write_text(text)
+    found = haptid.identify(haptid.read_study(tmp_path / "study.toml"))
+    (side,) = advise(found).actions
+    assert (side.kind, [edit.value for edit in side.edits]) == ("side", ["motor", "motor"])
+    assert "take the positions and torques as those of the motors" in side.change
+    study = tmp_path / "study.toml"
+    study.write_text(text.replace('unit = "rad"', 'unit = "rad", side = "motor"').replace("N m", 'N m", side = "motor'))
+    right = haptid.identify(haptid.read_study(study))
+    assert right.unseen[0].comparable.relative < 0.5 * found.unseen[0].comparable.relative
+    assert all(action.kind != "side" for action in advise(right).actions)

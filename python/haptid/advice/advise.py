@@ -26,6 +26,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
+from haptid.advice.sides import other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.untold import untold
 from haptid.advice.use import other_use
@@ -38,7 +39,7 @@ from haptid.study.identify import Identification
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-# The lower one where parameters are found that no bodies have.
+# The lower one where parameters are found that no bodies have, and for sides.
 _ROUGH, _LARGE = 20.0, 10.0
 # Actions of a combination, and actions that are shown.
 _MOST, SHOWN = 4, 6
@@ -254,6 +255,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((), 0.0, 0.0, ("No action is tried without accelerations.",), 0)
     if reason := _too_slow(found):
         return Advice((), 0.0, 0.0, (reason,), 0)
+    if (side := _side(found, part)) is not None:  # nothing else can be told with it
+        return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
         search = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
@@ -312,6 +315,19 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     if not given and max((v.relative for v in found.unseen), default=0.0) < _LARGE:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
+
+
+def _side(found: Identification, part: Estimate) -> Action | None:
+    """Channels of the other side, tried where the error is large."""
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
+        return None
+    one = other_side(found.model, part.observation.motions, part.beta, part.zero)
+    if one is None:
+        return None
+    return Action(
+        "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
+        one.gain.share, True, one.edits, one.blocks,
+    )  # fmt: skip
 
 
 def _named(one: Proven) -> Proven:

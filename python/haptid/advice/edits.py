@@ -207,7 +207,8 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
         elif edit.path[0] == "channels":
             for table in [plan, *plan["logs"]]:
                 if "channels" in table:
-                    _apply(table, edit.path, edit, len(table["channels"][edit.path[1]]["channels"]))
+                    signal = table["channels"][edit.path[1]]
+                    _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints") or ()))
         else:
             _apply(plan, edit.path, edit)
     plan["logs"] = [log for k, log in enumerate(plan["logs"]) if k not in gone]
