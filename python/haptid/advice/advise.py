@@ -34,6 +34,7 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
+from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 
@@ -45,6 +46,8 @@ _ROUGH, _LARGE = 20.0, 10.0
 _MOST, SHOWN = 4, 6
 # Least share of what is negative in the torque of a motor that is reversed.
 _SHOWS = 0.05
+# Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named.
+_FAR = 2.0
 # Share of the squared error that rounding changes.
 _SAME_ERROR = 1e-6
 # A factor that is -1 within this is a sign.
@@ -287,13 +290,30 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     known = {(action.kind, place) for action in listed for place in action.places}
     first = [*_bodies([one for one in negative if _reversible(search, base, one)], known)]
     known |= {(action.kind, place) for action in first for place in action.places}
-    first += _units(diagnosis, known)
+    first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*first, *listed]
-    sentences = untold(search, base, {action.kind for action in every}, not every)
+    sentences = [*_other_motion(found, before), *untold(search, base, {action.kind for action in every}, not every)]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+
+
+def _other_motion(found: Identification, before: float) -> Iterator[str]:
+    """What the logs that validate show, where their error is far above that of the unseen blocks of the fit."""
+    errors = [
+        (validation.comparable.relative, run.entry.path)
+        for run in found.runs
+        if run.entry.role == "validate"
+        for validation in run.unseen
+    ]
+    worst, path = max(errors, default=(0.0, ""))
+    if worst > max(_FAR * before, _LARGE):
+        yield (
+            f"The error on {path} is {worst:.3g} %, on unseen blocks of the fit {before:.3g} %: the motion of the fit "
+            "does not determine the model for other motion, or something differs in that log. Identify from several of "
+            "the logs, and validate with another one, to tell."
+        )
 
 
 def _too_slow(found: Identification) -> str:
@@ -484,7 +504,7 @@ def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterato
         yield Action("torque sign", (one.label,), change, "possible bodies", one.t, 0.0, None, 1.0, True, (edit,))
 
 
-def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
+def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
     """Torques whose size relative to the prior bodies a confusion of units explains."""
     if diagnosis is None:
         return
@@ -495,6 +515,11 @@ def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator
     for k, label in enumerate(labels):
         factor = found.figures.get(f"factor {label}")
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
+            continue
+        # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
+        if unseen_percent(search.model, search.bench, base, k) > _ROUGH or not (
+            GOOD > -factor > 1 / GOOD or factor > 0
+        ):
             continue
         kind = "torque sign" if factor < 0 else "unit"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)
