@@ -210,7 +210,7 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
             for table in [plan, *plan["logs"]]:
                 if "channels" in table:
                     signal = table["channels"][edit.path[1]]
-                    _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints", ())))
+                    _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints") or ()))
         else:
             _apply(plan, edit.path, edit)
     plan["logs"] = [log for k, log in enumerate(plan["logs"]) if k not in gone]
