@@ -301,3 +301,33 @@ def test_arrays_of_the_answers_are_read_only(model):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     assert found.pseudo_inertias.shape == (len(model.device.joints), 4, 4)
+
+
+@pytest.mark.parametrize("panics", [1, 100])
+def test_a_solver_that_panics_is_tried_again_and_then_an_error(monkeypatch, panics):
+    """Clarabel panics where an eigenvalue iteration does not converge: nothing that `except Exception` catches."""
+
+    class PanicException(BaseException):
+        pass
+
+    class Solver:
+        left = panics
+
+        def __init__(self, *problem):
+            self.problem = problem
+
+        def solve(self):
+            Solver.left -= 1
+            if Solver.left >= 0:
+                raise PanicException("Eigval error")
+            return whole(*self.problem).solve()
+
+    whole = conic_program.clarabel.DefaultSolver
+    monkeypatch.setattr(conic_program.clarabel, "DefaultSolver", Solver)
+    above_two = conic_program.ConeCondition(np.eye(1), np.array([-2.0]))
+    if panics > 1:
+        with pytest.raises(ConvergenceError, match="eigenvalue"):
+            conic_program.minimise(np.eye(1), np.zeros(1), [above_two])
+        return
+    x, _ = conic_program.minimise(np.eye(1), np.zeros(1), [above_two])
+    assert x == pytest.approx(2.0)

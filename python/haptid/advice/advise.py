@@ -26,6 +26,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
+from haptid.advice.sides import other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.untold import untold
 from haptid.advice.use import other_use
@@ -33,17 +34,20 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
+from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-# The lower one where parameters are found that no bodies have.
+# The lower one where parameters are found that no bodies have, and for sides.
 _ROUGH, _LARGE = 20.0, 10.0
 # Actions of a combination, and actions that are shown.
 _MOST, SHOWN = 4, 6
 # Least share of what is negative in the torque of a motor that is reversed.
 _SHOWS = 0.05
+# Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named.
+_FAR = 2.0
 # Share of the squared error that rounding changes.
 _SAME_ERROR = 1e-6
 # A factor that is -1 within this is a sign.
@@ -73,6 +77,7 @@ _CHANGE: Mapping[str, str] = {
     "torque swap": "exchange the torque channels of {where}",
     "position sign": "reverse the position channel of {where}",
     "position swap": "exchange the position channels of {where}",
+    "position unit": "read the positions in {where}",
     "zero offset": "correct the zero of the position of {where}",
     "length": "correct {where} in the device file",
     "gravity direction": "correct the direction of gravity in the device file",
@@ -254,6 +259,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((), 0.0, 0.0, ("No action is tried without accelerations.",), 0)
     if reason := _too_slow(found):
         return Advice((), 0.0, 0.0, (reason,), 0)
+    if (side := _side(found, part)) is not None:  # nothing else can be told with it
+        return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
         search = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
@@ -284,13 +291,30 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     known = {(action.kind, place) for action in listed for place in action.places}
     first = [*_bodies([one for one in negative if _reversible(search, base, one)], known)]
     known |= {(action.kind, place) for action in first for place in action.places}
-    first += _units(diagnosis, known)
+    first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*first, *listed]
-    sentences = untold(search, base, {action.kind for action in every}, not every)
+    sentences = [*_other_motion(found, before), *untold(search, base, {action.kind for action in every}, not every)]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+
+
+def _other_motion(found: Identification, before: float) -> Iterator[str]:
+    """What the logs that validate show, where their error is far above that of the unseen blocks of the fit."""
+    errors = [
+        (validation.comparable.relative, run.entry.path)
+        for run in found.runs
+        if run.entry.role == "validate"
+        for validation in run.unseen
+    ]
+    worst, path = max(errors, default=(0.0, ""))
+    if worst > max(_FAR * before, _LARGE):
+        yield (
+            f"The error on {path} is {worst:.3g} %, on unseen blocks of the fit {before:.3g} %: the motion of the fit "
+            "does not determine the model for other motion, or something differs in that log. Identify from several of "
+            "the logs, and validate with another one, to tell."
+        )
 
 
 def _too_slow(found: Identification) -> str:
@@ -312,6 +336,19 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     if not given and max((v.relative for v in found.unseen), default=0.0) < _LARGE:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
+
+
+def _side(found: Identification, part: Estimate) -> Action | None:
+    """Channels of the other side, tried where the error is large."""
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
+        return None
+    one = other_side(found.model, part.observation.motions, part.beta, part.zero)
+    if one is None:
+        return None
+    return Action(
+        "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
+        one.gain.share, True, one.edits, one.blocks,
+    )  # fmt: skip
 
 
 def _named(one: Proven) -> Proven:
@@ -349,7 +386,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
-    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap")
+    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap", "position unit")
     return one.kind in channels and other.kind in channels
 
 
@@ -468,7 +505,7 @@ def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterato
         yield Action("torque sign", (one.label,), change, "possible bodies", one.t, 0.0, None, 1.0, True, (edit,))
 
 
-def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
+def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
     """Torques whose size relative to the prior bodies a confusion of units explains."""
     if diagnosis is None:
         return
@@ -479,6 +516,11 @@ def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator
     for k, label in enumerate(labels):
         factor = found.figures.get(f"factor {label}")
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
+            continue
+        # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
+        if unseen_percent(search.model, search.bench, base, k) > _ROUGH or not (
+            GOOD > -factor > 1 / GOOD or factor > 0
+        ):
             continue
         kind = "torque sign" if factor < 0 else "unit"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)

@@ -43,6 +43,8 @@ _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "len
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
 # Terms that joints of coupled motors may have besides the motors.
+# The unit that an angle may be in instead, and the factor.
+_OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
 _MANY = 24
@@ -409,7 +411,7 @@ def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
 
 
 def positions(search: Trials) -> Iterator[TriedChange]:
-    """Signs and assignments of the position channels; each is another pass over the log, stored with the trials."""
+    """Signs, assignments and unit of the position channels; each is a pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]
@@ -417,18 +419,23 @@ def positions(search: Trials) -> Iterator[TriedChange]:
     changes += [
         ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
     ]
+    unit = motions[0].log.channels.position.unit if motions[0].log is not None else ""
+    if unit in _OTHER_UNIT and not all(units):
+        changes.append(("position unit", ()))
     # The delay of a wrong model is none: that of a command that is held.
     plain = [m if m.log is None else with_delay(m, 0.5 * m.dt) for m in motions]
     grams = dict(search.bench.grams)
     for kind, which in changes:
         try:
-            there = trial_rows(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
+            moved = [_repositioned(m, which) if which else _in_other_unit(m, unit, units) for m in plain]
+            there = trial_rows(model, moved, search.beta, (), motions)
         except HaptidError:
             continue
         if there.blocks == search.rows.blocks:
             key = f"{kind} {which}"
             grams[key] = _embedded(there.grams(), search.bench)
-            yield TriedChange(kind, tuple(f"joint {names[k]}" for k in which), Setting(rows=key), indices=which)
+            places = tuple(f"joint {names[k]}" for k in which) or (f"{_OTHER_UNIT[unit][0]} and not in {unit}",)
+            yield TriedChange(kind, places, Setting(rows=key), indices=which)
     object.__setattr__(search.bench, "grams", grams)
 
 
@@ -440,6 +447,14 @@ def _repositioned(motion: Motion, which: tuple[int, ...]) -> Motion:
     else:
         q[:, list(which)] = q[:, list(which[::-1])]
     return replace(motion, q=q)
+
+
+def _in_other_unit(motion: Motion, unit: str, prismatic: Sequence[bool]) -> Motion:
+    """The motion with its angles read in the other unit, and as many times the speed that counts as slow."""
+    factor = np.where(prismatic, 1.0, _OTHER_UNIT[unit][1])
+    slow = np.asarray(motion.treatment.reversal_speed) * _OTHER_UNIT[unit][1]
+    treatment = replace(motion.treatment, reversal_speed=tuple(slow.tolist()) if slow.ndim else float(slow))
+    return replace(motion, q=np.array(motion.q) * factor, treatment=treatment)
 
 
 def _embedded(grams: Array, bench: Bench) -> Array:

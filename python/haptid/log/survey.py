@@ -42,17 +42,23 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # A command of nothing in particular stands for a torque.
 _COMMAND = frozenset({"command", "commands", "commanded", "cmd"})
 _CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
+# Before one of these words "current" means the present value.
+_PRESENT = re.compile(r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state))", re.I)
 # Less likely to be measured: the wanted value, and not the motion.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
 # More likely than a command, where both are there.
 _MEASURED = frozenset({"measured", "meas", "actual", "act", "present", "feedback", "fb"})
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
-_TIME = re.compile(r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE)
+_TIME = re.compile(
+    r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
+)
 _SPLIT = re.compile(r"[^a-z]+")
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Below this, rad, a joint may have turned, as a pendulum or a wheel.
+_FEW_TURNS = 20 * math.pi
 # Currents beyond this are in mA.
 _AMPERES = 200.0
 
@@ -370,7 +376,7 @@ def _guessed(
 ) -> ChannelSurvey:
     """What a channel is, by its name and that of its topic, its stated unit and its range."""
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
-    words = _words(base) or _words(name)
+    words = _words(_PRESENT.sub("", base)) or _words(name)
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
     if words and words <= _COMMAND:
         quantity = "torque"
@@ -405,7 +411,8 @@ def _unit(
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
-            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}"
+            few = "; a joint that turns so far is in rad" if largest < _FEW_TURNS and not more else ""
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{few}"
         more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":

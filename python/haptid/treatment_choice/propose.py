@@ -27,7 +27,7 @@ from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
-from haptid.treatment_choice.noise_effect import noise_effect
+from haptid.treatment_choice.noise_effect import NOISY, noise_effect, of_torque
 from haptid.treatment_choice.parallel_choice import better_cutoff
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
@@ -57,7 +57,9 @@ _APART, _RIPPLE = 1.3, 0.25
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Noise above this share of the acceleration is reported.
-NOISY = 0.1
+_LOUD = 0.1
+# A narrower filter is taken where it leaves so much of what noise and filter do to the torque.
+_QUIETER = 0.7
 # Length of the part of each log that is analysed, s, and samples up to which it may be longer.
 _ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
 # Ratio of the sampling rates of logs below which they are one: stamps of one recorder differ by a few parts in a
@@ -119,7 +121,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     filters = _Filters.of(model, logs, given)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         filters = filters.known_to_the_torque(given)
-    times = USUAL
+    times, why = USUAL, ""
     treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)
     if filters.may_clear and "reversal_guard_s" not in given:
         clear = replace(filters, near=False)
@@ -134,13 +136,61 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), judged)]
         if times != USUAL:
             treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
+            why = f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
+        quieter = _quieter(model, logs, filters, given, times, (treatment, delays))
+        if quieter is not None:
+            why = f", {quieter[0]:g} times it: there the positions' noise matters less than behind {times:g} times"
+            _, treatment, delays = quieter
     reference = filters.at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
-    reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
+    reasons = (*filters.reasons(treatment, why, given), *filters.kept(treatment, given), *why_block, *why_time)
     effects = noise_effect(model, logs, filters.spectra, treatment)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
+
+
+def _quieter(
+    model: DynamicModel,
+    logs: Sequence[Log],
+    filters: _Filters,
+    given: _Given,
+    times: float,
+    start: tuple[Treatment, Delays | None],
+) -> tuple[float, Treatment, Delays | None] | None:
+    """A narrower parallel filter, where the encoders' noise changes the predicted torque too much; None elsewhere.
+
+    Unseen rows cannot tell this: their positions have the same noise, and attenuated parameters predict them better
+    than the true ones. Where the torque is a small difference of large ones, as in free swinging, little noise
+    suffices.
+
+    Args:
+        model, logs: device and recordings.
+        filters: that suit their motion.
+        given: settings that stand.
+        times: parallel cut-off in use over the bandwidth.
+        start: treatment and delays in use.
+
+    Returns:
+        The cut-off over the bandwidth, the treatment and the delays.
+    """
+    best, quieter = _QUIETER, None
+    usual = 0.0
+    for k in (times, *(k for k in reversed(TRIED) if filters.parallel(k) < filters.parallel(times))):
+        made = start if k == times else _with_delays(model, logs, filters.at(k, given), given, start[1])
+        effects = noise_effect(model, logs, filters.spectra, made[0])
+        if not effects:
+            continue
+        rows = observe(model, *(treat(log, made[0]) for log in logs))
+        sizes = [of_torque(rows, shift[0]) for shift in effects.values()]
+        size = float(np.linalg.norm(sizes))
+        if k == times:
+            usual = size
+            if sizes[0] <= NOISY:
+                return None
+        elif size < best * usual:
+            best, quieter = size / usual, (k, *made)
+    return quieter
 
 
 def _no_delay(logs: Sequence[Log]) -> str:
@@ -326,8 +376,8 @@ class _Filters:
             many += plan.rows
         return kept / max(many, 1)
 
-    def reasons(self, treatment: Treatment, times: float, given: _Given) -> tuple[str, ...]:
-        """A sentence for each filter that was chosen."""
+    def reasons(self, treatment: Treatment, why: str, given: _Given) -> tuple[str, ...]:
+        """A sentence for each filter that was chosen, that of the parallel filter with the reason for its width."""
         made, parallel = [], treatment.parallel_cutoff_hz or 0.0
         motion = f"the motion is below {self.bandwidth:.2g} Hz (98 % of the velocity's power)"
         if self.above:
@@ -341,7 +391,6 @@ class _Filters:
                 f"it. Record at a higher rate, or reduce the decimation."
             )
         elif "parallel_cutoff_hz" not in given:
-            why = "" if times == USUAL else f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
             made.append(f"Parallel filter of torque and columns: {parallel:.3g} Hz; {motion}{why}.")
         if "cutoff_hz" not in given and treatment.cutoff_hz is not None:
             cutoffs = np.atleast_1d(treatment.cutoff_hz)
@@ -375,7 +424,7 @@ class _Filters:
             f"The noise of the positions, {self.channels[worst].noise_rms:.1g} {unit} RMS, is "
             f"{100 * shares[worst]:.2g} % of the filtered acceleration"
         )
-        return (sentence + ("." if shares[worst] < NOISY else ": record faster motion, or with a finer encoder."),)
+        return (sentence + ("." if shares[worst] < _LOUD else ": record faster motion, or with a finer encoder."),)
 
     def kept(self, treatment: Treatment, given: _Given) -> tuple[str, ...]:
         """Report of the rows near reversals, which are dropped."""

@@ -77,13 +77,31 @@ def solved(
         ConvergenceError: the solver stopped without a solution.
     """
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
+    status, iterations = "an eigenvalue was not found", 0
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
         how = settings(equilibrate, regularisation, tolerance)
-        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), how).solve()
+        answer = answered(triangle, q, rows, b, list(cones), how)
+        if answer is None:
+            continue
         if str(answer.status) in SOLVED:
             return np.array(answer.x), np.array(answer.z)
-    raise unsolved(str(answer.status), answer.iterations)
+        status, iterations = str(answer.status), answer.iterations
+    raise unsolved(status, iterations)
+
+
+def answered(*problem: Any) -> Any:
+    """The solver's answer; None where its linear algebra gave up.
+
+    The solver panics then (an eigenvalue iteration that does not converge, near the boundary of a cone), which no
+    `except Exception` catches.
+    """
+    try:
+        return clarabel.DefaultSolver(*problem).solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        return None
 
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:

@@ -65,8 +65,8 @@ def coupled_coordinates(
     device = model.device
     joints = [
         (f"joint {joint.name}", rate)
-        for joint, rate, varies in zip(device.joints, device.rates, device.varying.any(axis=1), strict=True)
-        if not varies
+        for joint, rate, varies in zip(device.joints, device.rates, device.varying, strict=True)
+        if not varies.any()
     ]
     motors = [
         (f"motor {drive.name}", rate)
@@ -82,7 +82,7 @@ def coupled_coordinates(
 
 def _parallel(a: Array, b: Array) -> bool:
     """Whether one combination is a multiple of the other."""
-    return abs(a @ b) > (1 - 1e-9) * float(np.linalg.norm(a) * np.linalg.norm(b))
+    return bool(abs(a @ b) > (1 - 1e-9) * np.linalg.norm(a) * np.linalg.norm(b))
 
 
 @dataclass(frozen=True, eq=False)

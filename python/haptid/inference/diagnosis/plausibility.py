@@ -150,7 +150,8 @@ def moved_from_outside(
         if test is None:
             continue
         (moved, held), (se, own) = test.values[:2], test.se[:2]
-        if abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED and abs(held - 1) + 2 * own < _NAMED:
+        carries = 1 / GOOD < held < GOOD and own < IDENTIFIABLE * held  # masses of descriptions are not exact
+        if abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED and carries:
             figures |= {f"inertial {label}": float(moved), f"weight {label}": float(held)}
             found.append(label)
     if not found:
