@@ -114,7 +114,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     """
     dt, channels = max(float(log.dt) for log in logs), logs[0].torque.shape[1]
     hold = HOLD if logs[0].channels.torque.side == "motor" else 0.0
-    prior = dt**2 * (COMMON**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels))
+    prior = delay_prior(channels, dt)
     mean = np.full(channels, hold * dt)
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
@@ -139,6 +139,11 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     if not agrees:
         return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
     return Delays(d, spread.covariance, d, True, dt)
+
+
+def delay_prior(channels: int, dt: float) -> Array:
+    """Prior covariance of the delays, (channels, channels), s^2, at a sampling period, s."""
+    return np.asarray(dt**2 * (COMMON**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels)))
 
 
 def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usual: Array) -> bool:
@@ -185,7 +190,7 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
 
 def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> NuisanceProblem:
     """The delays of the channels as nuisances."""
-    columns = _delay_columns(model, motions[0])
+    columns = delay_columns(model, motions[0])
     return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
 
@@ -195,7 +200,7 @@ def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float) -> bool:
     Friction that the model lacks is late or early on its own; a drive delays every torque alike.
     """
     model, beta = problem.model, problem.beta
-    bodies, everything = (_delay_columns(model, problem.motions[0], only) for only in (True, False))
+    bodies, everything = (delay_columns(model, problem.motions[0], only) for only in (True, False))
     # One delay of the bodies for all channels; what is added for all torque is each channel's own.
     p, n = len(beta), 1 + max(channel for channel, _ in everything)
     columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
@@ -213,7 +218,7 @@ def _setting(d: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in d)
 
 
-def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) -> list[NuisanceColumn]:
+def delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) -> list[NuisanceColumn]:
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:

@@ -10,6 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
 from haptid.treatment_choice.delay_estimate import with_delay_uncertainty
 from haptid.treatment_choice.propose import Proposal
+from haptid.treatment_choice.repeated_errors import repeated_errors
 
 # Share of the torque, per cent, by which the encoders' noise may change the predicted one.
 _NOISY = 3.0
@@ -23,6 +24,9 @@ def with_treatment_uncertainty(estimate: Estimate, proposal: Proposal) -> Estima
         proposal: the treatment.
     """
     made = estimate if proposal.delays is None else with_delay_uncertainty(estimate, proposal.delays)
+    repeated = repeated_errors(estimate, proposal.delays)
+    if repeated is not None:
+        made = made.with_nuisance("errors that repeat with the motion", repeated)
     for name, shift in proposal.effects.items():
         if shift.shape[1] == len(estimate.beta):
             made = made.with_nuisance(name, shift)

@@ -78,12 +78,21 @@ def solved(
     """
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
+    status, iterations = "", 0
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
         how = settings(equilibrate, regularisation, tolerance)
-        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), how).solve()
-        if str(answer.status) in SOLVED:
+        try:
+            answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), how).solve()
+        except BaseException as panic:
+            # A decomposition that does not converge is a panic of the solver's Rust code: one more way to stall.
+            if type(panic).__name__ != "PanicException":
+                raise
+            status = str(panic)
+            continue
+        status, iterations = str(answer.status), answer.iterations
+        if status in SOLVED:
             return np.array(answer.x), np.array(answer.z)
-    raise unsolved(str(answer.status), answer.iterations)
+    raise unsolved(status, iterations)
 
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:
