@@ -89,10 +89,12 @@ def repeated_errors(estimate: Estimate, delays: Delays | None) -> Array | None:
     """
     observation, root = estimate.observation, estimate.fit.solution.root
     shared = delays is not None and delays.accepted and observation.change is None
-    prior = linalg.inv(delay_prior(len(delays.seconds), delays.dt)) if delays is not None and shared else np.zeros((0, 0))
+    prior = (
+        linalg.inv(delay_prior(len(delays.seconds), delays.dt)) if delays is not None and shared else np.zeros((0, 0))
+    )
     found = []
     for motion in observation.motions:
-        length = None if motion.log is None else period(motion)
+        length = period(motion)
         if length is None:
             continue
         scores = _scores(estimate, motion, length, len(prior) if not motion.treatment.momentum else 0)
