@@ -298,7 +298,7 @@ def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
 def test_a_panic_of_the_solver_is_one_way_to_stall(model, monkeypatch):
     whole, tried = conic_program.clarabel.DefaultSolver, []
 
-    class PanicException(BaseException):  # noqa: N818 - the name that PyO3 gives it
+    class PanicException(BaseException):
         pass
 
     class Panics:

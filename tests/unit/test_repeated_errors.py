@@ -67,7 +67,7 @@ def test_the_period_of_a_motion_is_found(model):
         assert period(one) == pytest.approx(LENGTH, rel=1e-4)
 
 
-def test_a_motion_that_does_not_come_back_has_no_period(model):
+def test_a_motion_that_does_not_come_back_has_no_period():
     q, qd, qdd = multisine(2, 20.0, DT, 3)
     treatment = haptid.Treatment(cutoff_hz=None)
     assert period(haptid.Motion(DT, q.T, 0 * q.T, treatment, rates=(qd.T, qdd.T))) is None

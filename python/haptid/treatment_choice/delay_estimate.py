@@ -150,9 +150,10 @@ def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prio
     """Delays, parameters, problem and spread as found, or as the smooth part of the torque alone tells them.
 
     Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at all:
-    where all reversals of a motion lie alike between two samples, the residual is constant between steps, and the slope
-    of the sampled torque says otherwise. Started from what the whole torque tells, steps with the smooth torque find the
-    minimum between two such steps; the smaller residual decides.
+    where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a range of
+    delays, and the slope of the sampled torque says otherwise. From there, steps with the smooth torque find the
+    minimum within that range. They are taken where they are longer than the standard error and leave a smaller
+    residual.
 
     Args:
         model: the dynamic model.

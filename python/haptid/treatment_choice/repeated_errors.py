@@ -2,8 +2,8 @@
 
 An encoder's ripple and its rounding, the sampling of reversals and what the model lacks depend on the state. Where the
 motion is periodic they are the same in every period: their effect does not fall with the number of periods, and the
-scatter of time blocks does not show it. Scores are therefore summed over all periods, phase by phase. Their scatter over
-the phases, beyond what the scores of single periods explain, is variance that time blocks lack.
+scatter of time blocks does not show it. Scores are therefore summed over all periods, phase by phase. Their scatter
+over the phases, beyond what the scores of single periods explain, is variance that time blocks lack.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _Scores:
         rng = np.random.default_rng(0)
         signs = rng.choice([-1.0, 1.0], size=(_SIGNS, *self.s.shape[:2]))
         chance = [float(np.sum(np.einsum("pn,pnk->pk", sign, self.s) ** 2)) for sign in signs]
-        return float(np.sum(self.s.sum(axis=1) ** 2)) > np.mean(chance) + _BEYOND * np.std(chance)
+        return bool(np.sum(self.s.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
 
     def shifts(self, root: Array, prior: Array) -> Array:
         """By how much the errors of each part move the parameters, (phases, p), SI.
