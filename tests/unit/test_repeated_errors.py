@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.motion.periods import period
+from haptid.motion.periods import motion_period
 from haptid.treatment_choice.repeated_errors import repeated_errors
 from motions import multisine
 from sampling import of_share
@@ -64,17 +64,17 @@ def test_the_period_of_a_motion_is_found(model):
         DT, made.q + 2e-3 * np.random.default_rng(0).normal(size=made.q.shape), made.tau, made.treatment
     )
     for one in (made, noisy):
-        assert period(one) == pytest.approx(LENGTH, rel=1e-4)
+        assert motion_period(one) == pytest.approx(LENGTH, rel=1e-4)
 
 
 def test_a_motion_that_does_not_come_back_has_no_period():
     q, qd, qdd = multisine(2, 20.0, DT, 3)
     treatment = haptid.Treatment(cutoff_hz=None)
-    assert period(haptid.Motion(DT, q.T, 0 * q.T, treatment, rates=(qd.T, qdd.T))) is None
-    assert period(haptid.Motion(DT, 0 * q.T, 0 * q.T, treatment)) is None
+    assert motion_period(haptid.Motion(DT, q.T, 0 * q.T, treatment, rates=(qd.T, qdd.T))) is None
+    assert motion_period(haptid.Motion(DT, 0 * q.T, 0 * q.T, treatment)) is None
     short = round(2 * LENGTH / DT)
     q, qd, qdd = periodic(DT * np.arange(short), 0)
-    assert period(haptid.Motion(DT, q.T, 0 * q.T, treatment, rates=(qd.T, qdd.T))) is None
+    assert motion_period(haptid.Motion(DT, q.T, 0 * q.T, treatment, rates=(qd.T, qdd.T))) is None
 
 
 def test_intervals_hold_errors_that_repeat(model):

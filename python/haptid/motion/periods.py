@@ -17,7 +17,7 @@ _FEWEST = 2.5
 _ENOUGH = 1 << 18
 
 
-def period(motion: Motion) -> float | None:
+def motion_period(motion: Motion) -> float | None:
     """Time after which all positions of a motion come back again and again, s; None where they do not.
 
     The first deep minimum of the mean square difference between positions a lag apart, refined at multiples of it.

@@ -21,7 +21,7 @@ from haptid.motion.treatment import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
-from haptid.treatment_choice.first_fit import EXCITED, residual_memory, solve_excited
+from haptid.treatment_choice.first_fit import LEAST_EXCITED, residual_memory, solve_excited
 
 # The nuisance that a column belongs to, and the column.
 NuisanceColumn = tuple[int, CandidateColumns]
@@ -92,7 +92,7 @@ class NuisanceProblem:
         rows = stacked(self.rows.motors, weights, p + self.count)
         X, y = rows[:, :p], rows[:, -1]
         lengths = np.linalg.norm(X, axis=0)
-        solution = np.linalg.lstsq(X / np.where(lengths > 0, lengths, 1.0), y, rcond=EXCITED)[0]
+        solution = np.linalg.lstsq(X / np.where(lengths > 0, lengths, 1.0), y, rcond=LEAST_EXCITED)[0]
         return float(np.sum((y - X / np.where(lengths > 0, lengths, 1.0) @ solution) ** 2))
 
     def solve(self, off: Array, prior: Array) -> tuple[Array, Array, Spread]:

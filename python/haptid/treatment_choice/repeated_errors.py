@@ -17,7 +17,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import Adjustment
-from haptid.motion.periods import period
+from haptid.motion.periods import motion_period
 from haptid.motion.treatment import Motion
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.rows import Chunk, chunks_of
@@ -94,7 +94,7 @@ def repeated_errors(estimate: Estimate, delays: Delays | None) -> Array | None:
     )
     found = []
     for motion in observation.motions:
-        length = period(motion)
+        length = motion_period(motion)
         if length is None:
             continue
         scores = _scores(estimate, motion, length, len(prior) if not motion.treatment.momentum else 0)
