@@ -9,6 +9,7 @@ over the phases, beyond what the scores of single periods explain, is variance t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import linalg
@@ -29,8 +30,8 @@ from haptid.treatment_choice.nuisance_problem import NuisanceColumn
 _FEWEST, _PHASES, _GROUPS = 6, 48, 32
 # Random signs of the scores, and the standard deviations above their mean from which on errors count as repeated.
 _SIGNS, _BEYOND = 40, 2.0
-# Rows of a motion that are looked at.
-_ENOUGH = 1 << 17
+# Numbers (rows times columns, of all motors) of a motion that are looked at.
+_ENOUGH = 1 << 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,24 +113,26 @@ def _scores(estimate: Estimate, motion: Motion, length: float, delays: int) -> _
     start, seconds = float(motion.t0), len(motion) * motion.dt
     groups = max(1, min(_GROUPS, int(seconds / length)))
     k = estimate.fit.solution.root.shape[1] + delays
-    s, G, rows, total = np.zeros((phases, groups, k)), np.zeros((phases, k, k)), 0, 1
+    observation = estimate.observation
+    blocks = np.array([j for j, block in enumerate(observation.blocks) if block.log == motion.name])
+    numbers = k * sum(int(motor.rows[blocks].sum()) for motor in observation.motors)
+    some = blocks[: max(1, int(len(blocks) * min(1.0, _ENOUGH / max(numbers, 1))))]
+    s, G = np.zeros((phases, groups, k)), np.zeros((phases, k, k))
     columns = delay_columns(estimate.model, motion) if delays else []
-    for chunk in chunks_of(estimate.observation):
-        if chunk.plan.motion is not motion:
-            continue
-        if rows >= _ENOUGH:
-            break
-        total = chunk.plan.rows
-        rows += chunk.stop - chunk.start
+    for chunk in chunks_of(observation.pick(some)):
         turns = (chunk.t - start) / length
         part = (turns % 1 * phases).astype(int) % phases
         group = np.minimum((turns * length / seconds * groups).astype(int), groups - 1)
+        cell = part * groups + group
+        order = np.argsort(cell, kind="stable")
+        cells, first = np.unique(cell[order], return_index=True)
+        edges = np.searchsorted(part[order], np.arange(phases + 1))
         for U, e in _weighted(chunk, estimate, columns, delays):
-            np.add.at(s, (part, group), U * e[:, None])
-            for one in range(phases):
-                own = U[part == one]
-                G[one] += own.T @ own
-    return _Scores(s, G, rows / total)
+            ordered = U[order]
+            s.reshape(-1, k)[cells] += np.add.reduceat(ordered * e[order][:, None], first, axis=0)
+            for one, (low, high) in enumerate(pairwise(edges)):
+                G[one] += ordered[low:high].T @ ordered[low:high]
+    return _Scores(s, G, len(some) / len(blocks))
 
 
 def _weighted(
