@@ -295,39 +295,36 @@ def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
     assert raised.value.found == "MaxIterations"
 
 
+def test_a_panic_of_the_solver_is_one_way_to_stall(model, monkeypatch):
+    whole, tried = conic_program.clarabel.DefaultSolver, []
+
+    class PanicException(BaseException):
+        pass
+
+    class Panics:
+        def __init__(self, *problem):
+            self.problem = problem
+
+        def solve(self):
+            tried.append(self)
+            if len(tried) % 2:
+                raise PanicException("Eigval error: Eigen(1)")
+            return whole(*self.problem).solve()
+
+    beta = truth(model)
+    right = feasible_parameters(model, beta).beta
+    monkeypatch.setattr(conic_program.clarabel, "DefaultSolver", Panics)
+    np.testing.assert_allclose(feasible_parameters(model, beta).beta, right, rtol=1e-6)
+    assert len(tried) > 1
+    monkeypatch.setattr(Panics, "solve", lambda _: (_ for _ in ()).throw(PanicException("Eigval error: Eigen(1)")))
+    with pytest.raises(ConvergenceError) as raised:
+        feasible_parameters(model, beta)
+    assert raised.value.found == "Eigval error: Eigen(1)"
+
+
 def test_arrays_of_the_answers_are_read_only(model):
     found = feasible_parameters(model, truth(model))
     for array in (found.beta, found.chi):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     assert found.pseudo_inertias.shape == (len(model.device.joints), 4, 4)
-
-
-@pytest.mark.parametrize("panics", [1, 100])
-def test_a_solver_that_panics_is_tried_again_and_then_an_error(monkeypatch, panics):
-    """Clarabel panics where an eigenvalue iteration does not converge: nothing that `except Exception` catches."""
-
-    class PanicException(BaseException):
-        pass
-
-    class Solver:
-        left = panics
-
-        def __init__(self, *problem):
-            self.problem = problem
-
-        def solve(self):
-            Solver.left -= 1
-            if Solver.left >= 0:
-                raise PanicException("Eigval error")
-            return whole(*self.problem).solve()
-
-    whole = conic_program.clarabel.DefaultSolver
-    monkeypatch.setattr(conic_program.clarabel, "DefaultSolver", Solver)
-    above_two = conic_program.ConeCondition(np.eye(1), np.array([-2.0]))
-    if panics > 1:
-        with pytest.raises(ConvergenceError, match="eigenvalue"):
-            conic_program.minimise(np.eye(1), np.zeros(1), [above_two])
-        return
-    x, _ = conic_program.minimise(np.eye(1), np.zeros(1), [above_two])
-    assert x == pytest.approx(2.0)

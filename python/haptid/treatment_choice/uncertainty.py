@@ -8,6 +8,7 @@ from haptid.estimation import Estimate
 from haptid.treatment_choice.delay_estimate import with_delay_uncertainty
 from haptid.treatment_choice.noise_effect import NOISY, of_torque
 from haptid.treatment_choice.propose import Proposal
+from haptid.treatment_choice.repeated_errors import repeated_errors
 
 
 def with_treatment_uncertainty(estimate: Estimate, proposal: Proposal) -> Estimate:
@@ -18,6 +19,9 @@ def with_treatment_uncertainty(estimate: Estimate, proposal: Proposal) -> Estima
         proposal: the treatment.
     """
     made = estimate if proposal.delays is None else with_delay_uncertainty(estimate, proposal.delays)
+    repeated = repeated_errors(estimate, proposal.delays)
+    if repeated is not None:
+        made = made.with_nuisance("errors that repeat with the motion", repeated)
     for name, shift in proposal.effects.items():
         if shift.shape[1] == len(estimate.beta):
             made = made.with_nuisance(name, shift)

@@ -77,31 +77,42 @@ def solved(
         ConvergenceError: the solver stopped without a solution.
     """
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
-    status, iterations = "an eigenvalue was not found", 0
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
-        how = settings(equilibrate, regularisation, tolerance)
-        answer = answered(triangle, q, rows, b, list(cones), how)
-        if answer is None:
-            continue
-        if str(answer.status) in SOLVED:
-            return np.array(answer.x), np.array(answer.z)
-        status, iterations = str(answer.status), answer.iterations
-    raise unsolved(status, iterations)
+        answer = attempt((triangle, q, rows, b, list(cones)), settings(equilibrate, regularisation, tolerance))
+        if answer.status in SOLVED:
+            return answer.x, answer.z
+    raise unsolved(answer.status, answer.iterations)
 
 
-def answered(*problem: Any) -> Any:
-    """The solver's answer; None where its linear algebra gave up.
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the solver stopped with.
 
-    The solver panics then (an eigenvalue iteration that does not converge, near the boundary of a cone), which no
-    `except Exception` catches.
+    Attributes:
+        status: its word for it.
+        iterations: number of them.
+        x, z: variables and multipliers.
+    """
+
+    status: str
+    iterations: int
+    x: Array
+    z: Array
+
+
+def attempt(problem: Sequence[Any], how: clarabel.DefaultSettings) -> Answer:
+    """The solver's answer to a problem (P, q, A, b, cones).
+
+    A decomposition that does not converge is a panic of its Rust code; here it is one more status that is not solved.
     """
     try:
-        return clarabel.DefaultSolver(*problem).solve()
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":
+        answer = clarabel.DefaultSolver(*problem, how).solve()
+    except BaseException as panic:
+        if type(panic).__name__ != "PanicException":
             raise
-        return None
+        return Answer(str(panic), 0, np.zeros(0), np.zeros(0))
+    return Answer(str(answer.status), answer.iterations, np.array(answer.x), np.array(answer.z))
 
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:

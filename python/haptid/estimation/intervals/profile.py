@@ -18,7 +18,7 @@ from haptid.estimation.feasibility.conic_program import (
     SOLVED,
     TIGHT,
     ConeCondition,
-    answered,
+    attempt,
     cones_of,
     settings,
     unsolved,
@@ -203,7 +203,7 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
         how = settings(equilibrate, REGULARISATIONS[0])
         how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * relaxed
         how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, relaxed / 100)
-        answer = answered(*problem, how)
-        if answer is not None and str(answer.status) in SOLVED:
-            return np.asarray(feasible.change @ np.array(answer.x)[:k] * reach)
-    raise unsolved("no answer", 0) if answer is None else unsolved(str(answer.status), answer.iterations)
+        answer = attempt(problem, how)
+        if answer.status in SOLVED:
+            return np.asarray(feasible.change @ answer.x[:k] * reach)
+    raise unsolved(answer.status, answer.iterations)
