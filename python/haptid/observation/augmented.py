@@ -50,8 +50,11 @@ class ResidualContext:
     @cached_property
     def motion(self) -> tuple[Array, Array, Array | None]:
         """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
-        c, cd, cdd, _ = self.signals or self.plan.signals(self.low, self.high)
-        return c, cd, cdd
+        return self._signals[:3]
+
+    @cached_property
+    def _signals(self) -> Signals:
+        return self.signals or self.plan.signals(self.low, self.high)
 
     @cached_property
     def channel_shares(self) -> Array:
@@ -77,8 +80,9 @@ class ResidualContext:
         """
         key = chi.tobytes()
         if key not in self._torques:
-            c, cd, cdd = self.motion
-            self._torques[key] = freeze(torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd))
+            c, cd, cdd, own = self._signals
+            cdd = np.zeros_like(c) if cdd is None else cdd
+            self._torques[key] = freeze(core_torque(self.model, chi, c, cd, cdd, own))
         return self._torques[key]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from string import ascii_uppercase
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.terms.custom import custom_column, with_constants
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
+from haptid.device.terms.presliding import LAWS, Presliding
 from haptid.device.terms.spring import Counterbalance, read_counterbalance
 from haptid.device.terms.term import UNITS, TermColumn
 from haptid.device.toml.errors_at import Place
@@ -23,7 +25,10 @@ from haptid.device.toml.schema import (
     CoulombTerm,
     CounterbalanceTerm,
     CustomTerm,
+    DahlTerm,
     LoadFrictionTerm,
+    LuGreTerm,
+    MaxwellSlipTerm,
     PlainTerm,
     SpringTerm,
     StribeckTerm,
@@ -39,6 +44,9 @@ STEMS = {
     "coulomb-by-direction": "FC",
     "load-friction": "FL",
     "stribeck": "FS",
+    "dahl": "FD",
+    "maxwell-slip": "FM",
+    "lugre": "FG",
     "offset": "OFF",
     "spring": "K",
     "counterbalance": "CB",
@@ -229,6 +237,16 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
         case StribeckTerm():
             given = {key: getattr(table, key) for key in PLACES["stribeck"]}
             return [with_constants(target.column(name(), "stribeck"), given, reader, place)]
+        case DahlTerm() | LuGreTerm():
+            given = {key: getattr(table, key) for key in LAWS[table.kind]}
+            return [with_constants(_presliding(table.kind, target, name()), given, reader, place)]
+        case MaxwellSlipTerm():
+            letters = ascii_uppercase[: len(table.distances)] if len(table.distances) > 1 else " "
+            made = [_presliding(table.kind, target, name(letter.strip())) for letter in letters]
+            return [
+                with_constants(column, {"distance": distance}, reader, place.at("distances", k), nested=False)
+                for k, (column, distance) in enumerate(zip(made, table.distances, strict=True))
+            ]
         case SpringTerm():
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
         case PlainTerm(kind="viscous-by-direction"):
@@ -249,6 +267,11 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             return [target.column(name(), "rotor")]
         case _:
             return [target.column(name(), table.kind)]
+
+
+def _presliding(law: str, target: Target, name: str) -> TermColumn:
+    """Dry friction with presliding, before its constants are known."""
+    return target.external(name, UNITS["coulomb"][target.prismatic], Presliding(law, 1.0))
 
 
 def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float, varies: Sequence[bool]) -> Target:

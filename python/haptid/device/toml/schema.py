@@ -205,6 +205,29 @@ class StribeckTerm(TermTable):
     width: _Constant = 0.0
 
 
+class DahlTerm(TermTable):
+    """Dahl friction: dry friction that builds up over a distance after a reversal."""
+
+    kind: Literal["dahl"]
+    distance: _Constant
+
+
+class MaxwellSlipTerm(TermTable):
+    """Maxwell-slip elements in parallel: each is a spring up to its distance, and then Coulomb friction."""
+
+    kind: Literal["maxwell-slip"]
+    distances: Annotated[list[_Constant], Field(min_length=1, max_length=8)]
+
+
+class LuGreTerm(TermTable):
+    """LuGre friction: Dahl friction whose force is `breakaway` times larger before it slides."""
+
+    kind: Literal["lugre"]
+    distance: _Constant
+    velocity: _Constant
+    breakaway: _Constant
+
+
 class SpringTerm(TermTable):
     """Spring with a rest position."""
 
@@ -235,7 +258,16 @@ class CustomTerm(TermTable):
 
 
 AnyTerm = Annotated[
-    PlainTerm | CoulombTerm | LoadFrictionTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | CustomTerm,
+    PlainTerm
+    | CoulombTerm
+    | LoadFrictionTerm
+    | StribeckTerm
+    | DahlTerm
+    | MaxwellSlipTerm
+    | LuGreTerm
+    | SpringTerm
+    | CounterbalanceTerm
+    | CustomTerm,
     Field(discriminator="kind"),
 ]
 
