@@ -156,7 +156,7 @@ def random_regressor(model: DynamicModel, seed: int) -> Array:
     c = model.device.row_map @ model.device.closure.draw(rng, states)
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     # What is left of the motion before is any number: laws with other constants then differ.
-    history = {name: rng.uniform(-1, 1, states) for name in model.history(c, cd)}
+    history = {name: rng.uniform(-1, 1, states) for name in model.history(c, cd, np.zeros(states))}
     Y = rows(model, c, cd, cdd, history)[list(model.device.measured)]
     return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
 

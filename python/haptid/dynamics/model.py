@@ -19,6 +19,7 @@ from haptid.device.priors import combined_prior
 from haptid.device.terms.friction import DRY, LoadDependentFriction
 from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.term import TermColumn, external_columns
+from haptid.device.terms.warming import Warming
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.errors import ModelMismatchError, RegroupingError
 
@@ -228,29 +229,34 @@ class DynamicModel:
 
     @property
     def has_history(self) -> bool:
-        """Whether it has friction with presliding, whose columns depend on the motion before."""
-        return any(isinstance(term.shape, Presliding) for term in self.externals)
+        """Whether it has friction with presliding or warming, whose columns depend on the motion before or on time."""
+        return any(term.historic for term in self.externals)
 
-    def history(self, c: Array, cd: Array) -> dict[str, Array]:
-        """Columns of friction with presliding along consecutive samples, by name, each (samples,).
+    def history(self, c: Array, cd: Array, t: Array) -> dict[str, Array]:
+        """Columns of friction with presliding or warming along consecutive samples, by name, each (samples,).
 
         Args:
             c: positions of the torque rows' coordinates, (active, samples), rad or m.
             cd: their velocities.
+            t: times since the start of the log, (samples,), s.
         """
         columns = {}
         for term in self.externals:
             if isinstance(term.shape, Presliding):
                 x = term.weights @ c if term.joint is None else self.follow(c, cd).q[term.joint]
                 columns[term.name] = term.shape.along(x, self.speed(term, c, cd))
+            elif isinstance(term.shape, Warming):
+                columns[term.name] = term.shape.along(t, self.speed(term, c, cd))
         return columns
 
     def _by_state(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
-        """Columns of load-dependent friction, and of presliding friction that slides, by name, each (samples,)."""
+        """Columns of load-dependent friction, and of sliding friction of a warm device, by name, each (samples,)."""
         columns = {}
         for term in self.externals:
             if isinstance(term.shape, Presliding):
                 columns[term.name] = term.shape.sliding(self.speed(term, c, cd))
+            if isinstance(term.shape, Warming):
+                columns[term.name] = np.zeros(c.shape[1])
             if isinstance(term.shape, LoadDependentFriction):
                 rigid, chi = self.bodies
                 own, loops = np.zeros((0, c.shape[1])), rigid.loops(c, cd)

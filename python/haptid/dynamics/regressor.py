@@ -83,8 +83,8 @@ def external(
 ) -> Array:
     """Columns that Python computes: counterbalances, user-defined ones, special friction, (columns, samples).
 
-    Friction with presliding is that of steady sliding unless its columns are given as `history`, see
-    `DynamicModel.history`.
+    Friction with presliding is that of steady sliding, and that of warming zero, unless their columns are given as
+    `history`, see `DynamicModel.history`.
 
     Raises:
         MissingAccelerationError: a column reads accelerations, and `cdd` is None.

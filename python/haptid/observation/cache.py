@@ -17,7 +17,6 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
-from haptid.device.terms.presliding import Presliding
 from haptid.observation.plan import Plan, RFactors
 
 # Fewest samples of a motion that is cached; a shorter one is reduced again faster than its R factors are read.
@@ -96,7 +95,7 @@ def fingerprint(plan: Plan) -> str:
         model.device.tables.model_dump_json(by_alias=True),
         model.device.gravity.tolist(),
         model.base.names,
-        [(term.settings, repr(term.shape) if isinstance(term.shape, Presliding) else "") for term in model.terms],
+        [(term.settings, repr(term.shape) if term.historic else "") for term in model.terms],
         None if model.load is None else model.load.tolist(),
         [model.terms[k].constant(constant.name) for k, constant in model.device.searched],
         motion.log.sha256,

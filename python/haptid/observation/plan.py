@@ -120,22 +120,22 @@ class Plan:
         """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
         if self.motion.treatment.momentum:
             c, cd = state(self.model.device, self.motion, low, high)
-            return c, cd, None, external(self.model, c, cd, None, self._history(low, high))
+            return c, cd, None, external(self.model, c, cd, None, self.history(low, high))
         c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
-        return c, cd, cdd, external(self.model, c, cd, cdd, self._history(low, high))
+        return c, cd, cdd, external(self.model, c, cd, cdd, self.history(low, high))
 
-    def _history(self, low: int, high: int) -> dict[str, Array]:
-        """Columns of friction with presliding at samples low..high, by name, each (samples,)."""
+    def history(self, low: int, high: int) -> dict[str, Array]:
+        """Columns of friction with presliding or warming at samples low..high, by name, each (samples,)."""
         return {name: column[low:high] for name, column in self._columns_with_history.items()}
 
     @cached_property
     def _columns_with_history(self) -> dict[str, Array]:
-        """Columns of friction with presliding along the whole motion, by name; they are zero at its beginning."""
+        """Columns of friction with presliding or warming along the whole motion, by name."""
         if not self.model.has_history:
             return {}
         change = position_map(self.model.device, self.motion)
         q, qd = (np.ascontiguousarray(x[:].T) for x in (self.motion.q, self.motion.qd))
-        return self.model.history(change(q), change(qd))
+        return self.model.history(change(q), change(qd), self.motion.dt * np.arange(len(self.motion)))
 
     def blocks(self, log: str | None = None) -> tuple[Block, ...]:
         """Time block of every `block` rows, (blocks,); `log` names their source, `motion.name` where None."""

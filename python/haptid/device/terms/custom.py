@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from haptid.device.toml.errors_at import Place
 
 # Unit of a constant, for a turning and for a sliding coordinate; others have none.
-_UNITS = {"velocity": ("rad/s", "m/s"), "width": ("rad/s", "m/s"), "distance": ("rad", "m")}
+_UNITS = {"velocity": ("rad/s", "m/s"), "width": ("rad/s", "m/s"), "distance": ("rad", "m"), "time": ("s", "s")}
 # Bounds of a searched constant where the file gives none: its start divided and multiplied by this.
 RANGE = 100.0
 

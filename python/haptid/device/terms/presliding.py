@@ -65,6 +65,14 @@ class Presliding:
         decay = np.exp(-np.abs(steps) / (self.distance * level))
         return _recursion(decay, np.sign(steps) * level * (1.0 - decay))
 
+    def after(self, h: float, step: float, v: float) -> float:
+        """The column after one more step of the position, from its value before; v is the velocity on the way."""
+        if self.law == "maxwell-slip":
+            return min(1.0, max(-1.0, h + step / self.distance))
+        level = float(self._level(np.array([v]))[0])
+        sliding = float(np.sign(step)) * level
+        return sliding + (h - sliding) * float(np.exp(-abs(step) / (self.distance * level)))
+
     def _level(self, v: Array) -> Array:
         """Magnitude of steady sliding at a velocity, over Coulomb friction."""
         if self.law != "lugre":
@@ -82,7 +90,7 @@ def _recursion(decay: Array, added: Array) -> Array:
 
 
 def _stop(u: Array) -> Array:
-    """The stop operator h[k + 1] = clip(h[k] + u[k + 1] - u[k], -1, 1) from h[0] = 0, (samples,); u without its first 0.
+    """The stop operator h[k + 1] = clip(h[k] + u[k + 1] - u[k], -1, 1) from h[0] = 0, (samples,); u without its 0.
 
     Between turning points u is monotone, so that one bound applies to the whole stretch: the loop is over these alone.
     """

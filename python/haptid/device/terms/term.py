@@ -12,6 +12,7 @@ from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, PLACES, LoadDependentFriction
 from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.warming import Warming
 from haptid.errors import DeviceError
 
 # Unit of the parameter of each kind, for a revolute and for a prismatic coordinate.
@@ -74,7 +75,7 @@ class TermColumn:
     weights: Array
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shape: Counterbalance | CustomColumn | LoadDependentFriction | Presliding | None = None
+    shape: Counterbalance | CustomColumn | LoadDependentFriction | Presliding | Warming | None = None
     joint: int | None = None
     searched: tuple[Searched, ...] = ()
 
@@ -86,6 +87,8 @@ class TermColumn:
         """Physical kind: that of the term which a custom column is part of, else the kind; presliding is Coulomb's."""
         if isinstance(self.shape, Presliding):
             return "coulomb"
+        if isinstance(self.shape, Warming):
+            return "viscous"
         return (self.shape.nature if isinstance(self.shape, CustomColumn) else "") or self.kind
 
     @property
@@ -97,6 +100,11 @@ class TermColumn:
     def dry(self) -> bool:
         """Whether it is dry friction: it depends on the sign of a velocity."""
         return self.signed or isinstance(self.shape, LoadDependentFriction)
+
+    @property
+    def historic(self) -> bool:
+        """Whether its column depends on the motion before or on time, and not on the state alone."""
+        return isinstance(self.shape, Presliding | Warming)
 
     @property
     def signed(self) -> bool:
@@ -115,7 +123,7 @@ class TermColumn:
             return self.shape.width
         if isinstance(self.shape, CustomColumn):
             return self.shape.constants[name]
-        if isinstance(self.shape, Presliding):
+        if isinstance(self.shape, Presliding | Warming):
             return float(getattr(self.shape, name))
         return self.settings[PLACES[self.kind][name]]
 
@@ -123,7 +131,7 @@ class TermColumn:
         """The same term with another value of a constant."""
         if isinstance(self.shape, LoadDependentFriction):
             return replace(self, shape=replace(self.shape, width=value))
-        if isinstance(self.shape, Presliding):
+        if isinstance(self.shape, Presliding | Warming):
             return replace(self, shape=replace(self.shape, **{name: value}))
         if isinstance(self.shape, CustomColumn):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
@@ -154,7 +162,7 @@ def external_columns(
         terms: the external ones, in the core's order.
         joints: names of all joints.
         motion: position, velocity and acceleration of all joints, each (joints, samples).
-        given: columns of load-dependent friction and of presliding, by name, each (samples,).
+        given: columns of load-dependent friction and of friction with a history, by name, each (samples,).
 
     Raises:
         DeviceError: a column is not finite at some sample.
@@ -165,7 +173,7 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
-        elif isinstance(term.shape, LoadDependentFriction | Presliding):
+        elif isinstance(term.shape, LoadDependentFriction | Presliding | Warming):
             row[:] = given[term.name]
         elif term.shape is not None:
             row[:] = term.shape.values(named, samples)

@@ -228,6 +228,21 @@ class LuGreTerm(TermTable):
     breakaway: _Constant
 
 
+class WarmingTerm(TermTable):
+    """Viscous friction of a cold device in addition: v exp(-t / time), with t since the start of the log, s."""
+
+    kind: Literal["warming"]
+    time: _Constant
+
+
+class RippleTerm(TermTable):
+    """Torque that repeats with the position (cogging, eccentric capstan, gear mesh): its period, rad or m."""
+
+    kind: Literal["ripple"]
+    period: _Quantity
+    harmonics: Annotated[int, Field(ge=1, le=8)] = 1
+
+
 class SpringTerm(TermTable):
     """Spring with a rest position."""
 
@@ -265,6 +280,8 @@ AnyTerm = Annotated[
     | DahlTerm
     | MaxwellSlipTerm
     | LuGreTerm
+    | WarmingTerm
+    | RippleTerm
     | SpringTerm
     | CounterbalanceTerm
     | CustomTerm,
