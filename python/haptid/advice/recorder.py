@@ -123,7 +123,7 @@ def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | 
         low, high = smooth.usable
         c, cd, cdd = coordinates(model.device, smooth, low, high)
         shares = channel_shares(model.device, smooth, c)
-        history = model.history(c, cd, log.dt * np.arange(low, high))
+        history = model.history(c, cd, np.arange(low, high, dtype=float) * log.dt)
         tau = torque_of(model, raw_parameters(model, beta), c, cd, cdd, history)
         torque = np.array(log.torque)
         made = channel_torque(model.device, shares, tau)

@@ -135,7 +135,7 @@ class Plan:
             return {}
         change = position_map(self.model.device, self.motion)
         q, qd = (np.ascontiguousarray(x[:].T) for x in (self.motion.q, self.motion.qd))
-        return self.model.history(change(q), change(qd), self.motion.dt * np.arange(len(self.motion)))
+        return self.model.history(change(q), change(qd), np.arange(len(self.motion), dtype=float) * self.motion.dt)
 
     def blocks(self, log: str | None = None) -> tuple[Block, ...]:
         """Time block of every `block` rows, (blocks,); `log` names their source, `motion.name` where None."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -51,6 +51,10 @@ class Presliding:
     def text(self) -> str:
         """The law with its constants."""
         return f"{self.law} ({', '.join(f'{name} {getattr(self, name):g}' for name in LAWS[self.law])})"
+
+    def with_constant(self, name: str, value: float) -> Presliding:
+        """The same law with another value of a constant."""
+        return replace(self, **{name: value})  # type: ignore[arg-type]
 
     def sliding(self, v: Array) -> Array:
         """The column of steady sliding, (samples,), from velocities."""
@@ -104,4 +108,4 @@ def _stop(u: Array) -> Array:
         h = min(1.0, max(-1.0, h + change))
     lengths = ends - starts
     lengths[-1] += 1
-    return np.clip(u + np.repeat(offsets, lengths), -1.0, 1.0)
+    return np.asarray(np.clip(u + np.repeat(offsets, lengths), -1.0, 1.0))

@@ -131,8 +131,10 @@ class TermColumn:
         """The same term with another value of a constant."""
         if isinstance(self.shape, LoadDependentFriction):
             return replace(self, shape=replace(self.shape, width=value))
-        if isinstance(self.shape, Presliding | Warming):
-            return replace(self, shape=replace(self.shape, **{name: value}))
+        if isinstance(self.shape, Presliding):
+            return replace(self, shape=self.shape.with_constant(name, value))
+        if isinstance(self.shape, Warming):
+            return replace(self, shape=Warming(value))
         if isinstance(self.shape, CustomColumn):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
         place = PLACES[self.kind][name]
