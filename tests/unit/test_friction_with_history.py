@@ -5,10 +5,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import haptid
+from compiled import NAME, STRICT, compiler, run
 from haptid import errors
+from haptid.advice.search import proven, search_of
 from haptid.device.terms.presliding import Presliding
+from haptid.estimation import EKF, OutputErrorMethod
 from haptid.estimation.nonlinear import variable_projection
 from haptid.experiment import bench
+from haptid.export import CCode, export_c
 from haptid.observation.rows import chunks
 
 AXIS = """
@@ -190,3 +194,44 @@ def test_what_a_file_may_say(tmp_path):
     ):
         with pytest.raises(errors.DeviceFileError, match=found):
             model_of(tmp_path, term)
+
+
+def coulomb_fit(tmp_path, model, beta):
+    """Search of actions on a motion of a model, fitted with Coulomb friction."""
+    plain = model_of(tmp_path, "kind = 'coulomb'")
+    motion = motion_of(model, beta, noise=0.05)
+    made = haptid.estimate(haptid.observe(plain, motion), haptid.WLS())
+    return search_of(plain, [motion], made.beta)
+
+
+def test_advice_finds_presliding_where_it_is_and_not_where_it_is_not(tmp_path):
+    model = model_of(tmp_path, "kind = 'dahl'\ndistance = 0.02")
+    beta = np.array([{"FV": 0.4, "ZZ": 0.3}.get(name[:2], 0.8) for name in model.base.names])
+    first = proven(coulomb_fit(tmp_path, model, beta))[0]
+    assert first.candidate.kind == "presliding"
+    assert 0.3 < first.settings[0]["distance"] / 0.02 < 3 if first.settings else True
+    plain = model_of(tmp_path, "kind = 'coulomb'")
+    assert not proven(coulomb_fit(tmp_path, plain, beta))
+
+
+def test_methods_that_simulate_refuse(tmp_path):
+    model = model_of(tmp_path, "kind = 'dahl'\ndistance = 0.05")
+    motion = motion_of(model, np.full(len(model.base), 0.5), samples=2000)
+    observation = haptid.observe(model, motion)
+    for method in (OutputErrorMethod(), EKF()):
+        with pytest.raises(errors.SettingError, match="FD1 depend on the motion before"):
+            haptid.estimate(observation, method)
+
+
+def test_code_has_the_friction_of_sliding(tmp_path):
+    """The written self-test compares the compiled functions with this model's torque."""
+    model = model_of(
+        tmp_path,
+        "kind = 'lugre'\ndistance = 0.02\nvelocity = 0.5\nbreakaway = 1.5",
+        "kind = 'maxwell-slip'\ndistances = [0.05]",
+        "kind = 'warming'\ntime = 0.5",
+        "kind = 'ripple'\nperiod = 0.3",
+    )
+    export_c((model, np.linspace(0.3, 0.9, len(model.base))), tmp_path, CCode(NAME, "double", 0.01))
+    run([compiler("gcc"), *STRICT, f"{NAME}.c", f"{NAME}_selftest.c", "-lm", "-o", "selftest"], tmp_path)
+    run(["./selftest"], tmp_path)
