@@ -17,6 +17,7 @@ from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
 from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
+from haptid.inference.diagnosis.rigid_range import frequency_ranges, rigid_range
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
@@ -108,6 +109,7 @@ def _on_rows(estimate: Estimate, by: Instruments) -> Iterator[Finding]:
     yield heteroscedasticity(left, left.velocity[rows])
     yield from _added_variables(estimate, left, by)
     yield lack_of_fit.ripple(lack_of_fit.friction_coordinates(estimate.model, rows), left, rows)
+    yield rigid_range(frequency_ranges(estimate, left))
 
 
 def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> Iterator[Finding]:
