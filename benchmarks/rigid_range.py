@@ -1,7 +1,7 @@
 """False alarms and power of the test of how far the rigid model holds, on logs of one axis and of the PHANToM.
 
-Rigid: torque noise of 0.3 to 5 %, white and autoregressive. Elastic: the axis with a resonance of its link at 12 to 80 Hz,
-excited up to 8 Hz, positions at the motor; for each how often elasticity is found, and the resonance that is stated.
+Rigid: torque noise of 0.3 to 5 %, white and autoregressive. Elastic: the axis with a resonance of its link at 12 to 80
+Hz, excited up to 8 Hz, positions at the motor; for each how often elasticity is found, and the resonance stated.
 """
 
 from __future__ import annotations
