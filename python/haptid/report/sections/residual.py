@@ -45,7 +45,7 @@ class ResidualSection(Section):
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own
-        told = [one for one in source.diagnosis.ranges if one.tells.any()]
+        told = [one for one in source.diagnosis.ranges if one.tells.sum() > 1]  # a curve
         ranges = list(range(len(charts), len(charts) + len(told)))
         charts += [ratio(one) for one in told]
         return cls(charts=tuple(charts), logs=logs, ranges=ranges)
