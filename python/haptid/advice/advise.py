@@ -63,6 +63,7 @@ _CHANGE: Mapping[str, str] = {
     "viscosity by direction": "let viscous friction depend on the direction on {where}",
     "bent viscosity": "add friction that grows with the square of the speed on {where}",
     "stribeck": "add Stribeck friction on {where}",
+    "presliding": "let dry friction build up over a distance after reversals (Dahl friction) on {where}",
     "spring": "add a spring on {where}",
     "torque by position": "add a torque that depends on the position of {where}",
     "load friction": "add load-dependent dry friction on {where}",
@@ -448,6 +449,8 @@ def _size(one: Proven) -> str:
             return f" by {', '.join(f'{x:.3g}' for x in theta)} rad"
         case "stribeck":
             return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} rad/s or m/s)"
+        case "presliding":
+            return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} rad or m)"
         case "ripple":
             return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} rad or m)"
         case "payload":

@@ -29,6 +29,7 @@ _TERMS = {
     "viscous": "viscous",
     "offset": "offset",
     "stribeck": "stribeck",
+    "presliding": "dahl",
     "spring": "spring",
     "load friction": "load-friction",
     "rotor inertia": "rotor-inertia",

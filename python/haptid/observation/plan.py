@@ -12,7 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.motion.channels import coordinate_torque, coordinates, state
+from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
 from haptid.motion.filters import ParallelFilter, bad_setting
 from haptid.motion.treatment import Motion, too_short
 from haptid.observation.r_factor import triangle
@@ -120,9 +120,22 @@ class Plan:
         """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
         if self.motion.treatment.momentum:
             c, cd = state(self.model.device, self.motion, low, high)
-            return c, cd, None, external(self.model, c, cd, None)
+            return c, cd, None, external(self.model, c, cd, None, self.history(low, high))
         c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
-        return c, cd, cdd, external(self.model, c, cd, cdd)
+        return c, cd, cdd, external(self.model, c, cd, cdd, self.history(low, high))
+
+    def history(self, low: int, high: int) -> dict[str, Array]:
+        """Columns of friction with presliding or warming at samples low..high, by name, each (samples,)."""
+        return {name: column[low:high] for name, column in self._columns_with_history.items()}
+
+    @cached_property
+    def _columns_with_history(self) -> dict[str, Array]:
+        """Columns of friction with presliding or warming along the whole motion, by name."""
+        if not self.model.has_history:
+            return {}
+        change = position_map(self.model.device, self.motion)
+        q, qd = (np.ascontiguousarray(x[:].T) for x in (self.motion.q, self.motion.qd))
+        return self.model.history(change(q), change(qd), np.arange(len(self.motion), dtype=float) * self.motion.dt)
 
     def blocks(self, log: str | None = None) -> tuple[Block, ...]:
         """Time block of every `block` rows, (blocks,); `log` names their source, `motion.name` where None."""

@@ -16,6 +16,8 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
+from haptid.experiment.bench.bodies import has_counterpart
+from haptid.experiment.bench.held_forces import HeldForces
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
 from haptid.experiment.bench.setup import Push, Recording, Setup
@@ -99,8 +101,10 @@ class _Plant:
     def __init__(self, mujoco: ModuleType, setup: Setup, trajectory: Trajectory) -> None:
         model = setup.model
         self.mujoco = mujoco
-        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, setup.chi, setup.physics, setup.payload))
+        own = _with_counterpart(model, setup.chi)
+        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, own, setup.physics, setup.payload))
         self.data: Any = mujoco.MjData(self.mj_model)
+        self.held, self.pushed = HeldForces(model, setup.chi, setup.physics.step), np.zeros(self.mj_model.nv)
         self.order = np.array(depth_first(model))
         self.back = np.argsort(self.order)  # device order to MuJoCo order
         self.active = self.back[list(model.device.active)]
@@ -117,11 +121,24 @@ class _Plant:
 
     def forward(self) -> None:
         """Evaluate accelerations and site positions at this instant."""
+        if self.held:
+            self._hold(0.0)
         self.mujoco.mj_forward(self.mj_model, self.data)
 
     def step(self, count: int) -> None:
         """Integrate by this number of steps."""
-        self.mujoco.mj_step(self.mj_model, self.data, count)
+        if not self.held:
+            self.mujoco.mj_step(self.mj_model, self.data, count)
+            return
+        for _ in range(count):
+            self._hold(0.5)
+            self.mujoco.mj_step(self.mj_model, self.data, 1)
+
+    def _hold(self, ahead: float) -> None:
+        """Apply the forces of terms that the simulator lacks, as they are this share of a step later."""
+        data = self.data
+        force = self.held(data.time, data.qpos[self.back], data.qvel[self.back], ahead)
+        data.qfrc_applied[:] = self.pushed + force[self.order]
 
     def gaps(self, sites: Array) -> Array:
         """Largest distance between the two sites of a pin, (n,), m, from the positions of all sites, (n, sites, 3)."""
@@ -134,6 +151,13 @@ class _Plant:
         data.qfrc_applied[:] = 0.0
         point, body = data.site_xpos[self.handle], self.mj_model.site_bodyid[self.handle]
         self.mujoco.mj_applyFT(self.mj_model, data, force, np.zeros(3), point, body, data.qfrc_applied)
+        self.pushed[:] = data.qfrc_applied
+
+
+def _with_counterpart(model: DynamicModel, chi: Array) -> Array:
+    """The parameters, with those of terms that the simulator lacks at zero, (p,)."""
+    raw = [10 * len(model.device.joints) + k for k, term in enumerate(model.terms) if not has_counterpart(term)]
+    return np.where(model.device.parameters.S[raw].any(axis=0), 0.0, chi)
 
 
 class _Control:
