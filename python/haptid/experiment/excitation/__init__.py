@@ -18,6 +18,7 @@ from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
+from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
@@ -28,10 +29,12 @@ __all__ = [
     "Excitation",
     "Family",
     "FourierSeries",
+    "FurtherMotions",
     "Gradients",
     "Information",
     "LargestDeviation",
     "Limits",
+    "LogInformation",
     "MotionBounds",
     "MotionSamples",
     "Quality",
@@ -41,7 +44,9 @@ __all__ = [
     "Search",
     "TrianglesWithSines",
     "design_excitation",
+    "next_motions",
     "observed_motion",
+    "of_buffer",
     "quality",
     "write_experiment",
     "write_motion",

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, freeze
+from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Followed
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
 from haptid.experiment.collision import CollisionModel
@@ -33,18 +33,35 @@ class Gradients:
         criterion: to be minimised.
         columns: indices of the base parameters in the criterion, (k,).
         scaling: of their rows.
+        information: of logs that there are already, in units of the scaled rows, (k, k).
     """
 
     bounds: MotionBounds
     criterion: Criterion
     columns: tuple[int, ...]
     scaling: Scaling
+    information: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "information", read_only(self.information))
+        expect("information", self.information.shape, (len(self.columns),) * 2)
 
     @staticmethod
-    def of(bounds: MotionBounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Gradients:
-        """For base parameters `bounds.beta` and noise, (motors,)."""
-        values = np.abs(bounds.beta[list(columns)])
-        return Gradients(bounds, criterion, columns, criterion.scaling(values, noise))
+    def of(
+        bounds: MotionBounds,
+        criterion: Criterion,
+        columns: tuple[int, ...],
+        noise: Array,
+        information: Array | None = None,
+    ) -> Gradients:
+        """For base parameters `bounds.beta`, noise, (motors,), and information of earlier logs, (p, p), SI."""
+        which = list(columns)
+        scaling = criterion.scaling(np.abs(bounds.beta[which]), noise)
+        there = np.zeros((len(which), len(which)))
+        if information is not None:  # rows are in units of their noise, entries differ by the parameter's alone
+            size = scaling.factors[0] * noise[0]
+            there = information[np.ix_(which, which)] * size[:, None] * size
+        return Gradients(bounds, criterion, columns, scaling, there)
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
         """Cost plus limit penalties, and the gradient by states, (3, active, n): see `Evaluation.slopes`."""
@@ -152,7 +169,7 @@ class Evaluation:
         of = self.gradients
         model, (columns, S) = of.bounds.model, of.selection
         made = model.mechanism.inner_products(*self.channels.motion, self.channels.own, columns, self.channels.loops)
-        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S
+        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S + of.information
         lengths = np.where(of.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return lengths, C / lengths / lengths[:, None]

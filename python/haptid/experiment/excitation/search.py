@@ -102,6 +102,12 @@ class Excitation:
         return plan(self.kind, self.model, dt, phases(self.seed))
 
     @cached_property
+    def seconds(self) -> float:
+        """Duration, s."""
+        motion = self.after.observation.motions[0]
+        return (len(motion) - 1) * motion.dt
+
+    @cached_property
     def predicted(self) -> dict[str, float]:
         """Predicted relative standard error of each parameter by name, per cent of its value, for white noise."""
         return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
@@ -133,6 +139,7 @@ def design_excitation(
     beta: Array | None = None,
     noise: Figures = (0.01,),
     search: Search | None = None,
+    information: Array | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Excitation:
     """Optimal excitation: search a family of motions for the one of least cost within limits.
@@ -150,10 +157,12 @@ def design_excitation(
             parameters without one.
         noise: standard deviation of a torque row, N m or N; one for all motors or one for each.
         search: number of evaluations and seed.
+        information: of logs that there are already, rows in units of their noise, (p, p), SI: the criterion is that of
+            them and the motion together. For criteria in units of the noise: not the condition numbers.
         progress: called with the share of the search done, 0 to 1, and the least cost so far.
 
     Raises:
-        SettingError: the rows of the search are too few for the harmonics.
+        SettingError: the rows of the search are too few for the harmonics, or a condition number with `information`.
         IncompleteDeviceError: a joint has no limits.
         UnknownNameError: no base parameter of that name.
         TrajectoryError: no motion within the limits was found, or the start pose is outside them.
@@ -169,6 +178,12 @@ def design_excitation(
             limit=2.5 * family.highest_hz,
             advice="Raise the rows per second, or take fewer harmonics or a lower fundamental frequency.",
         )
+    if information is not None and isinstance(criterion or ScaledCondition(), ScaledCondition):
+        raise SettingError(
+            "the condition number has no unit of noise, so that it does not continue earlier logs.",
+            where="criterion",
+            advice="Take LargestDeviation(), Information() or AverageVariance().",
+        )
     beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
     picked = indices(model.base.names, columns if columns is not None else model.base.names)
     motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
@@ -180,6 +195,7 @@ def design_excitation(
         per_coordinate("noise", noise, motors),
         search,
         progress,
+        information,
     )
     if isinstance(family, FourierSeries) and family.start_pose is not None:
         _check_start(state.bounds, per_coordinate("start_pose", family.start_pose, state.bounds.names))
@@ -242,7 +258,7 @@ class _Search:
     """State of a search: evaluations so far and the best feasible motion.
 
     Attributes:
-        bounds, family, criterion, columns, noise, search, progress: of the search.
+        bounds, family, criterion, columns, noise, search, progress, information: of the search.
         tried: number of motions evaluated so far.
         first: the first feasible motion; None before there is one.
         kept: feasible motions, each better than those before it.
@@ -258,6 +274,7 @@ class _Search:
     noise: Array
     search: Search
     progress: Callable[[float, float], None] | None
+    information: Array | None = None
     tried: int = 0
     first: _Start | None = None
     kept: list[_Start] = field(default_factory=list)
@@ -280,7 +297,7 @@ class _Search:
     @cached_property
     def gradients(self) -> Gradients:
         """Gradients of the criterion and the limits."""
-        return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
+        return Gradients.of(self.bounds, self.criterion, self.columns, self.noise, self.information)
 
     @cached_property
     def basis(self) -> Basis | None:
