@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 HELP = """\
 Optimise an exciting motion: base parameters well conditioned, within the limits of the device.
 
-Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration adds one.
+Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration,
+--jerk, --torque, --rms-torque, --power and --handle-force add some.
 Shapes in [[collision]] of DEVICE, and of the file --world, keep their distance; the whole motion is checked, between
 samples too.
 The motion is a Fourier series, or triangles with superimposed sines (--triangles). Writes:
@@ -96,6 +97,17 @@ def excite(
         float | None, typer.Option(min=0.01, max=1.0, help="also samples at this share of the speed")
     ] = None,
     torque: Annotated[str | None, typer.Option(help="largest of each torque row, N m or N: one, or one each")] = None,
+    confidence: Annotated[
+        float | None, typer.Option("--torque-confidence", help="per cent: of --torque, given uncertain parameters")
+    ] = None,
+    rms_torque: Annotated[
+        str | None, typer.Option(help="largest root mean square of each torque row, N m or N: one, or one each")
+    ] = None,
+    power: Annotated[str | None, typer.Option(help="largest of each torque row, W: one, or one each")] = None,
+    jerk: Annotated[str | None, typer.Option(help="largest, rad/s^3 or m/s^3: one, or one each")] = None,
+    handle_force: Annotated[
+        float | None, typer.Option(help="largest at the handle that the torques are equivalent to, N")
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -123,7 +135,12 @@ def excite(
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
-        within = _limits(model.device, centre, stroke, speed, acceleration, torque)
+        rates, efforts = {"speed": speed, "acceleration": acceleration, "jerk": jerk}, {"torque": torque}
+        efforts |= {"rms_torque": rms_torque, "power": power}
+        within = _limits(model.device, centre, stroke, rates, efforts)
+        if confidence is not None:
+            within = replace(within, torque_confidence=confidence / 100)
+        within = replace(within, handle_force=handle_force)
         around = () if world is None else read_world(world)
         within = replace(within, clearance=1e-3 * clearance_mm, world=around)
         family = _family(model.device, triangles, seconds, start)
@@ -260,11 +277,10 @@ def _limits(
     device: Device,
     centre: str | None,
     stroke: str | None,
-    speed: str | None,
-    acceleration: str | None,
-    torque: str | None,
+    rates: dict[str, str | None],
+    efforts: dict[str, str | None],
 ) -> Limits:
-    """Limits given by options, in place of the device file's."""
+    """Limits given by options, in place of the device file's: of active joints, and of torque rows."""
     from haptid.cli.options import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
@@ -276,11 +292,14 @@ def _limits(
         middle = numbers("--centre", centre, f"positions of joints {names}", count)
         reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
-    fastest = None if speed is None else spread("--speed", speed, f"speeds of joints {names}", count)
-    sharpest = None if acceleration is None else spread("--acceleration", acceleration, f"those of {names}", count)
-    rows = ", ".join(device.row_labels)
-    strongest = None if torque is None else spread("--torque", torque, f"those of {rows}", len(device.row_labels))
-    return Limits(position=position, speed=fastest, acceleration=sharpest, torque=strongest)
+    rows, many = ", ".join(device.row_labels), len(device.row_labels)
+    given = {
+        what: spread(f"--{what.replace('_', '-')}", text, f"those of {of}", size)
+        for options, of, size in ((rates, names, count), (efforts, rows, many))
+        for what, text in options.items()
+        if text is not None
+    }
+    return replace(Limits(position=position), **given)  # type: ignore[arg-type]
 
 
 def _family(

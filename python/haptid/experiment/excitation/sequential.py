@@ -104,6 +104,19 @@ class LogInformation:
         whole = math.sqrt(max(float(self.values @ self.information @ self.values), 0.0))
         return tuple(k for k in self.estimated if size[k] > _WORTH * whole)
 
+    @property
+    def covariance(self) -> Array | None:
+        """Covariance of the errors, (p, p), SI; None where the logs do not determine every parameter."""
+        which = list(self.estimated)
+        own = self.information[np.ix_(which, which)]
+        se = standard_errors_of(own)
+        if not np.isfinite(se).all():
+            return None
+        scale = 1 / np.sqrt(np.diag(own))
+        made, size = np.zeros_like(self.information), self.factor[which] * scale
+        made[np.ix_(which, which)] = np.linalg.inv(own * scale[:, None] * scale) * size[:, None] * size
+        return made
+
     def widths(self, more: Array | None = None, seconds: float = 0.0) -> Array:
         """Half width of each 95 % interval, (p,), SI; infinite where it is not identifiable, 0 where it is fixed.
 
@@ -183,8 +196,8 @@ class FurtherMotions:
             if np.isinf(self.needed):
                 late = listed([n for n, x in zip(self.names, self.after, strict=True) if x > (self.accuracy or 0)])
                 made.append(
-                    f"The accuracy of +-{self.accuracy:g} % is out of reach of this motion within {_LONGEST:g} times its "
-                    f"duration ({late}): widen the limits, or settle for less."
+                    f"The accuracy of +-{self.accuracy:g} % is out of reach of this motion within {_LONGEST:g} times "
+                    f"its duration ({late}): widen the limits, or settle for less."
                 )
             else:
                 made.append(
@@ -262,6 +275,7 @@ def next_motions(
             noise=tuple((known.noise * math.sqrt(search.rows_hz)).tolist()),
             search=replace(search, seed=search.seed + k),
             information=so_far.information,
+            covariance=known.covariance,
             progress=None if progress is None else lambda share, cost, k=k: progress((k + share) / count, cost),  # type: ignore[misc]
         )
         motions.append(made)
