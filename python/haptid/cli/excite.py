@@ -41,6 +41,9 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
   --samples     samples in other formats, by the ending of the name: .csv, .yaml (a ROS 2 JointTrajectory), .h (arrays
                 in C), .m (MATLAB timeseries), .json (LeRobot actions, degrees and m)
 
+  --player      one C99 file that plays all motions in the user's control loop: soft start, limits, watchdog, playback,
+                numbered recording into a ring buffer; its first lines say how it is called
+
   --rehearsal   OUT-rehearsal.csv: the same path at a share of the speed, such as 0.2
 
   --motions     so many motions, each found given those before it: OUT-1.toml, OUT-2.toml, ..
@@ -93,6 +96,7 @@ def excite(
     also: Annotated[
         list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml (ROS 2), .h (C), .m, .json")
     ] = None,
+    player: Annotated[Path | None, typer.Option(help="a .c file that plays the motions in a control loop")] = None,
     rehearsal: Annotated[
         float | None, typer.Option(min=0.01, max=1.0, help="also samples at this share of the speed")
     ] = None,
@@ -115,7 +119,15 @@ def excite(
     from haptid.device import read_device, read_world
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import CRITERIA, Search, design_excitation, next_motions, of_buffer
+    from haptid.experiment.excitation import (
+        CRITERIA,
+        MotionSamples,
+        Search,
+        design_excitation,
+        next_motions,
+        of_buffer,
+        write_player,
+    )
 
     with errors_shown():
         if criterion is not None and criterion not in CRITERIA:
@@ -132,6 +144,8 @@ def excite(
         if buffer is not None and (triangles or seconds is not None):
             raise wrong_option("--buffer", f"{buffer} with --triangles or --seconds", "one of them")
         _check_files(out_file, also or [])
+        if player is not None and player.suffix != ".c":
+            raise wrong_option("--player", str(player), "a file whose name ends in .c")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
@@ -186,6 +200,8 @@ def excite(
         paths = [_numbered(out_file, k, len(motions)) for k in range(len(motions))]
         for k, (found, path) in enumerate(zip(motions, paths, strict=True)):
             _write(found, path, [_numbered(one, k, len(motions)) for one in also or []], other, rate_hz, rehearsal)
+        if player is not None and motions:
+            write_player(player, [MotionSamples.of(found, rate_hz) for found in motions])
     if as_json:
         made = [_values(found, path) for found, path in zip(motions, paths, strict=True)]
         print_json(made[0] if further is None else {"motions": made, **_predicted(further)})

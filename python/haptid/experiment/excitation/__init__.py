@@ -16,6 +16,7 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
+from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
 from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
@@ -37,6 +38,7 @@ __all__ = [
     "LogInformation",
     "MotionBounds",
     "MotionSamples",
+    "PlayerSettings",
     "Quality",
     "RawCondition",
     "ScaledCondition",
@@ -50,4 +52,5 @@ __all__ = [
     "quality",
     "write_experiment",
     "write_motion",
+    "write_player",
 ]
