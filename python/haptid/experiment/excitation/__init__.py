@@ -16,6 +16,7 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
+from haptid.experiment.excitation.played import PlayedMotion, compare_with_plan, read_motion
 from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
@@ -38,6 +39,7 @@ __all__ = [
     "LogInformation",
     "MotionBounds",
     "MotionSamples",
+    "PlayedMotion",
     "PlayerSettings",
     "Quality",
     "RawCondition",
@@ -45,11 +47,13 @@ __all__ = [
     "Scaling",
     "Search",
     "TrianglesWithSines",
+    "compare_with_plan",
     "design_excitation",
     "next_motions",
     "observed_motion",
     "of_buffer",
     "quality",
+    "read_motion",
     "write_experiment",
     "write_motion",
     "write_player",
