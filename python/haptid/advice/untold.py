@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array
 from haptid.advice.search import LEAST_GAIN, LEAST_SE, Trials, TriedChange, unseen_percent
 from haptid.advice.trial import Setting, Trial
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
+from haptid.uncertainty.distributions import normal_quantile
 
 # Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
 # candidate to be told at all.
@@ -18,6 +18,8 @@ _TOLD = 1e-4
 # Unseen error, per cent, below which nothing needs to be said of what remains; size of an effect, per cent of the
 # torque, below which it need not be told.
 _CLOSE, _SMALL = 5.0, 5.0
+# An effect as large as the whole torque, per cent, would not be small.
+_WHOLE = 100.0
 # Power at which the smallest effect that the log can tell is stated.
 _POWER = 0.8
 # Kinds of which that is stated.
@@ -82,7 +84,7 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
     columns do not explain has to be `LEAST_GAIN` of the unseen squared error.
     """
     bench, tests = search.bench, max(len(search.candidates), 1)
-    z = max(float(stats.norm.isf(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(stats.norm.ppf(_POWER))
+    z = max(float(-normal_quantile(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(normal_quantile(_POWER))
     G, made = bench.grams["used"].sum(axis=0), []
     torque = bench.squares(Setting()).sum(axis=0)
     for one in search.candidates:
@@ -96,7 +98,9 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
             continue
         by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent
         theta = max(z * float(trial.se[0]), by_share)
-        made.append((one, float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))))
+        share = float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))
+        if share < _WHOLE:
+            made.append((one, share))
     return sorted(made, key=lambda each: -each[1])
 
 
