@@ -1,6 +1,8 @@
 """The next motion given the logs so far: what is predicted of it is what the bench then gives."""
 
+import base64
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -232,12 +234,34 @@ def test_the_command_continues_a_campaign(campaign, tmp_path):
     assert {"name", "before_percent", "after_percent"} == set(found["intervals"][0])
     assert found["seconds_needed"] > 0
     assert bench.read_experiment(tmp_path / "next.toml").kind.fundamental_hz == 0.1
-    more = ("--motions", "2", "--buffer", "1000", "--rate-hz", "250", "--out", str(tmp_path / "few.toml"))
+    page = tmp_path / "motions.html"
+    more = (
+        "--page",
+        str(page),
+        "--motions",
+        "2",
+        "--buffer",
+        "1000",
+        "--rate-hz",
+        "250",
+        "--out",
+        str(tmp_path / "few.toml"),
+    )
     done = CliRunner().invoke(app, [*(x for x in common if x not in ("--seconds", "8")), *more])
     assert done.exit_code == 0, done.output
     assert "Widest 95 % interval so far" in done.stdout
     for name in ("few-1.csv", "few-2.csv"):
         assert len((tmp_path / name).read_text().splitlines()) == 1001
+    drawn = re.search(r'id="drawings"[^>]*>(.*?)</script>', page.read_text(), re.DOTALL)
+    charts = json.loads(drawn[1])
+    assert {"information", "q-0-0-0", "qd-1-1-0", "tau-0-1-0"} <= set(charts)
+    low, high = (np.frombuffer(base64.b64decode(one["y"]["f32"]), "<f4") for one in charts["q-0-0-0"]["series"][1:])
+    planned = np.frombuffer(base64.b64decode(charts["q-0-0-0"]["series"][0]["y"]["f32"]), "<f4")
+    assert low[0] == pytest.approx(-1.2)
+    assert (low <= planned).all()
+    assert (planned <= high).all()
+    assert np.ptp(planned) > 0.1
+    assert len(charts["information"]["series"]) == 2
     done = CliRunner().invoke(app, [*common, "--accuracy", "500", "--out", str(tmp_path / "none.toml")])
     assert done.exit_code == 0, done.output
     assert "is reached" in done.stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,6 +44,9 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
 
   --player      one C99 file that plays all motions in the user's control loop: soft start, limits, watchdog, playback,
                 numbered recording into a ring buffer; its first lines say how it is called
+
+  --page        one HTML file: each motion over time within its limits, and what is known of each parameter before and
+                after
 
   --rehearsal   OUT-rehearsal.csv: the same path at a share of the speed, such as 0.2
 
@@ -97,6 +101,9 @@ def excite(
         list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml (ROS 2), .h (C), .m, .json")
     ] = None,
     player: Annotated[Path | None, typer.Option(help="a .c file that plays the motions in a control loop")] = None,
+    page_file: Annotated[
+        Path | None, typer.Option("--page", help="an .html page: the motion within its limits, information gained")
+    ] = None,
     rehearsal: Annotated[
         float | None, typer.Option(min=0.01, max=1.0, help="also samples at this share of the speed")
     ] = None,
@@ -144,6 +151,8 @@ def excite(
         if buffer is not None and (triangles or seconds is not None):
             raise wrong_option("--buffer", f"{buffer} with --triangles or --seconds", "one of them")
         _check_files(out_file, also or [])
+        if page_file is not None and page_file.suffix != ".html":
+            raise wrong_option("--page", str(page_file), "a file whose name ends in .html")
         if player is not None and player.suffix != ".c":
             raise wrong_option("--player", str(player), "a file whose name ends in .c")
         model = DynamicModel(read_device(device))
@@ -202,6 +211,8 @@ def excite(
             _write(found, path, [_numbered(one, k, len(motions)) for one in also or []], other, rate_hz, rehearsal)
         if player is not None and motions:
             write_player(player, [MotionSamples.of(found, rate_hz) for found in motions])
+        if page_file is not None and motions:
+            _write_page(page_file, motions, further)
     if as_json:
         made = [_values(found, path) for found, path in zip(motions, paths, strict=True)]
         print_json(made[0] if further is None else {"motions": made, **_predicted(further)})
@@ -256,6 +267,16 @@ def _write(
     for path, share in files:
         write_motion(path, MotionSamples.of(found, rate_hz, share))
     write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz)
+
+
+def _write_page(path: Path, motions: Sequence[Excitation], further: FurtherMotions | None) -> None:
+    """Write the page of the motions."""
+    from haptid._internal.atomic_folder import publishing_files
+    from haptid.report.motion_page import motion_page
+
+    text = motion_page(motions, further)
+    with publishing_files(path) as folder:
+        (folder / path.name).write_text(text, encoding="utf-8")
 
 
 def _predicted(found: FurtherMotions) -> dict[str, Any]:
