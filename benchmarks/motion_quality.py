@@ -30,7 +30,7 @@ from haptid.experiment.excitation import (
 DEVICES = {
     "phantom_premium_15": Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,), (30.0,)),
     "cea_medical_branch": Limits(((-1.42, 0.67), (-2.64, -0.55), (2.08, 4.18)), (4.5,), (60.0,)),
-    "five_bar": Limits(None, (3.0,), (30.0,)),
+    "arm3": Limits(((-1.5, 1.5),) * 3, (3.0,), (20.0,)),
     "arm7": Limits(((-2.0, 2.0),) * 7, (2.0,), (10.0,)),
     "staubli_tx40": Limits(((-1.5, 1.5),) * 6, (2.0,), (15.0,)),
     "kuka_kr300": Limits(((-1.2, 1.2),) * 6, (1.0,), (5.0,)),
