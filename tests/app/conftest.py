@@ -80,8 +80,10 @@ def started(folder: Path, *options: str) -> Bench:
     assert process.stdout is not None
     line = process.stdout.readline()
     found = re.search(r"http://\S+", line)
-    assert found, (line, process.communicate()[1] if process.poll() is not None else "")
-    made = Bench(folder, found[0], process)
+    made = Bench(folder, found[0] if found else "", process)
+    if not found:
+        ended(made)
+        raise AssertionError(line)
     made.enter()
     return made
 

@@ -107,6 +107,7 @@ def _bound(port: int) -> socket.socket:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         made.bind((_ADDRESS, port))
+        made.listen(128)  # who comes before the server is ready waits
     except (OSError, OverflowError) as error:
         made.close()
         raise WorkbenchError(

@@ -61,11 +61,23 @@ class Workspace:
         allowed = folders or (DEVICES, STUDIES, EXPERIMENTS, LOGS, RESULTS, EXPORTS)
         parts = PurePosixPath(name).parts
         plain = all(part not in ("..", ".", "/") and not re.search(r'[\\:\0-\x1f<>|?*"]', part) for part in parts)
-        if not plain or len(parts) < 2 or parts[0] not in allowed:
+        if not plain or len(parts) < 2 or parts[0] not in allowed or "/".join(parts) != name:
             raise _outside(name, allowed)
         path = self.folder.joinpath(*parts)
         if not path.resolve().is_relative_to(self.folder / parts[0]):
             raise _outside(name, allowed)
+        return path
+
+    def edited(self, name: str) -> Path:
+        """The path of a TOML file right in devices/, studies/ or experiments/.
+
+        Raises:
+            WorkbenchError: it is none.
+        """
+        path = self.inside(name, *_EDITED)
+        if name.count("/") != 1:
+            raise _outside(name, _EDITED)
+        self.check_name(path.name, ".toml")
         return path
 
     def name_of(self, path: Path) -> str:
@@ -78,7 +90,7 @@ class Workspace:
         Raises:
             WorkbenchError: it cannot be read, is too large or is not UTF-8.
         """
-        path = self.inside(name, *_EDITED)
+        path = self.edited(name)
         try:
             if path.stat().st_size > _LARGEST_TEXT:
                 raise WorkbenchError(f"{name} has more than {_LARGEST_TEXT} bytes: no text that is edited here.")
@@ -100,8 +112,7 @@ class Workspace:
             StaleFileError: the file has another content by now.
             WorkbenchError: it cannot be written there.
         """
-        path = self.inside(name, *_EDITED)
-        self.check_name(path.name, ".toml")
+        path = self.edited(name)
         current = self.read_text(name) if path.exists() else ("", "")
         if current[1] != known:
             said = "was changed by another program or tab" if current[1] else "is not there any more"
@@ -115,7 +126,7 @@ class Workspace:
     @contextmanager
     def beside(self, name: str, text: str) -> Iterator[Path]:
         """A hidden copy of a text where its file is, or will be: what it names is found from there."""
-        place = self.inside(name, *_EDITED).parent
+        place = self.edited(name).parent
         place.mkdir(parents=True, exist_ok=True)
         path = place / f".unsaved-{secrets.token_hex(6)}.toml"
         try:
