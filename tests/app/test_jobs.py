@@ -68,11 +68,11 @@ def test_a_run_needs_a_check_of_exactly_its_inputs(bench):
 
 
 def test_a_problem_that_the_check_finds_keeps_the_study_from_running(bench):
-    wrong = (bench.folder / STUDY).read_text().replace('"tau2"', '"q2"')
+    wrong = (bench.folder / STUDY).read_text().replace("check.csv", "gone.csv")
     (bench.folder / "studies" / "wrong.toml").write_text(wrong)
     checked = finished(bench, bench.ask("POST", "/api/check", {"path": "studies/wrong.toml"})[1])
     assert checked["state"] == DONE
-    assert any("q2" in problem for problem in checked["outcome"]["check"]["problems"])
+    assert any("gone.csv" in problem for problem in checked["outcome"]["check"]["problems"])
     state = bench.ask("GET", "/api/study/state?path=studies/wrong.toml")[1]
     assert (state["fresh"], state["ready"]) == (True, False)
     assert "found problems" in bench.ask("POST", "/api/identify", {"path": "studies/wrong.toml", "out": OUT})[1]["error"]

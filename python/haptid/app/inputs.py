@@ -25,5 +25,6 @@ def digest_of(study: Path) -> str:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
         for file in files:
             about = file.stat() if file.exists() else None
-            made.update(f"{file}:{about and (about.st_size, about.st_mtime_ns)}".encode())
+            name = entry.path if file == path else f"{entry.path}/{file.relative_to(path).as_posix()}"
+            made.update(f"{name}:{about and (about.st_size, about.st_mtime_ns)}".encode())
     return made.hexdigest()
