@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +19,7 @@ pytest.importorskip("starlette")
 from browser import LAPTOP, needs_browser  # noqa: E402
 
 pytestmark = needs_browser
+IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 PAGES = ("/", "/device", "/device?path=sr400", "/data", "/solve", "/results", "/use")
 NARROW = 320
 
@@ -30,13 +34,21 @@ def untroubled(bench, tab):
     assert [one for one in tab.asked if not one.startswith((bench.origin, "data:", "blob:"))] == []
 
 
+def pictured(tab, name, tmp_path):
+    """A picture of what is seen of the page: into the documentation where RENEW_PICTURES is set, else thrown away."""
+    folder = IMAGES if os.environ.get("RENEW_PICTURES") else tmp_path
+    shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
+    assert len(shot) > 10_000
+    (folder / f"workbench-{name}.png").write_bytes(shot)
+
+
 @pytest.mark.parametrize("path", PAGES)
 def test_pages_fit_and_name_everything(bench, tab, path):
     tab.go(bench.origin + path, NARROW)
     assert tab.ask("document.documentElement.scrollWidth") <= NARROW
     assert tab.ask("document.querySelectorAll('h1').length") == 1
     assert tab.ask("document.querySelector('.overlay')?.textContent ?? ''") == ""
-    unnamed = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter((e) =>
+    unnamed = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter((e) => !e.ariaHidden &&
         !(e.labels?.length || e.getAttribute('aria-label') || e.textContent.trim() || e.title)).length"""
     assert tab.ask(unnamed) == 0
     # Every stage is marked where one is.
@@ -89,6 +101,8 @@ def test_a_wrong_device_has_its_sentence_and_a_right_one_clears_it(bench, tab):
     tab.ask("document.querySelector('form').requestSubmit()")
     tab.wait("document.querySelector('.overlay pre')")
     assert tab.ask("document.querySelector('.overlay pre').textContent") == text
+    assert [one for one in tab.troubles if "409" not in one] == []
+    tab.troubles.clear()  # the browser notes every answer that is none of success
     assert (bench.folder / "devices" / "two-links.toml").read_text() == text
     tab.ask("[...document.querySelectorAll('.overlay button')][0].click()")
     tab.wait(f"document.querySelector('{area}').value === {json.dumps(text)}")
@@ -147,7 +161,7 @@ def test_a_study_is_drafted_checked_and_identified(bench, tab):
     text = tab.ask("document.getElementById('editor-study-file').value")
     assert re.search(r'device = "\.\./devices/two-links\.toml"', text)
     tab.ask("[...document.querySelectorAll('form')].at(-1).requestSubmit()")
-    tab.wait("location.pathname === '/solve' && 'ready' in document.body.dataset")
+    tab.wait("location.pathname === '/solve' && document.body?.dataset.ready !== undefined")
     assert (bench.folder / "studies" / "two-links-2.toml").read_text() == text
     press = "[...document.querySelectorAll('button')].find((b) => b.textContent === '{}')"
     check, run = press.format("Check"), press.format("Run")
@@ -208,3 +222,36 @@ def test_stages_are_reached_by_keyboard_alone(bench, tab):
     assert [re.sub(r"^\d\s*", "", one) for one in seen[2:8]] == ["Home", "Device", "Data", "Solve", "Results", "Use"]
     outline = tab.ask("getComputedStyle(document.activeElement).outlineStyle")
     assert outline != "none"
+
+
+def test_the_trial_goes_from_nothing_to_a_verdict(bench, tab, tmp_path):
+    """One button: logs of the virtual bench, their identification, its verdict; and the pages on the way."""
+    pytest.importorskip("mujoco")
+    tab.go(f"{bench.origin}/", LAPTOP)
+    tab.ask("localStorage.setItem('haptid-theme', 'light')")
+    tab.go(f"{bench.origin}/", LAPTOP)
+    tab.ask("document.querySelector('button.main').click()")
+    tab.wait("location.pathname === '/solve' && document.querySelectorAll('.steps li').length > 2")
+    pictured(tab, "job", tmp_path)
+    tab.wait("location.pathname === '/results' && document.querySelector('main')?.dataset.drawn !== undefined")
+    assert tab.ask("document.querySelector('h1').textContent") == "PHANToM on the virtual bench"
+    stored = json.loads((bench.folder / "results/bench-phantom/result.json").read_text())
+    assert stored["criteria"]["met"] is True
+    # What was simulated is found again.
+    truth = {name: [0.026, 0.0092, 0.0091][k] for k, name in enumerate(("FC1", "FC2", "FC3"))}
+    found = {p["name"]: p for p in stored["estimate"]["parameters"]}
+    for name, value in truth.items():
+        assert found[name]["value"] == pytest.approx(value, rel=0.05)
+    pictured(tab, "results", tmp_path)
+    for name, path in {
+        "home": "/",
+        "device": "/device?path=phantom_premium_15",
+        "data": "/data?path=logs/bench-sweep.parquet",
+        "solve": "/solve?path=studies/bench-phantom.toml",
+        "use": "/use?path=results/bench-phantom&to=c",
+    }.items():
+        tab.go(bench.origin + path, LAPTOP)
+        tab.wait("[...document.querySelectorAll('.chart')].every((c) => 'drawn' in c.dataset)")
+        pictured(tab, name, tmp_path)
+    assert tab.ask("document.querySelectorAll('main pre.code').length") >= 3
+    assert "haptid export results/bench-phantom --to c" in tab.ask("document.querySelector('#command pre').textContent")

@@ -57,8 +57,7 @@ def serve(
             application,
             log_level="warning",
             access_log=False,
-            ws="websockets-sansio",
-            ws_max_size=2**20,
+            ws="none",
             timeout_graceful_shutdown=1,
             server_header=False,
         )

@@ -35,7 +35,7 @@ export class Editor {
     this.words.className = said.error ? "said bad" : "said ok";
     this.words.textContent = said.error ?? "";
     this.wrong = Boolean(said.error);
-    this.found(said);
+    await this.found(said);
   }
 
   async save(path = this.path) {

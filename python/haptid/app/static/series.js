@@ -62,6 +62,7 @@ export class Curves {
       series: [{ label: "t, s" }, ...this.names.map((label, k) => ({ label, stroke: resolved(INKS[k % INKS.length]), width: 1, points: { show: false }, spanGaps: false }))],
       hooks: { setSelect: [(u) => { if (u.select.width > 3) this.all(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")); u.setSelect({ width: 0, height: 0 }, false); }] },
     }, thin(this.t, this.ys, ...view, this.width), this.holder);
+    this.chart.ctx.canvas.setAttribute("aria-hidden", "true"); // its holder is named, its numbers are in the legend
     this.chart.over.addEventListener("dblclick", () => this.all(...this.full));
     this.show(...view);
   }

@@ -26,7 +26,7 @@ export async function show(main, query) {
     const found = await call("workspace", { words: words.value });
     folder.textContent = `Folder ${found.folder}. All files are plain files of this folder; the pages show them and the commands read them.`;
     begin.disabled = !found.bench;
-    why.textContent = found.bench ? "Simulates two logs of a PHANToM Premium 1.5, identifies it and shows the verdict: about a minute." : 'Needs MuJoCo: pip install "haptid[bench]"';
+    why.textContent = found.bench ? "Simulates two logs of a PHANToM Premium 1.5, identifies it and shows the verdict, in less than a minute." : 'Needs MuJoCo: pip install "haptid[bench]"';
     grid.replaceChildren();
     for (const kind of KINDS) list(grid, found, ...kind);
     jobs(grid, found.jobs);

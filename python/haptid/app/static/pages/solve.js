@@ -39,7 +39,7 @@ class Solving {
       check: (at, text) => call("study/read", { path: at, text }, "POST"),
       found: (said) => {
         if (!said.error) this.editor.words.textContent = `Valid: ${said.method}; ${said.logs.map((log) => `${log.path} (${log.role})`).join(", ")}.`;
-        this.state();
+        return this.state();
       },
     });
     this.save = el("button", { type: "button" }, el("p", { class: "row" }, left), "Save");
