@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 pytest.importorskip("starlette")
 
-from conftest import ended, started  # noqa: E402
-from haptid.app.jobs import CANCELLED, DONE, FAILED, INTERRUPTED, RUNNING, JobRecord, Jobs  # noqa: E402
-from haptid.cli import app  # noqa: E402
+from conftest import ended, started
+from haptid.app.jobs import JobRecord, Jobs, JobState
+from haptid.cli import app
 
 STUDY, OUT = "studies/two-links.toml", "results/two-links"
 PATIENCE = 120.0
@@ -36,10 +36,10 @@ def until(condition, what: str):
 
 def finished(bench, record):
     """A job when it has ended."""
-    found = until(
-        lambda: (one := bench.ask("GET", f"/api/jobs/{record['id']}")[1])["state"] != RUNNING and one, "a job's end"
+    return until(
+        lambda: (one := bench.ask("GET", f"/api/jobs/{record['id']}")[1])["state"] != JobState.RUNNING and one,
+        "a job's end",
     )
-    return found
 
 
 def left(folder: Path) -> list[str]:
@@ -52,7 +52,7 @@ def test_a_run_needs_a_check_of_exactly_its_inputs(bench):
     status, said = bench.ask("POST", "/api/identify", run)
     assert (status, "Check it first" in said["error"]) == (400, True)
     checked = finished(bench, bench.ask("POST", "/api/check", {"path": STUDY})[1])
-    assert (checked["state"], checked["outcome"]["check"]["problems"]) == (DONE, [])
+    assert (checked["state"], checked["outcome"]["check"]["problems"]) == (JobState.DONE, [])
     assert bench.ask("GET", f"/api/study/state?path={STUDY}")[1]["ready"]
     device = bench.folder / "devices" / "two-links.toml"
     text = device.read_text()
@@ -71,27 +71,30 @@ def test_a_problem_that_the_check_finds_keeps_the_study_from_running(bench):
     wrong = (bench.folder / STUDY).read_text().replace("check.csv", "gone.csv")
     (bench.folder / "studies" / "wrong.toml").write_text(wrong)
     checked = finished(bench, bench.ask("POST", "/api/check", {"path": "studies/wrong.toml"})[1])
-    assert checked["state"] == DONE
+    assert checked["state"] == JobState.DONE
     assert any("gone.csv" in problem for problem in checked["outcome"]["check"]["problems"])
     state = bench.ask("GET", "/api/study/state?path=studies/wrong.toml")[1]
     assert (state["fresh"], state["ready"]) == (True, False)
-    assert "found problems" in bench.ask("POST", "/api/identify", {"path": "studies/wrong.toml", "out": OUT})[1]["error"]
+    assert (
+        "found problems" in bench.ask("POST", "/api/identify", {"path": "studies/wrong.toml", "out": OUT})[1]["error"]
+    )
 
 
 @pytest.fixture(scope="module")
 def identified(bench):
     """The study, checked and identified by the workbench."""
-    assert finished(bench, bench.ask("POST", "/api/check", {"path": STUDY})[1])["state"] == DONE
+    assert finished(bench, bench.ask("POST", "/api/check", {"path": STUDY})[1])["state"] == JobState.DONE
     status, begun = bench.ask("POST", "/api/identify", {"path": STUDY, "out": OUT})
     assert status == 200, begun
     second, said = bench.ask("POST", "/api/check", {"path": STUDY})
     assert (second, "one job runs at a time" in said["error"]) == (400, True)
     done = finished(bench, begun)
-    assert (done["state"], done["error"]) == (DONE, "")
+    assert (done["state"], done["error"]) == (JobState.DONE, "")
     return done
 
 
-def test_the_numbers_are_those_of_the_command_line(identified, bench, tmp_path, monkeypatch, small_pictures):
+@pytest.mark.usefixtures("small_pictures")
+def test_the_numbers_are_those_of_the_command_line(identified, bench, tmp_path, monkeypatch):
     assert identified["command"] == f"haptid identify {STUDY} --out {OUT}"
     shutil.copytree(bench.folder, tmp_path / "lab", ignore=shutil.ignore_patterns("results", ".haptid"))
     (tmp_path / "lab" / "results").mkdir()
@@ -106,7 +109,8 @@ def test_the_numbers_are_those_of_the_command_line(identified, bench, tmp_path, 
             np.testing.assert_array_equal(one[key], other[key])
 
 
-def test_the_index_knows_what_was_made_of_what(identified, bench):
+@pytest.mark.usefixtures("identified")
+def test_the_index_knows_what_was_made_of_what(bench):
     lists = bench.ask("GET", "/api/workspace")[1]["lists"]
     (result,) = lists["result"]
     assert (result["path"], result["title"]) == (OUT, "two links")
@@ -118,7 +122,8 @@ def test_the_index_knows_what_was_made_of_what(identified, bench):
     assert bench.ask("GET", "/api/workspace?words=two-links+nothing")[1]["lists"]["result"] == []
 
 
-def test_the_result_page_has_the_sections_of_the_report(identified, bench):
+@pytest.mark.usefixtures("identified")
+def test_the_result_page_has_the_sections_of_the_report(bench):
     from haptid.report import read_report
 
     found = bench.ask("GET", f"/api/result?path={OUT}")[1]
@@ -127,7 +132,8 @@ def test_the_result_page_has_the_sections_of_the_report(identified, bench):
     assert found["sections"][0]["html"] in report.html()
 
 
-def test_an_export_is_shown_and_then_written(identified, bench):
+@pytest.mark.usefixtures("identified")
+def test_an_export_is_shown_and_then_written(bench):
     assert bench.ask("GET", "/api/formats")[1][0] == "c"
     shown = bench.ask("GET", f"/api/export?path={OUT}&to=json")[1]
     assert not (bench.folder / "exports").exists()
@@ -139,7 +145,8 @@ def test_an_export_is_shown_and_then_written(identified, bench):
     assert bench.ask("GET", f"/api/export?path={OUT}&to=nothing")[0] == 400
 
 
-def test_results_are_compared_and_drift_is_refused_for_shared_rows(identified, bench):
+@pytest.mark.usefixtures("identified")
+def test_results_are_compared_and_drift_is_refused_for_shared_rows(bench):
     other = bench.folder / "results" / "other"
     shutil.copytree(bench.folder / OUT, other)
     status, found = bench.ask("GET", f"/api/compare?paths={OUT},results/other")
@@ -158,11 +165,11 @@ def test_a_job_is_cancelled_within_a_second_and_leaves_nothing(bench):
     at = time.monotonic()
     status, said = bench.ask("POST", f"/api/jobs/{begun['id']}/cancel")
     assert time.monotonic() - at < 1.0
-    assert (status, said["state"]) == (200, CANCELLED)
+    assert (status, said["state"]) == (200, JobState.CANCELLED)
     assert left(bench.folder / "results") == before
     assert bench.ask("GET", f"/api/study/state?path={STUDY}")[1]["running"] is None
     again = bench.ask("POST", f"/api/jobs/{begun['id']}/cancel")[1]
-    assert again["state"] == CANCELLED
+    assert again["state"] == JobState.CANCELLED
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the children of a process are read from /proc")
@@ -182,7 +189,7 @@ def test_a_job_of_a_server_that_is_killed_is_interrupted(tmp_path, plain):
     second = started(folder)
     try:
         record = second.ask("GET", f"/api/jobs/{begun['id']}")[1]
-        assert (record["state"], "run it again" in record["error"]) == (INTERRUPTED, True)
+        assert (record["state"], "run it again" in record["error"]) == (JobState.INTERRUPTED, True)
         assert left(folder / "results") == []
         assert second.ask("GET", f"/api/study/state?path={STUDY}")[1]["ready"]
     finally:
@@ -205,12 +212,15 @@ def test_steps_of_one_name_are_one_line():
 def test_a_process_that_dies_is_a_failure(tmp_path):
     jobs = Jobs(tmp_path, tmp_path / ".haptid" / "jobs")
     record = jobs.start("check", "A check", "haptid check", {"study": "studies/absent.toml"})
-    until(lambda: record.state != RUNNING, "its end")
-    assert record.state == FAILED
+    until(lambda: record.state != JobState.RUNNING, "its end")
+    assert record.state == JobState.FAILED
     assert "absent.toml" in record.error
     assert not record.defect
     broken = jobs.start("check", "A check", "haptid check", {})
-    until(lambda: broken.state != RUNNING, "its end")
+    until(lambda: broken.state != JobState.RUNNING, "its end")
     assert "KeyError" in broken.defect
     until(lambda: len(list((tmp_path / ".haptid" / "jobs").glob("*.json"))) == 2, "their records")
-    assert {record.state for record in Jobs(tmp_path, tmp_path / ".haptid" / "jobs").recent()} <= {FAILED, INTERRUPTED}
+    assert {record.state for record in Jobs(tmp_path, tmp_path / ".haptid" / "jobs").recent()} <= {
+        JobState.FAILED,
+        JobState.INTERRUPTED,
+    }

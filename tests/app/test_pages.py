@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from browser import LAPTOP, needs_browser  # noqa: E402
+from browser import LAPTOP, needs_browser
 
 pytestmark = needs_browser
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
@@ -48,8 +48,8 @@ def test_pages_fit_and_name_everything(bench, tab, path):
     assert tab.ask("document.documentElement.scrollWidth") <= NARROW
     assert tab.ask("document.querySelectorAll('h1').length") == 1
     assert tab.ask("document.querySelector('.overlay')?.textContent ?? ''") == ""
-    unnamed = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter((e) => !e.ariaHidden &&
-        !(e.labels?.length || e.getAttribute('aria-label') || e.textContent.trim() || e.title)).length"""
+    unnamed = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter((e) =>
+        !(e.ariaHidden || e.labels?.length || e.getAttribute('aria-label') || e.textContent.trim() || e.title)).length"""
     assert tab.ask(unnamed) == 0
     # Every stage is marked where one is.
     assert tab.ask("document.querySelectorAll('nav a[aria-current]').length") == 1
@@ -57,10 +57,19 @@ def test_pages_fit_and_name_everything(bench, tab, path):
 
 # Ratio of the luminances of each text and what is behind it, WCAG 2.2, 1.4.3.
 CONTRAST = """(() => {
-  const rgb = (c) => { const m = c.match(/[\\d.]+/g).map(Number); return m.length > 3 && m[3] === 0 ? null : m.slice(0, 3); };
+  const rgb = (c) => {
+    const m = c.match(/[\\d.]+/g).map(Number);
+    return m.length > 3 && m[3] === 0 ? null : m.slice(0, 3);
+  };
   const light = (c) => c.map((v) => v / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
     .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
-  const behind = (e) => { for (; e; e = e.parentElement) { const c = rgb(getComputedStyle(e).backgroundColor); if (c) return c; } return [255, 255, 255]; };
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = rgb(getComputedStyle(e).backgroundColor);
+      if (c) return c;
+    }
+    return [255, 255, 255];
+  };
   return [...document.querySelectorAll('main *, header *, footer *')].filter((e) => e.offsetParent && !e.disabled
       && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())).map((e) => {
     const [a, b] = [light(rgb(getComputedStyle(e).color)), light(behind(e))];
@@ -121,7 +130,10 @@ def test_sliders_move_the_device_by_keyboard_and_loops_stay_closed(bench, tab):
     assert tab.ask(picture) != before
     # The end of the slider cannot be reached by this loop: it stays at a pose that closes.
     tab.press("End")
-    value, shown = tab.ask(f"{slider}.valueAsNumber"), tab.ask("document.querySelector('.scene .readout, .readout').textContent")
+    value, shown = (
+        tab.ask(f"{slider}.valueAsNumber"),
+        tab.ask("document.querySelector('.scene .readout, .readout').textContent"),
+    )
     assert value < tab.ask(f"Number({slider}.max)") or "do not close" not in shown
 
 
@@ -134,7 +146,9 @@ def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     path = bench.folder / "long.csv"
     pyarrow.csv.write_csv(pa.table({"t": t, **of}), path)
     tab.go(f"{bench.origin}/data", LAPTOP)
-    found = tab.call("DOM.querySelector", nodeId=tab.call("DOM.getDocument")["root"]["nodeId"], selector="input[type=file]")
+    found = tab.call(
+        "DOM.querySelector", nodeId=tab.call("DOM.getDocument")["root"]["nodeId"], selector="input[type=file]"
+    )
     tab.call("DOM.setFileInputFiles", nodeId=found["nodeId"], files=[str(path)])
     tab.wait("location.search.includes('long.csv') && document.querySelector('#plots')?.dataset.drawn")
     assert (bench.folder / "logs" / "long.csv").read_bytes() == path.read_bytes()
@@ -143,8 +157,9 @@ def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     most = """(async () => {
       const { samples } = await import('/static/pages/data.js'), { thin } = await import('/static/series.js');
       const data = await samples('logs/long.csv', 't', ['q1', 'tau7']), found = [];
-      for (const width of [97, 1000, 3000]) found.push(Math.max(...thin(data.t, [data.of.tau7], 0, 100, width)[1]));
-      for (const around of [40, 4, 0.04]) found.push(Math.max(...thin(data.t, [data.of.tau7], 54.321 - around, 54.321 + around, 300)[1]));
+      const most = (from, to, width) => Math.max(...thin(data.t, [data.of.tau7], from, to, width)[1]);
+      for (const width of [97, 1000, 3000]) found.push(most(0, 100, width));
+      for (const around of [40, 4, 0.04]) found.push(most(54.321 - around, 54.321 + around, 300));
       return [found, data.of.q1.length, Array.from(data.of.q1.slice(0, 3)), data.t[99999]];
     })()"""
     spikes, count, first, end = tab.ask(most)
@@ -192,7 +207,7 @@ def test_a_study_is_drafted_checked_and_identified(bench, tab):
         assert tab.ask("document.documentElement.scrollWidth") <= NARROW
 
 
-def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab, tmp_path):
+def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab):
     """Same numbers, same curves: the charts of the page and of report.html have the same paths."""
     curves = "[...document.querySelectorAll('#torque path')].map((p) => p.getAttribute('d'))"
     numbers = "document.getElementById('parameters').querySelector('tbody').innerText"

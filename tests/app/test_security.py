@@ -12,8 +12,8 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from conftest import ended, started  # noqa: E402
-from haptid.app.guard import HEADERS  # noqa: E402
+from conftest import ended, started
+from haptid.app.guard import HEADERS
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -41,7 +41,16 @@ def test_a_foreign_host_is_refused(unchanged, host):
 def test_the_token_is_asked_for(unchanged):
     name, _, token = unchanged.cookie.partition("=")
     other = f"{name}x"
-    wrong = ["", f"{name}=", f"{name}={token[:-1]}", f"{name}={token}x", f"{other}={token}", f"{name}=%00", "=;=", "\x7f"]
+    wrong = [
+        "",
+        f"{name}=",
+        f"{name}={token[:-1]}",
+        f"{name}={token}x",
+        f"{other}={token}",
+        f"{name}=%00",
+        "=;=",
+        "\x7f",
+    ]
     for cookie in wrong:
         assert unchanged.raw("GET", "/api/workspace", cookie=cookie).status == 401
     assert unchanged.raw("GET", "/enter?token=wrong").status == 401
@@ -67,7 +76,9 @@ def test_a_foreign_origin_changes_nothing(unchanged, origin):
         assert unchanged.raw(method, "/api/file", b"", **given).status == 403
 
 
-@pytest.mark.parametrize("path", ["/", "/api/workspace", "/static/main.js", "/report/page.css", "/api/nothing", "/nothing"])
+@pytest.mark.parametrize(
+    "path", ["/", "/api/workspace", "/static/main.js", "/report/page.css", "/api/nothing", "/nothing"]
+)
 def test_every_answer_has_the_policy(bench, path):
     for cookie in (bench.cookie, ""):
         answer = bench.raw("GET", path, cookie=cookie)
@@ -128,15 +139,24 @@ def test_no_path_leads_out(linked, path):
         status, said = linked.ask("POST", f"/api/{call}", values)
         assert (status, "secret" in str(said).replace("secret.toml", "")) == (400, False), (call, said)
     quoted = "".join(f"%{byte:02x}" for byte in path.encode())
-    for call in ("file?path=", "log?path=", "samples?channel=t&path=", "result?path=", "download?path=", "export?to=c&path="):
+    for call in (
+        "file?path=",
+        "log?path=",
+        "samples?channel=t&path=",
+        "result?path=",
+        "download?path=",
+        "export?to=c&path=",
+    ):
         for sent in (quoted, quoted.replace("%", "%25")):
             status, said = linked.ask("GET", f"/api/{call}{sent}")
             assert status in (400, 404), (call, said)
-            assert b"secret\"" not in (said if isinstance(said, bytes) else str(said).encode())
+            assert b'secret"' not in (said if isinstance(said, bytes) else str(said).encode())
     assert secret.read_text() == 'token = "secret"\n'
 
 
-@pytest.mark.parametrize("path", ["../../../guard.py", "..%2f..%2fguard.py", "%2e%2e/guard.py", "....//guard.py", "..\\guard.py"])
+@pytest.mark.parametrize(
+    "path", ["../../../guard.py", "..%2f..%2fguard.py", "%2e%2e/guard.py", "....//guard.py", "..\\guard.py"]
+)
 def test_no_static_path_leads_out(bench, path):
     for folder in ("static", "report"):
         assert bench.raw("GET", f"/{folder}/{path}", cookie=bench.cookie).status == 404
@@ -162,7 +182,9 @@ def test_a_log_that_is_too_large_is_not_kept(tmp_path, plain):
         ended(small)
 
 
-@pytest.mark.parametrize("name", ["../a.csv", "a.exe", "a.pkl", "con.csv", ".hidden.csv", "a b.csv", "a.csv\0", "", "x" * 200 + ".csv"])
+@pytest.mark.parametrize(
+    "name", ["../a.csv", "a.exe", "a.pkl", "con.csv", ".hidden.csv", "a b.csv", "a.csv\0", "", "x" * 200 + ".csv"]
+)
 def test_a_log_has_a_harmless_name(unchanged, name):
     quoted = "".join(f"%{byte:02x}" for byte in name.encode())
     assert unchanged.ask("POST", f"/api/drop?name={quoted}", b"t,q\n0,1\n")[0] == 400

@@ -167,7 +167,7 @@ def _exchangeable(target: Path) -> bool:
     return not here and not os.path.ismount(target) and os.access(target.parent, os.W_OK | os.X_OK)
 
 
-def sweep(out: Path) -> None:
+def sweep_beside(out: Path) -> None:
     """Remove what runs that died have left beside a folder of results; nothing where there is none."""
     target = out.resolve()
     if target.parent.is_dir():

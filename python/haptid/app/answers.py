@@ -60,16 +60,16 @@ def call(function: Callable[[Asked], Any]) -> Callable[[HttpRequest], Awaitable[
             asked = Asked({**request.query_params, **request.path_params, **await _body(request)})
             return JSONResponse(await run_in_threadpool(lambda: _finite(function(asked))))
         except StaleFileError as error:
-            return refused(error, 409, current=error.found)
+            return refusing(error, 409, current=error.found)
         except HaptidError as error:
-            return refused(error)
+            return refusing(error)
         except Exception:
             return JSONResponse({"defect": traceback.format_exc()}, 500)
 
     return answered
 
 
-def refused(error: HaptidError, status: int = 400, **more: Any) -> JSONResponse:
+def refusing(error: HaptidError, status: int = 400, **more: Any) -> JSONResponse:
     """The answer for an error of what was given."""
     return JSONResponse({"error": str(error), "where": repr(error.where) if error.where else "", **more}, status)
 

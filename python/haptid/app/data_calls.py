@@ -15,7 +15,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from haptid.app.answers import Asked, refused
+from haptid.app.answers import Asked, refusing
 from haptid.app.workspace import LOGS, free_name
 from haptid.errors import HaptidError, WorkbenchError
 
@@ -24,12 +24,27 @@ if TYPE_CHECKING:
 
 _Calls = dict[str, Callable[[Asked], Any]]
 # Endings of logs that are one file.
-LOG_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".mcap", ".bag", ".db3", ".tdms")
+LOG_ENDINGS = (
+    ".csv",
+    ".txt",
+    ".tsv",
+    ".dat",
+    ".parquet",
+    ".mat",
+    ".npz",
+    ".npy",
+    ".h5",
+    ".hdf5",
+    ".mcap",
+    ".bag",
+    ".db3",
+    ".tdms",
+)
 # Samples of a channel that are sent; of longer logs least and greatest of each run, so that no peak is lost.
 _MOST_SAMPLES, _MOST_CHANNELS = 400_000, 32
 
 
-def reading(session: Session) -> _Calls:
+def log_reads(session: Session) -> _Calls:
     """Calls that change nothing."""
 
     def look(asked: Asked) -> Any:
@@ -41,27 +56,29 @@ def reading(session: Session) -> _Calls:
     return {"log": look}
 
 
-def changing(session: Session) -> _Calls:  # noqa: ARG001
+def log_changes(session: Session) -> _Calls:  # noqa: ARG001
     """None: a log is streamed."""
     return {}
 
 
-def streams(session: Session) -> list[BaseRoute]:
+def log_streams(session: Session) -> list[BaseRoute]:
     """Routes with a body that is no JSON."""
 
     async def drop(request: HttpRequest) -> JSONResponse:
         try:
             return JSONResponse(await _received(session, request))
         except HaptidError as error:
-            return refused(error, 413 if error.limit == session.largest_log else 400)
+            return refusing(error, 413 if error.limit == session.largest_log else 400)
 
     def samples(request: HttpRequest) -> Response:
         try:
             path = session.workspace.inside(request.query_params.get("path", ""), LOGS)
             names = request.query_params.getlist("channel")
-            return Response(packed_samples(path, request.query_params.get("time", ""), names), media_type="application/octet-stream")
+            return Response(
+                packed_samples(path, request.query_params.get("time", ""), names), media_type="application/octet-stream"
+            )
         except HaptidError as error:
-            return refused(error)
+            return refusing(error)
 
     return [Route("/api/drop", drop, methods=["POST"]), Route("/api/samples", samples)]
 

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 _Calls = dict[str, Callable[[Asked], Any]]
 
 
-def reading(session: Session) -> _Calls:  # noqa: ARG001
+def device_reads(session: Session) -> _Calls:  # noqa: ARG001
     """Calls that change nothing."""
     return {"shipped": _shipped, "shipped/{name}": lambda asked: {"text": shipped_text(asked.text("name"))}}
 
 
-def changing(session: Session) -> _Calls:
+def device_changes(session: Session) -> _Calls:
     """Calls that have a body."""
 
     def check(asked: Asked) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _described(path: Any) -> dict[str, Any]:
     from haptid.device import read_device
     from haptid.device.toml.summary import summary_tables
     from haptid.dynamics.model import DynamicModel
-    from haptid.report.page import parts
+    from haptid.report.page import page_parts
     from haptid.report.sections.mechanism import MechanismSection
 
     device = read_device(path)
@@ -85,6 +85,5 @@ def _described(path: Any) -> dict[str, Any]:
         ],
         "no_effect": list(base.no_effect),
         "loops": list(device.closure.relations),
-        **parts((MechanismSection.undriven(model),)),
+        **page_parts((MechanismSection.undriven(model),)),
     }
-

@@ -1,7 +1,7 @@
 """Jobs: long work in a spawned process each, one at a time, with progress, cancelling, and a record on disk.
 
-A job belongs to the folder and not to a tab: a page that is closed or loaded again finds it by its number. Its record in
-`.haptid/jobs/` survives the server; a job that was running when the server ended is recorded as interrupted.
+A job belongs to the folder and not to a tab: a page that is closed or loaded again finds it by its number. Its record
+in `.haptid/jobs/` survives the server; a job that was running when the server ended is recorded as interrupted.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -23,7 +24,16 @@ from haptid.errors import WorkbenchError
 
 # Records that are kept, and what a cancelled process may take to end before it is killed, s.
 _KEPT, _GRACE = 200, 0.5
-RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
+
+
+class JobState(StrEnum):
+    """Of a job."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    INTERRUPTED = "interrupted"
 
 
 @dataclass
@@ -49,7 +59,7 @@ class JobRecord:
     title: str
     command: str
     arguments: dict[str, Any]
-    state: str = RUNNING
+    state: str = JobState.RUNNING
     begun: float = 0.0
     ended: float = 0.0
     steps: list[dict[str, Any]] = field(default_factory=list)
@@ -82,8 +92,8 @@ class Jobs:
         folder.mkdir(parents=True, exist_ok=True)
         self._records = {record.id: record for record in map(_read_record, sorted(folder.glob("*.json"))) if record}
         for record in self._records.values():
-            if record.state == RUNNING:
-                record.state, record.ended = INTERRUPTED, time.time()
+            if record.state == JobState.RUNNING:
+                record.state, record.ended = JobState.INTERRUPTED, time.time()
                 record.error = "The workbench ended while this ran. Nothing of it was published; run it again."
                 self._leave(record)
                 self._store(record)
@@ -120,7 +130,7 @@ class Jobs:
 
     def running(self) -> JobRecord | None:
         """The job that runs."""
-        return next((record for record in self._records.values() if record.state == RUNNING), None)
+        return next((record for record in self._records.values() if record.state == JobState.RUNNING), None)
 
     def get(self, name: str) -> JobRecord:
         """A job by its number.
@@ -140,8 +150,8 @@ class Jobs:
         """End a job's process; what it had begun to write is removed."""
         record, reader = self.get(name), None
         with self._lock:
-            if record.state == RUNNING:
-                record.state = CANCELLED
+            if record.state == JobState.RUNNING:
+                record.state = JobState.CANCELLED
                 reader = self._reader
                 self._end()
         if reader is not None:
@@ -174,24 +184,24 @@ class Jobs:
                     said = content
         pipe.close()
         process.join()
-        if record.state == RUNNING:
+        if record.state == JobState.RUNNING:
             found = said or {"error": f"its process ended with status {process.exitcode}: out of memory, or killed."}
             record.error, record.defect = found.get("error", ""), found.get("defect", "")
             record.outcome = found.get("outcome", {})
-            record.state = FAILED if record.error or record.defect else DONE
-        if record.state != DONE:
+            record.state = JobState.FAILED if record.error or record.defect else JobState.DONE
+        if record.state != JobState.DONE:
             self._leave(record)
         record.ended = time.time()
         self._store(record)
 
     def _leave(self, record: JobRecord) -> None:
         """Remove what a job that did not finish has left."""
-        from haptid._internal.atomic_folder import sweep
+        from haptid._internal.atomic_folder import sweep_beside
         from haptid.observation.cache import partial_of
 
         for name in record.arguments.get("writes", ()):
             path = self._root / name
-            sweep(path)
+            sweep_beside(path)
             partial_of(path).forget()
 
     def _store(self, record: JobRecord) -> None:

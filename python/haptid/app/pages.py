@@ -16,10 +16,11 @@ from starlette.routing import BaseRoute, Route
 from haptid.app import data_calls, device_calls, result_calls, study_calls
 from haptid.app.answers import Asked, call
 from haptid.app.jobs import Jobs
-from haptid.app.workspace import Workspace
+from haptid.app.workspace import WorkbenchFolder
 
 if TYPE_CHECKING:
     from haptid.registry import Index
+    from haptid.registry.index import IndexedKind
 
 # Names of the pages; the first part of their addresses.
 PAGES = ("device", "data", "solve", "results", "use")
@@ -36,7 +37,7 @@ class Session:
         reindex: whether the index is made again from the files.
     """
 
-    def __init__(self, workspace: Workspace, largest_log: int, reindex: bool = False) -> None:
+    def __init__(self, workspace: WorkbenchFolder, largest_log: int, reindex: bool = False) -> None:
         self.workspace, self.largest_log = workspace, largest_log
         self.jobs = Jobs(workspace.folder, workspace.own() / "jobs")
         self._reindex, self._lock, self._looked = reindex, threading.Lock(), -_FRESH
@@ -67,26 +68,28 @@ class Session:
         """The calls of all pages."""
         calls = {
             "workspace": self._overview,
-            "file": lambda asked: dict(zip(("text", "sha256"), self.workspace.read_text(asked.text("path")), strict=True)),
+            "file": lambda asked: dict(
+                zip(("text", "sha256"), self.workspace.read_text(asked.text("path")), strict=True)
+            ),
             "jobs/{id}": lambda asked: asdict(self.jobs.get(asked.text("id"))),
-            **device_calls.reading(self),
-            **data_calls.reading(self),
-            **study_calls.reading(self),
-            **result_calls.reading(self),
+            **device_calls.device_reads(self),
+            **data_calls.log_reads(self),
+            **study_calls.study_reads(self),
+            **result_calls.result_reads(self),
         }
         changes = {
             "file": self._save,
             "jobs/{id}/cancel": lambda asked: asdict(self.jobs.cancel(asked.text("id"))),
-            **device_calls.changing(self),
-            **data_calls.changing(self),
-            **study_calls.changing(self),
-            **result_calls.changing(self),
+            **device_calls.device_changes(self),
+            **data_calls.log_changes(self),
+            **study_calls.study_changes(self),
+            **result_calls.result_changes(self),
         }
         return [
             *(Route(f"/api/{path}", call(made), methods=["POST"]) for path, made in changes.items()),
             *(Route(f"/api/{path}", call(made)) for path, made in calls.items()),
-            *data_calls.streams(self),
-            *result_calls.streams(self),
+            *data_calls.log_streams(self),
+            *result_calls.result_streams(self),
             Route("/report/{name}", _report_part),
         ]
 
@@ -101,7 +104,7 @@ class Session:
         from importlib.util import find_spec
 
         index, words = self.index, asked.text("words", "")
-        kinds = ("device", "study", "log", "result")
+        kinds: tuple[IndexedKind, ...] = ("device", "study", "log", "result")
         return {
             "folder": str(self.workspace.folder),
             "lists": {kind: [asdict(entry) for entry in index.search(kind, words)] for kind in kinds},

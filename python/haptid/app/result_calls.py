@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from haptid.app.answers import Asked, refused
+from haptid.app.answers import Asked, refusing
 from haptid.app.workspace import EXPORTS, RESULTS
 from haptid.errors import HaptidError, WorkbenchError
 
@@ -25,7 +25,7 @@ _PREVIEW = 60_000
 _SECONDS_IN_DAY = 86400.0
 
 
-def reading(session: Session) -> _Calls:
+def result_reads(session: Session) -> _Calls:
     """Calls that change nothing."""
     space = session.workspace
 
@@ -34,7 +34,7 @@ def reading(session: Session) -> _Calls:
         from dataclasses import asdict
 
         from haptid.report import read_report
-        from haptid.report.page import parts
+        from haptid.report.page import page_parts
 
         name = asked.text("path")
         folder = space.inside(name, RESULTS)
@@ -46,7 +46,7 @@ def reading(session: Session) -> _Calls:
             "files": files,
             "entry": entry and asdict(entry),
             "command": shlex.join(["haptid", "report", name]),
-            **parts(tuple(report.sections.values())),
+            **page_parts(tuple(report.sections.values())),
         }
 
     def compared(asked: Asked) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def reading(session: Session) -> _Calls:
         from haptid.inference.comparison import compare
         from haptid.inference.drift import drift
         from haptid.report.compared import names_of
-        from haptid.report.page import parts
+        from haptid.report.page import page_parts
         from haptid.report.sections.comparison import ComparisonSection
         from haptid.report.sections.drift import drift_section
         from haptid.results.result import Result
@@ -70,7 +70,7 @@ def reading(session: Session) -> _Calls:
             when = [_day(part) for part in times.split(",")]
             sections.append(drift_section(drift(compare(*found, labels=labels), when), times.split(",")))
             command = ["haptid", "compare", *names, "--times", times]
-        return {"command": shlex.join(command), **parts(sections)}
+        return {"command": shlex.join(command), **page_parts(sections)}
 
     def formats(_: Asked) -> list[str]:
         from haptid.export.all_formats import EXPORTERS
@@ -89,7 +89,7 @@ def reading(session: Session) -> _Calls:
     return {"result": shown, "compare": compared, "formats": formats, "export": preview}
 
 
-def changing(session: Session) -> _Calls:
+def result_changes(session: Session) -> _Calls:
     """Calls that write."""
     space = session.workspace
 
@@ -103,14 +103,14 @@ def changing(session: Session) -> _Calls:
     return {"export": write}
 
 
-def streams(session: Session) -> list[BaseRoute]:
+def result_streams(session: Session) -> list[BaseRoute]:
     """A file of a result as it is, to save."""
 
     def file(request: HttpRequest) -> Response:
         try:
             path = session.workspace.inside(request.query_params.get("path", ""), RESULTS, EXPORTS)
         except HaptidError as error:
-            return refused(error, 404)
+            return refusing(error, 404)
         if not path.is_file():
             return Response("There is no such file.\n", 404)
         return FileResponse(path, filename=path.name, content_disposition_type="attachment")

@@ -18,7 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from haptid.app.guard import ENTRY, Guard
 from haptid.app.pages import PAGES, Session
-from haptid.app.workspace import Workspace
+from haptid.app.workspace import WorkbenchFolder
 from haptid.errors import WorkbenchError
 
 STATIC = Path(__file__).with_name("static")
@@ -36,7 +36,7 @@ def serve(
     """Serve the workbench of a folder until the process is interrupted.
 
     Args:
-        folder: of devices, studies, logs and results; see `Workspace`.
+        folder: of devices, studies, logs and results; see `WorkbenchFolder`.
         port: on 127.0.0.1; a free one where 0.
         ready: called with the address to open, which has the token, as soon as it is answered.
         reindex: whether the index is made again from the files.
@@ -45,7 +45,7 @@ def serve(
     Raises:
         WorkbenchError: there is no such folder, the port is taken, or the folder has a workbench already.
     """
-    workspace = Workspace(folder)
+    workspace = WorkbenchFolder(folder)
     listening = _bound(port)
     port = listening.getsockname()[1]
     token = secrets.token_urlsafe(32)
@@ -119,7 +119,7 @@ def _bound(port: int) -> socket.socket:
 
 
 @contextmanager
-def _alone(workspace: Workspace, address: str) -> Iterator[None]:
+def _alone(workspace: WorkbenchFolder, address: str) -> Iterator[None]:
     """One workbench writes into a folder; its address stays in `.haptid/open` while it runs."""
     try:
         path = workspace.own() / "open"
@@ -161,5 +161,3 @@ def _lock(handle: int) -> bool:
     except OSError:
         return False
     return True
-
-

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptid.app.answers import Asked
-from haptid.app.jobs import DONE
+from haptid.app.jobs import JobState
 from haptid.app.workspace import DEVICES, EXPERIMENTS, LOGS, RESULTS, STUDIES
 from haptid.errors import HaptidError, WorkbenchError
 
@@ -23,7 +23,7 @@ _TRIED = "bench-phantom"
 _TRIED_LOGS = {f"{LOGS}/bench-sweep.parquet": 1, f"{LOGS}/bench-check.parquet": 2}
 
 
-def reading(session: Session) -> _Calls:
+def study_reads(session: Session) -> _Calls:
     """Calls that change nothing."""
 
     def state(asked: Asked) -> dict[str, Any]:
@@ -32,13 +32,15 @@ def reading(session: Session) -> _Calls:
 
         name = asked.text("path")
         records = [one for one in session.jobs.recent(200) if one.arguments.get("study") == name]
-        newest = {kind: next((one for one in records if one.kind == kind), None) for kind in ("check", "identify", "try-out")}
+        newest = {
+            kind: next((one for one in records if one.kind == kind), None) for kind in ("check", "identify", "try-out")
+        }
         check, now, why = newest["check"], "", ""
         try:
             now = digest_of(session.workspace.inside(name, STUDIES))
         except HaptidError as error:
             why = str(error)
-        fresh = check is not None and check.state == DONE and check.outcome["inputs"] == now
+        fresh = check is not None and check.state == JobState.DONE and check.outcome["inputs"] == now
         running = session.jobs.running()
         return {
             "check": check and asdict(check),
@@ -52,7 +54,7 @@ def reading(session: Session) -> _Calls:
     return {"study/state": state}
 
 
-def changing(session: Session) -> _Calls:
+def study_changes(session: Session) -> _Calls:
     """Calls that have a body."""
     space, jobs = session.workspace, session.jobs
 
@@ -63,7 +65,9 @@ def changing(session: Session) -> _Calls:
 
         device, logs = asked.text("device"), asked.texts("logs")
         if not logs:
-            raise WorkbenchError("no log is chosen.", advice="Choose one log to identify from, others to validate with.")
+            raise WorkbenchError(
+                "no log is chosen.", advice="Choose one log to identify from, others to validate with."
+            )
         paths = [space.inside(log, LOGS) for log in logs]
         place = space.inside(device, DEVICES) if "/" in device else None
         text, found = draft_study(paths, read_device(place or device), str(place or device), space.folder / STUDIES)
@@ -100,10 +104,12 @@ def changing(session: Session) -> _Calls:
         path = space.inside(out, RESULTS)
         if path.parent != space.folder / RESULTS:
             raise WorkbenchError(f"{out} is no folder right below {RESULTS}/.", where=out)
-        found = reading(session)["study/state"](Asked({"path": name}))
+        found = study_reads(session)["study/state"](Asked({"path": name}))
         if not found["ready"]:
             why = found["error"] or (
-                "the check found problems" if found["fresh"] else "it was not checked as it is now, with its device and logs"
+                "the check found problems"
+                if found["fresh"]
+                else "it was not checked as it is now, with its device and logs"
             )
             raise WorkbenchError(f"{name} does not run: {why}.", where=name, advice="Check it first.")
         path.parent.mkdir(exist_ok=True)
@@ -126,8 +132,13 @@ def changing(session: Session) -> _Calls:
         ]
         command = shlex.join(["haptid", "identify", study, "--out", out])
         arguments = {
-            **{"device": device, "experiment": experiment, "logs": _TRIED_LOGS, "study": study, "out": out},
-            **{"command": command, "writes": [out, *_TRIED_LOGS]},
+            "device": device,
+            "experiment": experiment,
+            "logs": _TRIED_LOGS,
+            "study": study,
+            "out": out,
+            "command": command,
+            "writes": [out, *_TRIED_LOGS],
         }
         (space.folder / RESULTS).mkdir(exist_ok=True)
         return asdict(jobs.start("try-out", "Trial on the virtual bench", "\n".join([*benches, command]), arguments))

@@ -29,7 +29,9 @@ def run_work(pipe: Connection, root: str, kind: str, arguments: dict[str, Any]) 
     except OSError as error:
         pipe.send(("end", {"error": f"{error.filename or 'the disk'}: {error.strerror or error}."}))
     except Exception:
-        pipe.send(("end", {"error": "This is a defect of haptid, not of your input.", "defect": traceback.format_exc()}))
+        pipe.send(
+            ("end", {"error": "This is a defect of haptid, not of your input.", "defect": traceback.format_exc()})
+        )
     pipe.close()
 
 
@@ -77,7 +79,7 @@ def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
 
 
 def _try_out(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
-    """The virtual bench in place of a device: device, experiment and study as files, two logs, and the identification."""
+    """The virtual bench in place of a device: logs of an experiment, and their identification."""
     from haptid.experiment.bench.run import Job, make_log
 
     for log, seed in arguments["logs"].items():

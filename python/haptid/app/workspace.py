@@ -1,7 +1,7 @@
-"""`Workspace`: the folder of plain files that the workbench shows, and the one way in which it writes them.
+"""`WorkbenchFolder`: the folder of plain files that the workbench shows, and the one way in which it writes them.
 
-The layout is that of a project on the command line: `devices/`, `studies/`, `experiments/` (TOML), `logs/` (as they were
-dropped, never changed) and `results/` (folders of `haptid identify`). `.haptid/` has the index and the jobs' records,
+The layout is that of a project on the command line: `devices/`, `studies/`, `experiments/` (TOML), `logs/` (as they
+were dropped, never changed) and `results/` (folders of `haptid identify`). `.haptid/` has the index and the jobs' records,
 and can be deleted.
 """
 
@@ -19,8 +19,15 @@ from haptid._internal.atomic_folder import write_file
 from haptid.errors import WorkbenchError
 
 # Folders of the layout, and the largest text that is edited, bytes.
-DEVICES, STUDIES, EXPERIMENTS, LOGS, RESULTS, EXPORTS = "devices", "studies", "experiments", "logs", "results", "exports"
-OWN = ".haptid"
+DEVICES, STUDIES, EXPERIMENTS, LOGS, RESULTS, EXPORTS = (
+    "devices",
+    "studies",
+    "experiments",
+    "logs",
+    "results",
+    "exports",
+)
+_OWN = ".haptid"
 _EDITED, _LARGEST_TEXT = (DEVICES, STUDIES, EXPERIMENTS), 2**20
 # Names that work on Windows, macOS and Linux, and on a command line without quotes.
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
@@ -31,7 +38,7 @@ class StaleFileError(WorkbenchError):
     """A file was changed since the page read it; `found` is its present text."""
 
 
-class Workspace:
+class WorkbenchFolder:
     """The folder, resolved; every path of a request goes through `inside`.
 
     Args:
@@ -45,7 +52,9 @@ class Workspace:
         self.folder = Path(folder).resolve()
         if not self.folder.is_dir():
             raise WorkbenchError(
-                f"{folder} is no folder.", where=str(folder), advice="Give the folder of your devices, logs and results."
+                f"{folder} is no folder.",
+                where=str(folder),
+                advice="Give the folder of your devices, logs and results.",
             )
 
     def inside(self, name: str, *folders: str) -> Path:
@@ -148,7 +157,7 @@ class Workspace:
 
     def own(self) -> Path:
         """The folder of what can be made again, created at its first use."""
-        path = self.folder / OWN
+        path = self.folder / _OWN
         path.mkdir(exist_ok=True)
         return path
 

@@ -13,8 +13,8 @@ from haptid.cli.common import Quiet, command, errors_shown, out
 HELP = """\
 Open the workbench on a folder in the browser: device, logs, check, identification, results, exports.
 
-FOLDER has `devices/`, `studies/`, `experiments/` (TOML), `logs/` and `results/`, the files that the other commands take;
-what is missing is made when it is needed. The server listens on 127.0.0.1 only, and answers only the address that is
+FOLDER has `devices/`, `studies/`, `experiments/` (TOML), `logs/` and `results/`, the files of the other commands; what is
+missing is made when it is needed. The server listens on 127.0.0.1 only, and answers only the address that is
 printed, which has a token of this start. Ctrl-C ends it.
 
 Exit status: 0 at the end, 2 if it cannot start; the message says what to do.
@@ -29,7 +29,9 @@ def workbench(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0: any that is free")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="print the address, open nothing")] = False,
     reindex: Annotated[bool, typer.Option("--reindex", help="make the index again from the files")] = False,
-    largest: Annotated[int, typer.Option("--largest-log", min=1, help="of a log that is dropped on a page, MiB")] = 2048,
+    largest: Annotated[
+        int, typer.Option("--largest-log", min=1, help="of a log that is dropped on a page, MiB")
+    ] = 2048,
     quiet: Quiet = False,
 ) -> None:
     from haptid._internal.extras import needing

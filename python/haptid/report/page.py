@@ -32,7 +32,7 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
         title, about: of the page.
         sections: in order.
     """
-    made = parts(sections)
+    made = page_parts(sections)
     shown = [{**section, "html": Markup(section["html"])} for section in made["sections"]]
     return (
         _environment()
@@ -48,7 +48,7 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
     )
 
 
-def parts(sections: Sequence[PageSection]) -> dict[str, Any]:
+def page_parts(sections: Sequence[PageSection]) -> dict[str, Any]:
     """The sections of a page as JSON values, for another page with the same script and style.
 
     Returns:

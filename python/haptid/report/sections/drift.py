@@ -41,8 +41,10 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
                         name,
                         "interval",
                         "vermillion" if name in found.drifts else "blue",
-                        **{"x": packed(days), "y": packed(series.value[:, k])},
-                        **{"low": packed(series.value[:, k] - half[:, k]), "high": packed(series.value[:, k] + half[:, k])},
+                        x=packed(days),
+                        y=packed(series.value[:, k]),
+                        low=packed(series.value[:, k] - half[:, k]),
+                        high=packed(series.value[:, k] + half[:, k]),
                     )
                 ],
                 height=170,
@@ -50,4 +52,6 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
         )
         for k, name in enumerate(found.names)
     ]
-    return DocumentSection("drift", "Drift", tuple(found.sentences), (TextTable("Slopes", (head, *rows)),), tuple(charts))
+    return DocumentSection(
+        "drift", "Drift", tuple(found.sentences), (TextTable("Slopes", (head, *rows)),), tuple(charts)
+    )
