@@ -49,7 +49,7 @@ def test_pages_fit_and_name_everything(bench, tab, path):
     assert tab.ask("document.querySelectorAll('h1').length") == 1
     assert tab.ask("document.querySelector('.overlay')?.textContent ?? ''") == ""
     unnamed = """[...document.querySelectorAll('input, select, textarea, button, a, canvas')].filter((e) =>
-        !(e.ariaHidden || e.labels?.length || e.getAttribute('aria-label') || e.textContent.trim() || e.title)).length"""
+        !(e.ariaHidden || e.labels?.length || e.ariaLabel || e.textContent.trim() || e.title)).length"""
     assert tab.ask(unnamed) == 0
     # Every stage is marked where one is.
     assert tab.ask("document.querySelectorAll('nav a[aria-current]').length") == 1

@@ -1,8 +1,8 @@
 """`WorkbenchFolder`: the folder of plain files that the workbench shows, and the one way in which it writes them.
 
 The layout is that of a project on the command line: `devices/`, `studies/`, `experiments/` (TOML), `logs/` (as they
-were dropped, never changed) and `results/` (folders of `haptid identify`). `.haptid/` has the index and the jobs' records,
-and can be deleted.
+were dropped, never changed) and `results/` (folders of `haptid identify`). `.haptid/` has the index and the records of
+jobs, and can be deleted.
 """
 
 from __future__ import annotations

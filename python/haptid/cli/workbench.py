@@ -13,9 +13,9 @@ from haptid.cli.common import Quiet, command, errors_shown, out
 HELP = """\
 Open the workbench on a folder in the browser: device, logs, check, identification, results, exports.
 
-FOLDER has `devices/`, `studies/`, `experiments/` (TOML), `logs/` and `results/`, the files of the other commands; what is
-missing is made when it is needed. The server listens on 127.0.0.1 only, and answers only the address that is
-printed, which has a token of this start. Ctrl-C ends it.
+FOLDER has `devices/`, `studies/`, `experiments/` (TOML), `logs/` and `results/`, the files of the other commands; what
+is missing is made when it is needed. The server listens on 127.0.0.1 only, and answers the printed address only, which
+has a token of this start. Ctrl-C ends it.
 
 Exit status: 0 at the end, 2 if it cannot start; the message says what to do.
 

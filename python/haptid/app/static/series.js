@@ -43,6 +43,7 @@ export class Curves {
   constructor(parent, { title, unit, names, t, ys, group }) {
     this.holder = el("div", { class: "plot", role: "group", "aria-label": `${title}: ${names.join(", ")}` }, parent);
     el("h3", {}, this.holder, unit ? `${title}, ${unit}` : title);
+    this.holder.curves = this;
     Object.assign(this, { t, ys, names, group, full: [t[0], t[t.length - 1]] });
     group.add(this);
     this.make();
