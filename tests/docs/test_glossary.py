@@ -4,7 +4,7 @@ import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import pytest
 from typer.main import get_command
@@ -122,5 +122,7 @@ def test_every_method_and_kind_of_intervals_has_an_entry() -> None:
     """Of a study."""
     given = {name for head, name in entries() if head == "study file"}
     for field in ("method", "intervals"):
-        values = get_args(haptid.study.schema.EstimateTable.model_fields[field].annotation)
-        assert set(values) <= given
+        annotation = haptid.study.schema.EstimateTable.model_fields[field].annotation
+        choices = [choice for choice in (annotation, *get_args(annotation)) if get_origin(choice) is Literal]
+        assert choices
+        assert {name for choice in choices for name in get_args(choice)} <= given

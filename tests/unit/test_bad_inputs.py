@@ -139,7 +139,6 @@ BAD = {
     "nan": (change(q1=at(700, np.nan)), r"q1.*not finite|q1.*missing"),
     "infinity": (change(tau2=at(slice(5, 9), np.inf)), r"tau2"),
     "time backwards": (change(t=at(900, 0.5)), r"time decreases"),
-    "gap": (change(t=lambda t, _: t + 1.0 * (np.arange(len(t)) > 1500)), r"gap|time_range"),
     "too short": (only(slice(0, 20)), r"20 samples"),
     "shorter than its filter": (both(only(slice(0, 120)), text("study.toml", "= 30", "= 2")), r"lasts"),
     "no rows": (only(slice(0, 0)), r"no rows|empty"),
@@ -152,7 +151,7 @@ BAD = {
     "wrapped angle": (change(q2=lambda q, _: q - 2 * np.pi * (q > 0.2)), r"wrap"),
     "lost counts": (change(q1=lambda q, _: q + 0.9 * (np.arange(len(q)) == 1500)), r"jump"),
     "text in a cell": (lambda f: put("log.csv", b"t,q1,q2,tau1,tau2\n0,1,2,3,4\n0.1,one,2,3,4\n")(f), r"one"),
-    "ragged rows": (lambda f: put("log.csv", b"t,q1,q2,tau1,tau2\n0,1,2,3,4\n0.1,2,3\n")(f), r"line 3|row"),
+    "ragged rows": (lambda f: put("log.csv", b"t,q1,q2,tau1,tau2\n0,1,2,3,4\n0.1,2,3\n1,1,2,3,4\n")(f), r"line 3|row"),
     # the log's file
     "no such file": (log_named("other.csv"), r"other\.csv.*(not|no)"),
     "a folder": (both(lambda f: (f / "logs.csv").mkdir(), log_named("logs.csv")), r"folder"),
@@ -176,7 +175,7 @@ BAD = {
     # the study
     "study that is no TOML": (put("study.toml", b"schema = = 1"), r"study\.toml"),
     "study key misspelt": (text("study.toml", "cutoff_hz", "cut_off"), r"treatment\.cut_off.*no such.*cutoff_hz"),
-    "study key missing": (text("study.toml", 'name = "two links"\n', ""), r"`name`.*missing"),
+    "study key missing": (text("study.toml", 'device = "device.toml"\n', ""), r"`device`.*missing"),
     "nothing to identify from": (entry('role = "validate"'), r"identify"),
     "a log both fitted and unseen": (text("study.toml", "check.csv", "log.csv"), r"named twice"),
     "the same log by another name": (lambda f: shutil.copy(f / "log.csv", f / "check.csv"), r"were fitted"),
@@ -239,6 +238,14 @@ def test_one_clear_error_and_nothing_left_behind(name, said):
 def test_there_are_at_least_thirty_and_no_two_say_the_same(said):
     assert len(BAD) >= 30
     assert len({done.stderr.replace(str(folder), "") for folder, _, done in said.values()}) == len(BAD)
+
+
+def test_a_gap_splits_the_log_and_is_said(folder):
+    """A second without samples: the two stretches are used, and the summary says so."""
+    change(t=lambda t, _: t + 1.0 * (np.arange(len(t)) > 1500))(folder)
+    done = CliRunner().invoke(app, ["identify", str(folder / "study.toml"), "--out", str(folder / "out")])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"gap", done.output), done.output
 
 
 def test_a_failed_run_leaves_an_earlier_result_as_it_was(folder):
@@ -330,7 +337,7 @@ def test_names_with_brackets_dollars_and_foreign_letters_are_only_names(name, fo
 
 
 def test_a_defect_has_an_exit_status_of_its_own(monkeypatch, capsys):
-    def broken():
+    def broken(**_):
         raise RuntimeError("surprise")
 
     monkeypatch.setattr("haptid.cli.app", broken)

@@ -35,6 +35,14 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
     assert not loaded(program) & set(HEAVY)
 
 
+def test_an_identification_loads_neither_statistics_nor_signals_of_scipy() -> None:
+    """Each takes as long to load as an identification of a short log computes."""
+    program = "import haptid.cli.work, haptid.advice, haptid.report.source, haptid.report.page\n"
+    printed = f"{program}\nimport sys\nprint('loaded', *sys.modules)"
+    run = subprocess.run([sys.executable, "-c", printed], capture_output=True, text=True, check=True)
+    assert not {"scipy.stats", "scipy.signal"} & set(run.stdout.splitlines()[-1].split())
+
+
 # The namespace of `import haptid`: a further name belongs in its room, or here after some thought.
 PUBLIC = """
 CLIE CLOE DIDIM EKF GLS IRLS IV OLS SUR TLS UKF WLS BlockJackknife Bootstrap Channels Classical ClusterRobust Comparison

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array
 from haptid.advice.search import LEAST_GAIN, LEAST_SE, Trials, TriedChange, unseen_percent
 from haptid.advice.trial import Setting, Trial
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
+from haptid.uncertainty.distributions import normal_quantile
 
 # Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
 # candidate to be told at all.
@@ -82,7 +82,7 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
     columns do not explain has to be `LEAST_GAIN` of the unseen squared error.
     """
     bench, tests = search.bench, max(len(search.candidates), 1)
-    z = max(float(stats.norm.isf(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(stats.norm.ppf(_POWER))
+    z = max(float(-normal_quantile(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(normal_quantile(_POWER))
     G, made = bench.grams["used"].sum(axis=0), []
     torque = bench.squares(Setting()).sum(axis=0)
     for one in search.candidates:

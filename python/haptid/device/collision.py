@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import ValidationError
-from scipy.spatial import ConvexHull, QhullError
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Frame, Joint
@@ -110,6 +109,8 @@ def _size(table: AnyShape, reader: Reader, place: Place) -> tuple[float, ...]:
 
 def _vertices(points: Array, place: Place) -> Array:
     """The points that are vertices of the hull of all."""
+    from scipy.spatial import ConvexHull, QhullError  # a fifth of what `identify` loads, and few devices have meshes
+
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.estimation.method import BlockMoments, Fit
+from haptid.uncertainty.distributions import f_tail
 from haptid.uncertainty.multiple_testing import together
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
@@ -121,7 +121,7 @@ class BetweenLogs:
     @cached_property
     def p(self) -> Array:
         """p-values of the hypothesis that logs scatter by the noise of their blocks alone, F test, (k,)."""
-        made = stats.f.sf(self.scatter, np.maximum(self.effective - 1.0, 1.0), self.within.dof)
+        made = f_tail(self.scatter, np.maximum(self.effective - 1.0, 1.0), self.within.dof)
         return freeze(np.where(np.isfinite(self.across.se), made, 1.0))
 
     def differs(self, confidence: float = LEVEL) -> tuple[str, ...]:
