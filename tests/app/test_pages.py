@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ pytest.importorskip("starlette")
 from browser import LAPTOP, needs_browser
 
 pytestmark = needs_browser
-IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
+PROJECT = Path(__file__).resolve().parents[2]
+IMAGES, EXAMPLES = PROJECT / "docs" / "images", PROJECT / "examples"
 PAGES = ("/", "/device", "/device?path=sr400", "/data", "/solve", "/results", "/use")
 NARROW = 320
 
@@ -137,6 +139,47 @@ def test_sliders_move_the_device_by_keyboard_and_loops_stay_closed(bench, tab):
     assert value < tab.ask(f"Number({slider}.max)") or "do not close" not in shown
 
 
+def chosen(tab, selector, path):
+    """Give a file to a field, as a person's choice."""
+    root = tab.call("DOM.getDocument")["root"]["nodeId"]
+    found = tab.call("DOM.querySelector", nodeId=root, selector=selector)
+    tab.call("DOM.setFileInputFiles", nodeId=found["nodeId"], files=[str(path)])
+
+
+def test_a_robot_description_becomes_a_device(bench, tab):
+    tab.go(f"{bench.origin}/device", LAPTOP)
+    source = EXAMPLES / "robots" / "arm.urdf"
+    chosen(tab, "input[type=file]", source)
+    tab.wait("document.querySelector('form [role=status]').textContent === 'Imported: not saved yet.'")
+    text = tab.ask("document.getElementById('editor-device-file').value")
+    made = import_robot(source)
+    assert tomllib.loads(text) == tomllib.loads(made.text)
+    grades = tab.ask("[...document.querySelectorAll('main td .badge')].map((b) => b.textContent)")
+    assert grades == [note.grade for note in made.notes]
+    assert not (bench.folder / "devices" / "arm.toml").exists()
+    said = tab.ask("document.querySelector('#command pre').textContent")
+    assert said == "haptid import arm.urdf --out devices/arm.toml"
+    tab.wait("!document.querySelector('form button').disabled")
+    tab.ask("document.querySelector('form').requestSubmit()")
+    tab.wait("document.querySelector('form [role=status]').textContent.startsWith('Saved')")
+    assert (bench.folder / "devices" / "arm.toml").read_text() == text
+    for name, body in (("a.xacro", source.read_text()), ("a.urdf", "<robot"), ("../a.urdf", source.read_text())):
+        assert bench.ask("POST", "/api/import", {"name": name, "text": body})[0] == 400
+
+
+def test_names_in_files_are_no_markup(bench, tab):
+    evil = "<img src=/evil.png onerror=alert(1)><script src=/evil.js></script>"
+    text = (bench.folder / "devices" / "two-links.toml").read_text()
+    text = text.replace('name = "two links"', f"name = '{evil}'\ndescription = '{evil}'\nsource = '{evil}'")
+    (bench.folder / "devices" / "evil.toml").write_text(text)
+    for path in ("/", "/device?path=devices/evil.toml"):
+        tab.go(bench.origin + path, LAPTOP)
+        tab.wait("document.querySelector('main').textContent.includes('<img src=/evil.png')")
+        assert tab.ask("document.querySelectorAll('main img, main script').length") == 0
+    assert not any("evil.png" in one or "evil.js" in one for one in tab.asked)
+    (bench.folder / "devices" / "evil.toml").unlink()
+
+
 def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     rng = np.random.default_rng(1)
     t = np.arange(100_000) * 1e-3
@@ -146,10 +189,7 @@ def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     path = bench.folder / "long.csv"
     pyarrow.csv.write_csv(pa.table({"t": t, **of}), path)
     tab.go(f"{bench.origin}/data", LAPTOP)
-    found = tab.call(
-        "DOM.querySelector", nodeId=tab.call("DOM.getDocument")["root"]["nodeId"], selector="input[type=file]"
-    )
-    tab.call("DOM.setFileInputFiles", nodeId=found["nodeId"], files=[str(path)])
+    chosen(tab, "input[type=file]", path)
     tab.wait("location.search.includes('long.csv') && document.querySelector('#plots')?.dataset.drawn")
     assert (bench.folder / "logs" / "long.csv").read_bytes() == path.read_bytes()
     assert tab.ask("document.querySelectorAll('.u-wrap canvas').length") == 2

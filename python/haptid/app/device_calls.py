@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptid.app.answers import Asked
-from haptid.errors import HaptidError
+from haptid.app.workspace import DEVICES, free_name
+from haptid.errors import HaptidError, WorkbenchError
 
 if TYPE_CHECKING:
     from haptid.app.pages import Session
 
 _Calls = dict[str, Callable[[Asked], Any]]
+# Robot descriptions that are read here. Xacro has expressions that are run, MJCF names other files: the command has
+# both.
+_DESCRIPTIONS = (".urdf", ".sdf")
 
 
 def device_reads(session: Session) -> _Calls:  # noqa: ARG001
@@ -33,7 +40,30 @@ def device_changes(session: Session) -> _Calls:
                 said = str(error).replace(str(path), name).replace(path.name, name)
                 return {"error": said, "where": error.where if isinstance(error.where, tuple) else None}
 
-    return {"device/check": check}
+    def take(asked: Asked) -> dict[str, Any]:
+        """A robot description as the text of a device file; nothing is written."""
+        from haptid.robot_files import import_robot
+
+        name, stem = asked.text("name"), Path(asked.text("name")).stem
+        session.workspace.check_name(name, *_DESCRIPTIONS)
+        with tempfile.TemporaryDirectory(prefix="haptid-import-") as folder:
+            path = Path(folder) / name
+            path.write_text(asked.text("text"), encoding="utf-8", errors="backslashreplace")
+            try:
+                made = import_robot(path)
+            except HaptidError as error:
+                raise WorkbenchError(str(error).replace(str(path), name), where=name) from error
+        notes = [{"grade": note.grade, "text": note.text, "line": note.line} for note in made.notes]
+        place = free_name(session.workspace.folder / DEVICES, f"{stem}.toml")
+        command = shlex.join(["haptid", "import", name, "--out", f"{DEVICES}/{place.name}"])
+        said = (
+            f"Torques at {made.check.states} random states differ from the description's by "
+            f"{made.check.torque:.1e} of the greatest."
+        )
+        text = made.text.replace(str(path), name)
+        return {"text": text, "path": f"{DEVICES}/{place.name}", "notes": notes, "check": said, "command": command}
+
+    return {"device/check": check, "import": take}
 
 
 def shipped_text(name: str) -> str:

@@ -7,6 +7,8 @@ export async function show(main, query) {
   el("h1", {}, main, "Device");
   const row = el("div", { class: "row" }, main);
   const choice = field(row, "Device", el("select"));
+  const file = field(row, "or import a URDF or SDF", el("input", { type: "file", accept: ".urdf,.sdf" }));
+  const taken = el("div", {}, main);
   const columns = el("div", { class: "columns" }, main);
   const left = el("div", {}, columns), right = el("div", {}, columns);
   const view = new View(right);
@@ -45,8 +47,18 @@ export async function show(main, query) {
     next.href = link("data", { device: path });
     place.value = shipped ? path : path.replace(/^devices\/|\.toml$/g, "");
   };
+  file.addEventListener("change", acting(main, async () => {
+    if (!file.files.length) return;
+    const name = file.files[0].name, made = await call("import", { name, text: await file.files[0].text() }, "POST");
+    imported(taken, name, made);
+    said.textContent = "Imported: not saved yet.";
+    place.value = made.path.replace(/^devices\/|\.toml$/g, "");
+    typed(made.command);
+    await editor.show(made.path, made.text, "");
+  }));
   const open = async (path) => {
     said.textContent = "";
+    taken.replaceChildren();
     address(path);
     if (path.includes("/")) {
       const file = await call("file", { path });
@@ -66,6 +78,16 @@ export async function show(main, query) {
   };
   choice.addEventListener("change", acting(main, () => open(choice.value)));
   await open(await list(query.get("path") ?? ""));
+}
+
+// What was taken from a robot description as it is, what is approximate, and what was left out.
+function imported(parent, name, made) {
+  parent.replaceChildren();
+  el("h2", {}, parent, `Imported from ${name}`);
+  el("p", {}, parent, made.check);
+  const grades = { exact: "ok", approximate: "doubt", "left out": "bad" };
+  const rows = made.notes.map((note) => [el("span", { class: `badge ${grades[note.grade] ?? ""}` }, null, note.grade), note.text, note.line ? String(note.line) : ""]);
+  if (rows.length) table(parent, ["", "", "line"], rows);
 }
 
 // What a device file means: kept as it was while the text is wrong.
