@@ -18,6 +18,7 @@ import pytest
 pytest.importorskip("starlette")
 
 from browser import LAPTOP, needs_browser
+from haptid.robot_files import import_robot
 
 pytestmark = needs_browser
 PROJECT = Path(__file__).resolve().parents[2]
