@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -12,14 +13,19 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
 import pytest
 from typer.testing import CliRunner
 
 pytest.importorskip("starlette")
 
+import haptid
 from conftest import ended, started
 from haptid.app.jobs import JobRecord, Jobs, JobState
 from haptid.cli import app
+from haptid.inference import drift
+from small_study import columns
 
 STUDY, OUT = "studies/two-links.toml", "results/two-links"
 PATIENCE = 120.0
@@ -155,6 +161,34 @@ def test_results_are_compared_and_drift_is_refused_for_shared_rows(bench):
     assert (status, "rows" in said["error"]) == (400, True)
     assert bench.ask("GET", f"/api/compare?paths={OUT}")[0] == 400
     shutil.rmtree(other)
+
+
+@pytest.mark.usefixtures("identified")
+def test_drift_over_dates_is_that_of_the_library(bench):
+    """A second day with a heavier forearm: its parameters drift, by the slopes that the library computes."""
+    for seed, name in ((3, "sweep-2.csv"), (4, "check-2.csv")):
+        day = columns(seed)
+        day["tau2"] = 1.05 * day["tau2"]
+        pyarrow.csv.write_csv(pa.table(day), bench.folder / "logs" / name)
+    text = (bench.folder / STUDY).read_text().replace("sweep.csv", "sweep-2.csv").replace("check.csv", "check-2.csv")
+    (bench.folder / "studies" / "second.toml").write_text(text)
+    checked = finished(bench, bench.ask("POST", "/api/check", {"path": "studies/second.toml"})[1])
+    assert checked["outcome"]["check"]["problems"] == []
+    second = {"path": "studies/second.toml", "out": "results/second"}
+    assert finished(bench, bench.ask("POST", "/api/identify", second)[1])["state"] == JobState.DONE
+    paths = f"{OUT},results/second"
+    status, found = bench.ask("GET", f"/api/compare?paths={paths}&times=2026-03-02,2026-03-09")
+    assert (status, [part["key"] for part in found["sections"]]) == (200, ["comparison", "drift"])
+    assert found["command"] == f"haptid compare {OUT} results/second --times 2026-03-02,2026-03-09"
+    results = [haptid.Result.load(bench.folder / path) for path in paths.split(",")]
+    lines = drift(haptid.compare(*results, labels=["1", "2"]), [0.0, 7.0])
+    assert lines.drifts
+    html = found["sections"][1]["html"]
+    for name, slope in zip(lines.names, lines.slope, strict=True):
+        assert re.search(rf"<td>{name}</td><td class=\"number\">{slope:.3g}</td>", html)
+    assert html.count("<td>yes</td>") == len(lines.drifts)
+    assert len([key for key in found["drawings"] if key.startswith("drift-")]) == len(lines.names)
+    assert bench.ask("GET", f"/api/compare?paths={paths}&times=monday,tuesday")[0] == 400
 
 
 def test_a_job_is_cancelled_within_a_second_and_leaves_nothing(bench):
