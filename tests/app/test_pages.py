@@ -306,7 +306,7 @@ def test_the_trial_goes_from_nothing_to_a_verdict(bench, tab, tmp_path):
         "solve": "/solve?path=studies/bench-phantom.toml",
         "use": "/use?path=results/bench-phantom&to=c",
     }.items():
-        tab.go(bench.origin + path, LAPTOP)
+        tab.go(bench.origin + path, LAPTOP, 1350 if name == "data" else 900)
         tab.wait("[...document.querySelectorAll('.chart')].every((c) => 'drawn' in c.dataset)")
         pictured(tab, name, tmp_path)
     assert tab.ask("document.querySelectorAll('main pre.code').length") >= 3

@@ -9,6 +9,8 @@ import pytest
 import haptid
 from haptid.demos import kind_of, read_demo
 from haptid.demos.cea_branches.compensation import bound, without_friction
+from haptid.demos.cea_branches.results import interface_of
+from haptid.demos.cea_branches.sections import _interface
 from haptid.demos.recordings import record
 from haptid.demos.run import write_results
 from haptid.end_effector.characterisation import GivenParameters
@@ -74,6 +76,7 @@ def found(demo, tmp_path_factory):
             "stretch": short,
             "branches": demo.branches[:1],
             "drawn": demo.drawn[1:],
+            "interface": None,
             "compensation": demo.compensation.model_copy(update={"degrees": (60.0,), "seconds": 0.8, "settled": 0.3}),
         }
     )
@@ -155,3 +158,30 @@ def test_without_friction_the_bodies_are_the_same(demo, model, tmp_path):
     before, after = model.base.of(setup.chi), model.base.of(without_friction(setup).chi)
     rubs = np.array([name.startswith(("FC", "FV")) for name in model.base.names])
     np.testing.assert_allclose(after, np.where(rubs, 0.0, before), atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def interface(demo, tmp_path_factory):
+    """Both branches on one handle, from logs of a few seconds at a lower control rate."""
+    folder = tmp_path_factory.mktemp("interface")
+    plan = demo.interface.model_copy(update={"identify": (1.5, 6.5), "validate_": (1.5, 4.5)})
+    for take in kind_of(demo).takes(demo, folder)[:2]:
+        text = take.experiment.read_text(encoding="utf-8")
+        text = text.replace("seconds = 20.0", "seconds = 8.0").replace("seconds = 12.0", "seconds = 6.0")
+        take.experiment.write_text(text, encoding="utf-8")
+        record(take)
+    return interface_of(plan, folder, lambda _what, _share: None)
+
+
+def test_the_whole_interface_is_identified(interface):
+    """Unseen motion to 0.5 %, most intervals with the true value, and what the hand feels to 2 %."""
+    assert (len(interface.model.device.motors), len(interface.model.device.active)) == (7, 6)
+    assert interface.cross.relative < 0.5
+    assert len(interface.inside) > 0.8 * len(interface.model.base)
+    for name in ("linear", "angular"):
+        found, true = (handles[name].apparent_mass.values for handles in (interface.at_posture, interface.truly))
+        np.testing.assert_allclose(found[:, :2], true[:, :2], rtol=0.02)
+    section = _interface(interface)
+    assert [len(row) for row in section.tables[0].cells] == [len(section.tables[0].cells[0])] * 3
+    assert "83 base parameters of 237" in section.text[1]
+    assert len(section.tables[1].cells) == 15

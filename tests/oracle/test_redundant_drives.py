@@ -69,6 +69,25 @@ def chi_of(model, seed=3):
     return chi
 
 
+def test_a_motion_that_was_followed_before_gives_the_same():
+    """Of a closure that keeps what it followed, and of a new one; at rest the rates do not change."""
+    device = haptid.read_device("delta")
+    rng = np.random.default_rng(5)
+    qa = device.closure.draw(rng, 40)
+    qda = rng.standard_normal(qa.shape)
+    first = device.closure.follow(qa, qda)
+    again, still = device.closure.follow(qa, qda), device.closure.follow(qa)
+    fresh = haptid.read_device("delta").closure.follow(qa, qda)
+    for name in ("q", "G", "Gd"):
+        assert (getattr(first, name) == getattr(again, name)).all()
+        assert (getattr(first, name) == getattr(fresh, name)).all()
+    assert (still.G == first.G).all()
+    assert not still.Gd.any()
+    assert np.abs(first.Gd).max() > 0
+    with pytest.raises(ValueError, match="read-only"):
+        first.G[0] = 0.0
+
+
 @pytest.mark.parametrize("name", DRIVEN)
 def test_mujocos_actuators_load_the_coordinates_as_b(name, tmp_path):
     """The moment arms of MuJoCo's actuators, projected on the independent joints, are B."""

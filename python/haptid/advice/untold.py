@@ -18,6 +18,8 @@ _TOLD = 1e-4
 # Unseen error, per cent, below which nothing needs to be said of what remains; size of an effect, per cent of the
 # torque, below which it need not be told.
 _CLOSE, _SMALL = 5.0, 5.0
+# An effect as large as the whole torque, per cent, would not be small.
+_WHOLE = 100.0
 # Power at which the smallest effect that the log can tell is stated.
 _POWER = 0.8
 # Kinds of which that is stated.
@@ -96,7 +98,9 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
             continue
         by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent
         theta = max(z * float(trial.se[0]), by_share)
-        made.append((one, float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))))
+        share = float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))
+        if share < _WHOLE:
+            made.append((one, share))
     return sorted(made, key=lambda each: -each[1])
 
 

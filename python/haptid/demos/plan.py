@@ -73,9 +73,9 @@ class Demo(Part):
         path.write_text("\n".join(["".join(head), *parts]), encoding="utf-8")
         return path
 
-    def take(self, key: str, logs: Path, ending: str = "", exact: bool = False) -> Take:
+    def take(self, key: str, logs: Path, ending: str = "", exact: bool = False, device: str | None = None) -> Take:
         """One of the experiments, written into the folder of the logs, as a log to be recorded."""
-        return Take(self.device, self.write_experiment(key, logs), logs / f"{key}{ending}.parquet", exact)
+        return Take(device or self.device, self.write_experiment(key, logs), logs / f"{key}{ending}.parquet", exact)
 
 
 @dataclass(frozen=True)

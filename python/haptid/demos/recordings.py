@@ -171,7 +171,7 @@ def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRe
     return BenchRecording(
         model=model,
         path=path,
-        beta=as_in_file(model, mounted, truth),
+        beta=truth if mounted is model else as_in_file(model, mounted, truth),
         t=_columns(table, ["t"])[0],
         q=q,
         qd=qd,

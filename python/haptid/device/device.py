@@ -14,7 +14,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed
 from haptid.device.parameters import Combination, StandardParameters, Symmetry
 from haptid.device.terms.term import Searched, TermColumn
-from haptid.errors import IncompleteDeviceError
+from haptid.errors import IncompleteDeviceError, SingularityError
 
 if TYPE_CHECKING:
     from haptid.device.collision import CollisionShape
@@ -194,11 +194,21 @@ class DistributionLaw:
 
         Args:
             rates: B, the Jacobian of the drives by the rows' coordinates, (..., drives, rows).
+
+        Raises:
+            SingularityError: there are more drives than rows, and at a pose they cannot move every coordinate.
         """
         if rates.shape[-1] == rates.shape[-2]:
             return np.asarray(np.swapaxes(np.linalg.inv(rates), -1, -2))
-        scaled = rates / np.sqrt(self.weights)[:, None]
-        return np.asarray(np.swapaxes(np.linalg.pinv(scaled), -1, -2) / np.sqrt(self.weights)[:, None])
+        root = np.sqrt(self.weights)[:, None]
+        Q, R = np.linalg.qr(rates / root)
+        if not np.diagonal(R, axis1=-2, axis2=-1).all():
+            raise SingularityError(
+                "at a pose of the motion the motors cannot move every coordinate, so that no torques of theirs balance "
+                "those of the coordinates.",
+                advice="Keep the motion away from the pose at which the motors' levers vanish.",
+            )
+        return np.asarray(Q @ np.swapaxes(np.linalg.inv(R), -1, -2) / root)
 
     def balanced(self, rates: Array, torque: Array) -> Array:
         """The part of drives' torques that moves nothing, (..., drives): the rest is what the law gives.

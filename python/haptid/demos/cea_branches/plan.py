@@ -116,8 +116,20 @@ class Compensating(Part):
     hand_damping: float = Field(description="of the same, N s/m")
 
 
+class Interface(Part):
+    """Both branches on one handle: KEY is the experiment that identifies, `unseen` the one that validates."""
+
+    device: str
+    key: str
+    unseen: str
+    identify: _Pair = Field(description="used times of the log, s")
+    validate_: _Pair = Field(alias="validate", description="the same of the other log")
+    posture: dict[str, float] = Field(description="of the active joints, degrees")
+    limits: dict[str, float] = Field(description="torque of the motors, assumed, N m")
+
+
 class CeaDemo(Demo):
-    """Branches of one device."""
+    """Branches of one device, and the device that they make."""
 
     kind: Literal["cea_branches"]
     stretch: Stretch
@@ -127,6 +139,7 @@ class CeaDemo(Demo):
     statements: tuple[Statement, ...]
     posture: Posture
     compensation: Compensating
+    interface: Interface | None = None
 
     @cached_property
     def tables(self) -> dict[str, Table]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.compensation import Compensated, compensated
-from haptid.demos.cea_branches.plan import Branch, CeaDemo, Stretch
+from haptid.demos.cea_branches.interface import IdentifiedInterface, identified_interface
+from haptid.demos.cea_branches.plan import Branch, CeaDemo, Interface, Stretch
 from haptid.demos.plan import Progress, Table
 from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
@@ -172,7 +173,14 @@ class Handle:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """All results of the demonstration: friction tests, identifications and handles by branch, and compensation."""
+    """All results of the demonstration.
+
+    Attributes:
+        demo, model: its plan, and the model of a branch.
+        friction, found, handles: friction tests, identifications and end-effectors by branch.
+        compensated: inertia compensation of one branch.
+        interface: both branches on one handle; None without it.
+    """
 
     demo: CeaDemo
     model: DynamicModel
@@ -180,12 +188,14 @@ class Results:
     found: Mapping[str, Identified]
     handles: Mapping[str, Handle]
     compensated: Compensated
+    interface: IdentifiedInterface | None
 
 
 def takes(demo: CeaDemo, logs: Path) -> list[Take]:
-    """Of every branch the friction test, the log that identifies and the unseen one; long ones first."""
-    kinds = ("friction", "key", "unseen")
-    return [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
+    """Both logs of the interface, and of every branch the friction test and its two logs; long ones first."""
+    whole, kinds = demo.interface, ("friction", "key", "unseen")
+    made = [demo.take(key, logs, device=whole.device) for key in (whole.key, whole.unseen)] if whole else []
+    return made + [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
 
 
 def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
@@ -215,4 +225,17 @@ def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
     setup = read_experiment(logs / f"{plan.branch}.toml").setup(model)
     made = compensated(plan, demo.sweep(plan.sweep), found[plan.branch].reduced, setup)
     progress("compensating", 1.0)
-    return Results(demo, model, friction, found, handles, made)
+    whole = interface_of(demo.interface, logs, progress) if demo.interface else None
+    return Results(demo, model, friction, found, handles, made, whole)
+
+
+def interface_of(plan: Interface, logs: Path, progress: Progress) -> IdentifiedInterface:
+    """The whole interface from its two logs."""
+    progress("identifying the interface", 0.0)
+    model = DynamicModel(read_device(plan.device))
+    logged, other = (
+        read_recording(model, logs / f"{key}.toml", logs / f"{key}.parquet") for key in (plan.key, plan.unseen)
+    )
+    made = identified_interface(plan, logged, other)
+    progress("identifying the interface", 1.0)
+    return made

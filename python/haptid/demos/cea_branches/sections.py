@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.demos.cea_branches.interface import IdentifiedInterface
 from haptid.demos.cea_branches.plan import Drawn, Sweep
 from haptid.demos.cea_branches.results import Identified, Results
-from haptid.demos.cea_branches.tables import friction, parameters, posture, ranged, sweeps
+from haptid.demos.cea_branches.tables import friction, handle_of_interface, parameters, posture, ranged, sweeps
 from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
@@ -24,7 +25,8 @@ _COLOURS = ("blue", "vermillion", "green")
 def sections(found: Results) -> list[DocumentSection]:
     """All sections of the page but the claims."""
     makers = (_friction, _identification, _elimination, _parameters, _masses, _posture, _compensation)
-    return [make(found) for make in makers]
+    whole = [_interface(found.interface)] if found.interface else []
+    return [*(make(found) for make in makers), *whole]
 
 
 def _friction(found: Results) -> DocumentSection:
@@ -266,3 +268,33 @@ def _compensation(found: Results) -> DocumentSection:
     caption = f"Stable share {figure(made.bound)}, target {figure(made.target)} kg."
     chart = Chart("compensation", "Largest apparent mass", "Apparent mass along the sweep.", caption, drawing)
     return DocumentSection("law", "Inertia compensation", text, (TextTable("Apparent mass, kg", cells),), (chart,))
+
+
+def _interface(one: IdentifiedInterface) -> DocumentSection:
+    """Both branches on one handle."""
+    device, base, rows = one.model.device, one.model.base, one.estimate.observation
+    text = (
+        f"{device.name}: {len(device.joints)} joints, {len(device.active)} degrees of freedom, {len(device.motors)} "
+        "motors. Published are the branches alone; the device file says what is assumed of how they stand and hold the "
+        f"handle. Torque rows are those of the {len(device.active)} coordinates, B' times the motors' torques; their "
+        "covariance varies with the pose.",
+        f"{len(base)} base parameters of {len(base.standard)}, from {rows.rows} rows of "
+        f"{one.plan.identify[1] - one.plan.identify[0]:g} s; {len(one.inside)} of their 95 % intervals contain the "
+        f"true value. Treatment: {' '.join(one.proposal.reasons)}",
+    )
+    labels = [motor.label for motor in one.cross.motors]
+    errors = [["comparison", *labels, "all"]]
+    errors.append(["unseen motion", *_errors(one.cross)])
+    errors.append(["unseen motion, all rows", *_errors(one.cross_everywhere)])
+    tables = (
+        TextTable("100 norm(measured - predicted) / norm(measured) of the treated torque, per cent", errors),
+        TextTable("Handle at a posture, 95 % intervals", handle_of_interface(one)),
+    )
+    made = predict(one.estimate, one.unseen)
+    residual = np.where(made.used, made.measured - made.predicted, 0.0)
+    title = "Unseen motion"
+    upper = {"measured": ("black", made.measured[:1]), "predicted": ("blue", made.predicted[:1])}
+    lower = {"residual, zero at reversals": ("vermillion", residual[:1])}
+    charts = panels("interface", title, made.motors[:1], made.units[0], made.t, upper)
+    charts += panels("interface-residual", title, ["residual"], made.units[0], made.t, lower)
+    return DocumentSection("interface", "The whole interface", text, tables, tuple(charts))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.demos.cea_branches.interface import IdentifiedInterface
 from haptid.demos.cea_branches.results import Handle, Identified, Results, coulomb_of
 from haptid.demos.plan import write_csv
+from haptid.end_effector.characterisation import Characterisation
 from haptid.uncertainty.quantities import Field, aligned
 from haptid.validation.validation import Validation
 
@@ -94,14 +96,36 @@ def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str]
     yield ("peak force in the worst direction", "N"), shown(c.greatest_force(plan.limits)[0])
 
 
-def shown(figure: Field, k: int | None = None) -> str:
+def handle_of_interface(one: IdentifiedInterface) -> _Cells:
+    """The handle of the whole interface at its posture: masses, rotational inertias, friction, greatest force."""
+    limits, true = one.plan.limits, dict(_at_interface(one.truly, one.plan.limits))
+    found = _at_interface(one.at_posture, limits)
+    return [["figure", "unit", "found", "true"], *([*key, text, true[key]] for key, text in found)]
+
+
+def _at_interface(
+    at: Mapping[str, Characterisation], limits: Mapping[str, float]
+) -> Iterator[tuple[tuple[str, str], str]]:
+    """Name and unit of each figure, and its value with a 95 % interval where it has one."""
+    for k in range(3):
+        yield (f"effective mass {k + 1}", "kg"), shown(at["linear"].apparent_mass, k)
+    for k in range(3):
+        yield (f"effective inertia {k + 1}", "kg m^2"), shown(at["angular"].apparent_mass, k, digits=6)
+    for k, axis in enumerate((*_AXES, *(f"about {axis}" for axis in _AXES))):
+        direction, unit = np.eye(6)[k], "N" if k < len(_AXES) else "N m"
+        yield (f"Coulomb friction, {axis}", unit), shown(at["both"].coulomb_friction(direction), k)
+    yield ("peak force in the worst direction", "N"), shown(at["linear"].greatest_force(limits)[0])
+    yield ("peak moment in the worst direction", "N m"), shown(at["angular"].greatest_force(limits)[0])
+
+
+def shown(figure: Field, k: int | None = None, digits: int = 4) -> str:
     """The figure of the only pose, and its interval."""
     pick = 0 if k is None else (0, k)
     value, band = float(figure.values[pick]), figure.conf_int()
     if band is None or not np.isfinite(band[pick]).all() or np.ptp(band[pick]) == 0:
-        return f"{value:.4f}"
+        return f"{value:.{digits}f}"
     low, high = band[pick]
-    return f"{value:.4f} ({low:.4f} .. {high:.4f})"
+    return f"{value:.{digits}f} ({low:.{digits}f} .. {high:.{digits}f})"
 
 
 def summary(found: Results) -> str:
@@ -126,6 +150,8 @@ def write_files(found: Results, folder: Path) -> None:
     """One table of parameters for each branch, friction test, sweeps and posture, each as text and CSV."""
     tables = {Path(one.branch.table).stem: parameters(one) for one in found.found.values()}
     tables |= {"friction": friction(found), "sweeps": sweeps(found), "posture": posture(found)}
+    if found.interface:
+        tables["interface"] = handle_of_interface(found.interface)
     for name, cells in tables.items():
         (folder / f"{name}.txt").write_text("\n".join(aligned(cells)) + "\n", encoding="utf-8")
         write_csv(folder / f"{name}.csv", cells)
@@ -147,6 +173,21 @@ def values(found: Results) -> dict[str, Any]:
             "stable_share": made.bound,
             "lag": made.lag,
         },
+        "interface": _interface(found.interface) if found.interface else None,
+    }
+
+
+def _interface(one: IdentifiedInterface) -> dict[str, Any]:
+    every = zip(one.model.base.names, one.model.base.units, one.estimate.beta, one.estimate.se, one.beta, strict=True)
+    return {
+        "reasons": one.proposal.reasons,
+        "relative_error_percent": {"cross": _errors(one.cross), "cross, all rows": _errors(one.cross_everywhere)},
+        "intervals that contain the true value": len(one.inside),
+        "parameters": {
+            name: {"unit": unit, "true": float(true), "value": float(value), "se": float(se)}
+            for name, unit, value, se, true in every
+        },
+        "posture": {f"{what}, {unit}": text for what, unit, text, _ in handle_of_interface(one)[1:]},
     }
 
 

@@ -44,6 +44,8 @@ class Followed:
 
     def by(self, B: Array) -> Followed:
         """The same with rates by coordinates c = B qa, B being (active, active)."""
+        if (np.eye(len(B)) == B).all():
+            return self
         to_joints = np.linalg.inv(B)
         return Followed(self.q, self.G @ to_joints, self.Gd @ to_joints)
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import importlib
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.device import Cut
 from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
 from haptid.device.loops.linear import Followed
@@ -34,6 +35,9 @@ _STARTS = 256
 _SAME = 1e-3
 # Poses at which rates are tested for being zero, and the largest rate that counts as zero.
 _POSES, EFFECT = 24, 1e-9
+
+# Largest Jacobian over the samples that is kept after a motion was followed, bytes.
+_KEPT = 1 << 25
 
 # Guessed positions of passive joints, and the active joints' start pose, (active,).
 Start = tuple[Mapping[int, float], Array]
@@ -106,10 +110,22 @@ class NewtonClosure:
         Raises:
             LoopClosureError, SingularityError: as for `positions`.
         """
+        at_rest = qda is None
         qa, qda = _rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else _rows(qda)
+        for at, followed in self._followed:
+            if np.array_equal(at[0], qa) and (at_rest or np.array_equal(at[1], qda)):
+                return followed if not at_rest else Followed(followed.q, followed.G, np.zeros_like(followed.Gd))
         q, G, Gd, stop = compiled_closure(self).follow(qa, qda)
         self._expect_reached(qa, stop)
-        return Followed(q.T, G, Gd)
+        followed = Followed(freeze(q.T), freeze(G), freeze(Gd))
+        if G.nbytes <= _KEPT:
+            self._followed.append(((qa.copy(), qda.copy()), followed))
+        return followed
+
+    @cached_property
+    def _followed(self) -> deque[tuple[tuple[Array, Array], Followed]]:
+        """The last motions followed: every friction term, and the core's inputs, ask for those of the same motion."""
+        return deque(maxlen=4)
 
     def closes(self, qa: Array) -> np.ndarray:
         """Whether the loops close at each pose, reached from the start pose without a singularity, (samples,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -114,23 +114,25 @@ class ChannelWhitening:
     variances: Array
 
     def __call__(self, chunk: Chunk) -> Chunk:
-        W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
-        for motors, at, B in _patterns(chunk):
-            factor = np.linalg.cholesky(np.einsum("sci,c,scj->sij", B, self.variances, B))
-            both = np.concatenate([chunk.W[np.ix_(motors, at)], chunk.y[np.ix_(motors, at)][:, :, None]], axis=2)
-            white = np.linalg.solve(np.broadcast_to(factor, (len(at), *factor.shape[1:])), both.transpose(1, 0, 2))
-            W[np.ix_(motors, at)], y[np.ix_(motors, at)] = white[..., :-1].transpose(1, 0, 2), white[..., -1].T
-        return chunk.with_rows(W, y)
+        B = _used_shares(chunk)
+        factor = np.linalg.cholesky(_row_covariances(B, self.variances, chunk.used))
+        both = np.concatenate([chunk.W, chunk.y[:, :, None]], axis=2) * chunk.used[:, :, None]
+        white = np.linalg.solve(factor, both.transpose(1, 0, 2)).transpose(1, 0, 2)
+        return chunk.with_rows(np.ascontiguousarray(white[..., :-1]), np.ascontiguousarray(white[..., -1]))
 
 
-def _patterns(chunk: Chunk) -> Iterator[tuple[np.ndarray, np.ndarray, Array]]:
-    """Instants at which the same rows are used: the rows, the instants, and B, (instants or 1, channels, rows)."""
+def _used_shares(chunk: Chunk) -> Array:
+    """B of the torque channels by the rows, (instants, channels, rows); zero for rows that are not used."""
     B = channel_shares(chunk.model.device, chunk.plan.motion, chunk.centres(chunk.c))[:, :, list(chunk.coordinates)]
-    patterns, which = np.unique(chunk.used, axis=1, return_inverse=True)
-    for number, pattern in enumerate(patterns.T):
-        motors, at = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == number)
-        if len(motors):
-            yield motors, at, (B if len(B) == 1 else B[at])[:, :, motors]
+    return np.asarray(B * chunk.used.T[:, None, :])
+
+
+def _row_covariances(B: Array, variances: Array, used: np.ndarray) -> Array:
+    """B' Sigma B of every instant, (instants, rows, rows), with ones on the diagonal for rows that are not used."""
+    covariances = np.swapaxes(B, 1, 2) @ (B * variances[:, None])
+    rows = np.arange(B.shape[2])
+    covariances[:, rows, rows] += ~used.T
+    return np.asarray(covariances)
 
 
 def channel_variances(rows: Rows, beta: Array) -> Array:
@@ -139,18 +141,19 @@ def channel_variances(rows: Rows, beta: Array) -> Array:
     Expectation maximisation: at each instant the channels' errors e have mean K r and covariance Sigma - K B' Sigma
     given the rows' residual r = B' e, with K = Sigma B (B' Sigma B)^-1.
     """
-    parts = [(B, chunk.residual(beta)[np.ix_(motors, at)].T) for chunk in rows for motors, at, B in _patterns(chunk)]
+    chunks = list(rows)
+    B = np.concatenate([_used_shares(chunk) for chunk in chunks])
+    used = np.concatenate([chunk.used for chunk in chunks], axis=1)
+    r = np.concatenate([chunk.residual(beta) for chunk in chunks], axis=1).T * used.T
+    count = int(used.any(axis=0).sum())
     floor: Array | None = None
-    variances = np.ones(parts[0][0].shape[1])
+    variances = np.ones(B.shape[1])
     for step in range(_STEPS):
-        total, count = np.zeros_like(variances), 0
-        for B, r in parts:
-            scaled = B * variances[:, None]
-            K = np.linalg.solve(np.swapaxes(B, 1, 2) @ scaled, np.swapaxes(scaled, 1, 2))
-            e = np.einsum("src,sr->sc", np.broadcast_to(K, (len(r), *K.shape[1:])), r)
-            left = variances - np.einsum("scr,src->sc", scaled, K)
-            total += (e**2).sum(axis=0) + (0 if step == 0 else left.mean(axis=0) * len(r))
-            count += len(r)
+        scaled = B * variances[:, None]
+        K = np.linalg.solve(_row_covariances(B, variances, used), np.swapaxes(scaled, 1, 2))
+        total = (np.einsum("src,sr->sc", K, r) ** 2).sum(axis=0)
+        if step:
+            total += variances * count - np.einsum("scr,src->c", scaled, K)
         before, variances = variances, total / count
         if floor is None:  # of least squares; a channel that loads no row keeps its proportion
             floor = _LEAST_SHARE * np.maximum(variances, variances.max() * np.finfo(float).eps)

@@ -20,6 +20,7 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
     series, days = found.series, found.times - found.times.min()
     half = half_width(series.se, series.dof, series.confidence)
     low, high = found.conf_int().T
+    margin = 0.03 * float(days.max())
     units = [f"{unit}/{found.unit}" for unit in series.units]
     share = f"{100 * series.confidence:g} %"
     rows = [
@@ -34,7 +35,7 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
             f"{name} at {len(days)} dates with {share} intervals.",
             f"Slope {figure(found.slope[k])} {units[k]}, {figure(low[k])} to {figure(high[k])}.",
             plot(
-                axis(f"time since {min(dates)}", found.unit),
+                axis(f"time since {min(dates)}", found.unit, low=-margin, high=days.max() + margin),
                 axis(name, series.units[k]),
                 [
                     chart_series(
