@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 # Names of the pages; the first part of their addresses.
 PAGES = ("device", "data", "solve", "results", "use")
-# How long a look at the disk is good for, s.
-_FRESH = 0.5
+# A look at the disk is good for this many times what it took: many pages at once do not scan a large folder each.
+_FRESH = 2.0
 
 
 class Session:
@@ -40,7 +40,7 @@ class Session:
     def __init__(self, workspace: WorkbenchFolder, largest_log: int, reindex: bool = False) -> None:
         self.workspace, self.largest_log = workspace, largest_log
         self.jobs = Jobs(workspace.folder, workspace.own() / "jobs")
-        self._reindex, self._lock, self._looked = reindex, threading.Lock(), -_FRESH
+        self._reindex, self._lock, self._good_until = reindex, threading.Lock(), 0.0
 
     @cached_property
     def _index(self) -> Index:
@@ -55,14 +55,16 @@ class Session:
     def index(self) -> Index:
         """The index, as the files are now."""
         with self._lock:
-            if time.monotonic() - self._looked > _FRESH:
+            began = time.monotonic()
+            if began >= self._good_until:
                 self._index.refresh()
-                self._looked = time.monotonic()
+                done = time.monotonic()
+                self._good_until = done + _FRESH * (done - began)
             return self._index
 
     def changed(self) -> None:
         """Have the next look see a file that was written just now."""
-        self._looked = -_FRESH
+        self._good_until = 0.0
 
     def routes(self) -> list[BaseRoute]:
         """The calls of all pages."""
