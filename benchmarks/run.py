@@ -37,6 +37,7 @@ import simulated_coverage
 import speed_report
 import start_up
 import virtual_bench
+import workbench
 from haptid import _core
 from zoo import study as zoo_study
 
@@ -68,6 +69,7 @@ STUDIES = {
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
     "estimator-benchmark": estimator_benchmark.run,
+    "workbench": workbench.run,
     "zoo": zoo_study.run,
 }
 

@@ -81,6 +81,12 @@ class RFactorCache:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def partial_of(out: Path) -> RFactorCache:
+    """The cache of an interrupted run of a result folder, beside it."""
+    target = out.resolve()
+    return RFactorCache(target.with_name(f".{target.name}.partial"))
+
+
 def fingerprint(plan: Plan) -> str:
     """Hash of everything that a plan's R factors depend on: the log's bytes, channels and notes, treatment, device.
 
