@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 _MOST, _ROWS = 64, 20_000
 # Least correlation of a column with the integral of its rate, and of two copies of one signal.
 _INTEGRAL, _COPY = 0.98, 0.98
-# The same of a velocity with the integral of accelerations, which are noisy; share by which the sampling period that they
-# give differs at most.
+# The same of a velocity with the integral of noisy accelerations; share by which the sampling period of these differs.
 _NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
 # Correlation by which two copies of a position differ as integrals of one rate.
 _EQUAL = 0.01
