@@ -7,7 +7,7 @@ from scipy.stats import binom
 from elastic_axis import ROTOR, estimated
 from haptid.inference import diagnose
 from haptid.inference.diagnosis.residuals import residuals
-from haptid.inference.diagnosis.rigid_range import RIGID_LEVEL, frequency_ranges, rigid_range
+from haptid.inference.diagnosis.rigid_range import FALSE_ALARMS, frequency_ranges, rigid_range
 
 SEEDS = 40
 
@@ -43,7 +43,7 @@ def test_rigid_axes_raise_few_alarms():
         found(estimated(seed, seconds=20.0, noise=(0.01, 0.05)[seed % 2], dt=4e-3)).status != "ok"
         for seed in range(SEEDS)
     )
-    assert alarms <= binom.ppf(0.999, SEEDS, RIGID_LEVEL)
+    assert alarms <= binom.ppf(0.999, SEEDS, FALSE_ALARMS)
 
 
 def test_bands_without_excitation_tell_nothing():

@@ -40,7 +40,7 @@ _LEVERAGE, _LEAST_DOF = 0.05, 2.0
 # Bands from which growth with frequency is told.
 _LEAST_BANDS = 3
 # Probability that a rigid device fails in any band of any motor.
-RIGID_LEVEL = 0.03
+FALSE_ALARMS = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ class FrequencyRange:
     p: Array
 
     def fails(self, tests: int) -> np.ndarray:
-        """Whether the rigid model fails in each band, at RIGID_LEVEL over so many tests, (bands,)."""
-        return np.asarray(self.tells & (self.p * tests < RIGID_LEVEL) & (np.abs(self.ratio - 1) > FAILS))
+        """Whether the rigid model fails in each band, at FALSE_ALARMS over so many tests, (bands,)."""
+        return np.asarray(self.tells & (self.p * tests < FALSE_ALARMS) & (np.abs(self.ratio - 1) > FAILS))
 
     @property
     def conf_int(self) -> Array:
@@ -210,7 +210,7 @@ def rigid_range(ranges: Sequence[FrequencyRange]) -> Finding:
         off = f"off by {100 * (float(one.ratio[fails][-1]) - 1):+.0f} % at {float(one.high[fails][-1]):.3g} Hz"
         failed.append(f"{one.label} up to {end:.3g} Hz ({off})")
         slope, p = one.growth()
-        if fails[one.tells][-1] and p * len(ranges) < RIGID_LEVEL and abs(slope) * highest**2 > FAILS:
+        if fails[one.tells][-1] and p * len(ranges) < FALSE_ALARMS and abs(slope) * highest**2 > FAILS:
             figures[f"{one.label}, resonance, Hz"] = resonance = abs(slope) ** -0.5
             elastic.append(f"{one.label}, about {resonance:.2g} Hz")
     return Finding("rigid range", "doubt" if failed else "ok", figures, " ".join(_sentences(held, failed, elastic)))

@@ -47,7 +47,7 @@ class ResidualSection(Section):
             charts += own
         told = [one for one in source.diagnosis.ranges if one.tells.sum() > 1]  # a curve
         ranges = list(range(len(charts), len(charts) + len(told)))
-        charts += [_ratio(one) for one in told]
+        charts += [frequency_response(one) for one in told]
         return cls(charts=tuple(charts), logs=logs, ranges=ranges)
 
 
@@ -116,7 +116,7 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
     return Chart(f"spectrum-{k}-{motor}", f"{label}: spectrum", alt, caption, drawing)
 
 
-def _ratio(one: FrequencyRange) -> Chart:
+def frequency_response(one: FrequencyRange) -> Chart:
     """Measured over predicted torque of a motor by frequency, with its 95 % band."""
     told = one.tells
     f, interval = np.sqrt(one.low * one.high)[told], one.conf_int[told]
