@@ -37,10 +37,11 @@ from haptid.estimation.methods.regularised import (
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 
-# Folds of the cross-validation: each block is in one, neighbours in different ones.
-_FOLDS = 5
+# Folds of the cross-validation: each block is in one, neighbours in different ones. Of few blocks there are fewer folds,
+# with two blocks each.
+_FOLDS, _IN_FOLD = 5, 2
 # Fewer blocks than these are not split.
-_FEWEST_BLOCKS = 2 * _FOLDS
+_FEWEST_BLOCKS = 2 * _IN_FOLD
 # Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 _LEAST_GAIN = 0.02
@@ -230,14 +231,15 @@ def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Tri
     if count < _FEWEST_BLOCKS:
         return None
     scale = 1.0 if made.fit.unit_residual else made.fit.solution.rest / np.sqrt(made.fit.solution.dof)
-    fold_of = np.arange(count) % _FOLDS
+    folds = min(_FOLDS, count // _IN_FOLD)
+    fold_of = np.arange(count) % folds
     held = _folds(rows, fold_of, reference)
     whole = reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
     measure = _Measure.of(whole)
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
-    for fold in range(_FOLDS):
+    for fold in range(folds):
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(made.fit.weights / scale)
         mine = np.flatnonzero(held == fold)
         if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
