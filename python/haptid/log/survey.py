@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
+from haptid.log.by_numbers import rate_by_velocities, recognised
 from haptid.log.formats.messages.containers import Topic, containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
@@ -28,6 +29,10 @@ from haptid.log.units import known_unit
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # Channels of a topic or table that are looked at, and columns of a table that are read together.
 _MOST, _TOGETHER = 400, 16
+# Numbers of a table that is read as a whole, to recognise channels by them.
+_NUMBERS = 20_000_000
+# Relative error of a rate by the velocities.
+_RATE_ERROR = 0.005
 # Words of channels' names, after the last point and without digits and units.
 _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
@@ -153,7 +158,7 @@ def survey(path: str | Path, joints: Sequence[tuple[str, ...]] = (), motors: Seq
     """
     path = Path(path)
     kind, notes = format_of(path), list[str]()
-    topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes)]
+    topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes, len(joints))]
     return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind, joints, motors or joints))
 
 
@@ -248,7 +253,7 @@ def _topic(
     )
 
 
-def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
+def _tabulated(path: Path, kind: Format, notes: list[str], joints_wanted: int) -> TopicSurvey:
     names, stated = kind.names(path), kind.units(path)
     channels: list[ChannelSurvey] = []
     count, rate = 0, 0.0
@@ -273,7 +278,55 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         from haptid.log.formats import lerobot  # needs pyarrow
 
         rate = lerobot.describe(path).fps
+    elif len(channels) * count < _NUMBERS:
+        channels, rate = _by_numbers(path, kind, channels, rate, joints_wanted)
     return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels))
+
+
+def _by_numbers(
+    path: Path, kind: Format, channels: list[ChannelSurvey], rate: float, joints: int
+) -> tuple[list[ChannelSurvey], float]:
+    """The channels, those that no name told recognised by their numbers, and the rate."""
+    by_name = [[c.name for c in channels if c.quantity == quantity] for quantity in ("position", "velocity")]
+    full = [k for k, c in enumerate(channels) if c.count and not c.missing]
+    if by_name[0]:
+        if not rate and len(by_name[0]) == len(by_name[1]):
+            q, v = (np.column_stack([*_columns(path, kind, own, Request()).values()]) for own in by_name)
+            rate = _likely(rate_by_velocities(q.astype(float), v.astype(float)))
+        return channels, rate
+    if len(full) < 3 or any(c.quantity == "torque" for c in channels):
+        return channels, rate
+    read = _columns(path, kind, [channels[k].name for k in full], Request())
+    found = recognised([*read.values()], joints)
+    if found is None or len(read) != len(full):
+        return channels, rate
+    made, n = list(channels), len(found.positions)
+
+    def name(own: Sequence[int]) -> str:
+        return f"{channels[full[own[0]]].name} to {channels[full[own[-1]]].name}"
+
+    if found.time is not None:
+        k = full[found.time]
+        made[k], rate = _timed(made[k], np.asarray(read[made[k].name]), "")
+    rate = rate or _likely(1 / found.step_s)
+    why = f"{name(found.velocities)} are its rates (correlation {found.correlation:.2f})"
+    largest = max(max(abs(made[full[k]].low), abs(made[full[k]].high)) for k in found.positions)
+    unit = _unit("position", frozenset(), largest, made[full[found.positions[0]]], "")[0]
+    for own in found.positions:
+        made[full[own]] = replace(made[full[own]], quantity="position", unit=unit, reason=why)
+    for own in found.velocities:
+        made[full[own]] = replace(made[full[own]], quantity="velocity")
+    if found.torques:
+        others = " or ".join(name(block) for block in found.torques[1:])
+        why = f"the first {n} columns that are no motion" + (f"; or {others}" if others else "")
+        for own in found.torques[0]:
+            made[full[own]] = replace(made[full[own]], quantity="torque", unit="N m", reason=why)
+    return made, rate
+
+
+def _likely(rate_hz: float) -> float:
+    """A rate that was found with an error, as the whole number that it is within it."""
+    return float(round(rate_hz)) if abs(round(rate_hz) - rate_hz) < _RATE_ERROR * rate_hz else rate_hz
 
 
 def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -> dict[str, RawChannel]:
@@ -481,7 +534,9 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
         return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
     times = [channel for channel in position.topic.channels if channel.quantity == "time"]
     if not times:
-        return "rate_hz = 1000.0  # no channel of times was found: write the rate at which the log was sampled"
+        if position.topic.rate_hz:
+            return f"rate_hz = {position.topic.rate_hz:.4g}  # guess: the velocities are the positions' rates then"
+        return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
     time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
