@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 
 # Least correlation of a velocity with the differences of its position; of a position, with the index, that is a time.
-RATES, LINEAR = 0.9, 0.999
+_RATES, _LINEAR = 0.9, 0.999
 # Share of its steps in which a time may stand still.
 _STANDS = 0.01
 # Factor within which the steps of two pairs are the same, where one of them is noisy.
@@ -81,7 +81,7 @@ def is_time(column: Array) -> bool:
     steps = np.diff(column)
     if not (steps >= 0).all() or (steps == 0).mean() > _STANDS:
         return False
-    return bool(np.corrcoef(column, np.arange(len(column)))[0, 1] > LINEAR)
+    return bool(np.corrcoef(column, np.arange(len(column)))[0, 1] > _LINEAR)
 
 
 def _busiest(table: Array) -> Array:
@@ -116,7 +116,7 @@ def _rates(table: Array, own: Sequence[int], n: int) -> tuple[float, float] | No
         if not change.any():
             return None
         least = min(least, float(np.corrcoef(change, v)[0, 1]))
-        if not least > RATES:
+        if not least > _RATES:
             return None
         steps.append(float(change @ v / (v @ v)))
     if not steps or max(steps) > 1.5 * min(steps):
