@@ -242,13 +242,13 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     rows = np.concatenate([many for _, many in parts], axis=1)
     has_rows = rows.any(axis=1)
     if not has_rows.any():
-        speed = motion.treatment.reversal_speed
+        speed, log = motion.treatment.reversal_speed, f"{motion.log.path.name}: " if motion.log else ""
         raise NoRowsError(
-            f"every row of every motor is slower than reversal_speed = {speed}, so none is left.",
+            f"{log}every row of every motor is slower than reversal_speed = {speed}, so none is left.",
             where="reversal_speed",
             found=0,
             limit=speed,
-            advice="Lower `reversal_speed`, or record faster motion.",
+            advice="Lower `reversal_speed`, or record faster motion; `haptid poses` takes logs of held poses.",
         )
     motors = tuple(
         MotorRows(
