@@ -12,7 +12,7 @@ import haptid
 from haptid.errors import LogMismatchError, TreatmentError
 from haptid.log.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.motion.streaming import delayed
-from haptid.treatment_choice.delay_estimate import find_delays, with_delay_uncertainty
+from haptid.treatment_choice.delay_estimate import Delays, find_delays, with_delay_uncertainty
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from motions import multisine, truth
 
@@ -282,3 +282,10 @@ def test_settings_that_are_none_and_no_logs_at_all_are_errors(phantom):
     with pytest.raises(TreatmentError) as raised:
         haptid.propose(phantom)
     assert raised.value.where == "logs"
+
+
+def test_a_delay_that_is_none_is_said_to_be_late_or_early():
+    for found, words in ((4e-3, "seem late by 4 ms"), (-2e-3, "seem early by 2 ms")):
+        told = Delays(np.zeros(2), np.zeros((2, 2)), np.full(2, found), False, 1e-3).sentence
+        assert words in told
+        assert "If it is a delay all the same, give `torque_delay_s`" in told

@@ -47,6 +47,9 @@ _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
+# Least time in which a joint that hardly moves is at rest, s and periods of the bandwidth: in a tenth of a period a
+# reversal moves on by four times as much as `SLOW` allows.
+_REST, _RESTS = 0.25, 0.1
 # Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
 # costs little; with fewer than the second, they are not; between, unseen rows decide.
 _CLEARLY, _CLEAR = 0.6, 0.3
@@ -56,6 +59,8 @@ KEPT = 0.1
 _APART, _RIPPLE = 1.3, 0.25
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
+# Share of rows at rest that is reported.
+_MENTIONED = 0.02
 # Noise above this share of the acceleration is reported.
 _LOUD = 0.1
 # A narrower filter is taken where it leaves so much of what noise and filter do to the torque.
@@ -144,7 +149,8 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     reference = filters.at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
-    reasons = (*filters.reasons(treatment, why, given), *filters.kept(treatment, given), *why_block, *why_time)
+    why_rows = (*filters.kept(treatment, given), *filters.at_rest(reference))
+    reasons = (*filters.reasons(treatment, why, given), *why_rows, *why_block, *why_time)
     effects = noise_effect(model, logs, filters.spectra, treatment)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
@@ -246,6 +252,7 @@ class _Filters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
+        rest_speed: the same, of rows that are hardly ever faster too.
         near: whether rows count whose filter window contains a reversal, if not near its middle.
         may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
@@ -260,6 +267,7 @@ class _Filters:
     top: float
     lowest: float
     reversal_speed: tuple[float, ...]
+    rest_speed: tuple[float, ...] = ()
     near: bool = True
     may_clear: bool = False
     above: float = 0.0
@@ -285,7 +293,10 @@ class _Filters:
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
-        made = replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+        rest = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
+        if any(rest):
+            often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
+            made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
         if any(made.reversal_speed):
             clear = replace(made, near=False).at(USUAL, given)
             kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
@@ -329,6 +340,8 @@ class _Filters:
             follows["cutoff_hz"] = self._position_cutoffs(parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
+        if all_rows and any(self.rest_speed):
+            follows |= {"rest_speed": self.rest_speed, "rest_s": max(_REST, _RESTS / self.bandwidth)}
         if "reversal_guard_s" not in given and not all_rows and self.near:
             follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
@@ -359,7 +372,6 @@ class _Filters:
                     power[row, k] = power.get((row, k), 0.0) + own
         for (row, _), total in power.items():
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
-        speeds = np.where(self._shares(self.at(USUAL, {}), speeds) < KEPT, 0.0, speeds)
         return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
@@ -438,6 +450,20 @@ class _Filters:
         return (
             f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because the sign of dry friction is "
             f"uncertain at reversals. {left} % of the motors' rows are kept.",
+        )
+
+    def at_rest(self, reference: Treatment) -> tuple[str, ...]:
+        """Report of the rows at rest, which are in no error, where there are any worth mentioning."""
+        if not np.any(reference.rest_speed):
+            return ()
+        shares = 1 - self._shares(reference, np.zeros(len(self.model.device.row_names)))
+        shares = shares[list(self.model.device.measured)]
+        if shares.max() < _MENTIONED:
+            return ()
+        left = ", ".join(f"{100 * share:.0f}" for share in shares)
+        return (
+            f"Errors on all rows leave out rest, where friction is anything up to dry friction: {left} % of the "
+            f"motors' rows.",
         )
 
 
