@@ -252,10 +252,10 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((), 0.0, 0.0, (reason,), 0)
     try:
         other = _filter(found, part)
-        search = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
+        whole = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
-    search, masks = with_masks(search)
+    search, masks = with_masks(whole)
     base = search.base()
     before = unseen_percent(search.model, search.bench, base)
     negative = list(impossible(part, search.rows.position))
@@ -273,7 +273,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         for one in made
     ]
     listed = [action for action in listed if action.after < action.before]
-    others = [_mask_action(mask, edits_of(search, mask, treatment), search.bench.blocks) for mask in masks]
+    others = [_mask_action(mask, edits_of(whole, mask, treatment), search.bench.blocks) for mask in masks]
     others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)

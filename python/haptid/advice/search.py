@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
@@ -253,10 +252,11 @@ def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor
 def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     """The search on rows without those that channels or a contact spoil, where leaving them out is proven to help."""
     found: list[Proven] = []
-    base = search.base()
+    bench = search.bench.without_candidates()
+    base = bench.run(Setting(), test=False)
     kept = np.ones(search.rows.used.shape, dtype=bool)
     for one, mask in _masks(search):
-        made = _masked(search, base, one, mask)
+        made = _masked(search, bench, base, one, mask)
         if made is not None:
             found.append(made)
             kept &= mask
@@ -265,7 +265,7 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
 
 
-def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
+def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
@@ -274,7 +274,7 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
         return None
-    bench = search.bench.with_rows("clean", search.rows.grams(mask))
+    bench = whole.with_rows("clean", search.rows.grams(mask, whole.base))
     trial, before = bench.run(Setting(rows="clean"), test=False), bench.run(Setting(), judged="clean", test=False)
     made = gain(before, trial)
     total = 1.0 - trial.total / (1.0 - share) / base.total
@@ -283,10 +283,10 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     helps = made.p < SIGNIFICANCE / 4 and large_enough(made)
     if not (helps or dead or (harmless and total > LEAST_GAIN)):
         return None
-    whole, after = unseen_percent(search.model, search.bench, base), unseen_percent(search.model, bench, trial)
+    error, after = unseen_percent(search.model, whole, base), unseen_percent(search.model, bench, trial)
     se = paired(search.model, bench, replace(before, setting=trial.setting), trial)
     proof = replace(made, share=max(total, made.share))
-    return Proven(one, trial, proof, figures=(whole, after, se))
+    return Proven(one, trial, proof, figures=(error, after, se))
 
 
 def _unseen(search: Trials, trial: Trial) -> Array:
@@ -319,13 +319,13 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
 
 def _other_logs(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     """Logs whose residual under the fit of the others is far above theirs, one at a time, (motors, rows)."""
-    rows, bench = search.rows, search.bench
+    rows, bench = search.rows, search.bench.without_candidates()
     logs = np.unique(rows.log)
     if len(logs) < 3:  # of two, none is the odd one
         return
     for k in logs:
         mask = np.broadcast_to(rows.log != k, rows.used.shape)
-        without = bench.with_rows("clean", rows.grams(mask))
+        without = bench.with_rows("clean", rows.grams(mask, bench.base))
         fitted = without.fit(Setting(rows="clean"), np.arange(bench.blocks))
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         own, others = (float(np.nanmean(e[:, rows.log == k] ** 2)), float(np.nanmean(e[:, rows.log != k] ** 2)))
@@ -349,7 +349,7 @@ def contact(search: Trials) -> np.ndarray:
 
     A term that the model lacks is a function of the state; a hand on the device is not.
     """
-    rows, bench = search.rows, search.bench
+    rows, bench = search.rows, search.bench.without_candidates()
     use: np.ndarray = np.asarray(rows.used.any(axis=0))
     none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
     flagged = none
@@ -357,9 +357,8 @@ def contact(search: Trials) -> np.ndarray:
     width = max(3, round(CONTACT_S / step))
     # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
     for limit in (CONTACT / 4, CONTACT / 2, CONTACT, CONTACT):
-        fitted = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape))).fit(
-            Setting(rows="clean"), np.arange(bench.blocks)
-        )
+        clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
+        fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
         smooth = ndimage.uniform_filter1d(power, width)
@@ -384,6 +383,8 @@ def _quantile(power: Array) -> float:
 
 def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
     """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
+    from scipy.spatial import cKDTree  # slow to import, and few logs have such rows
+
     state = np.vstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
     stride = max(1, round(SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
