@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import gc
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 # How long an example takes is no claim: other processes decide on it. Laws that need more examples than 50 say so.
 settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
+# A command line is put together once, as in a process of its own, and not at every call.
+typer.testing._get_command = cache(typer.testing._get_command)
+
 PROJECT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_finish() -> None:
+    """What the modules have made stays for the whole run: the garbage collector does not go through it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
