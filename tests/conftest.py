@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -35,11 +36,19 @@ def shared_data() -> Path:
     return folder
 
 
-@pytest.fixture
-def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of few points and pixels, for tests of commands that draw them beside what is tested."""
+@pytest.fixture(autouse=True, scope="session")
+def small_pictures() -> Iterator[Callable[..., None]]:
+    """Pictures of few points and pixels, as few tests are about those that commands draw; the plain `savefig`."""
     from matplotlib.figure import Figure
 
     plain = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
-    monkeypatch.setattr("haptid.report.plots._PIXELS", 100)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
+        patch.setattr("haptid.report.plots._PIXELS", 100)
+        yield plain
+
+
+@pytest.fixture
+def full_pictures(small_pictures: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures as users get them."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", small_pictures)

@@ -152,7 +152,7 @@ def recordings_kept(shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "perform", kept)
 
 
-@pytest.mark.usefixtures("recordings_kept", "small_pictures")
+@pytest.mark.usefixtures("recordings_kept")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(PROJECT).as_posix())
 def test_page_runs_from_top_to_bottom(page: Path, folder: Path, shared: Path) -> None:
     names: dict[str, Any] = {}
@@ -169,7 +169,7 @@ def test_page_runs_from_top_to_bottom(page: Path, folder: Path, shared: Path) ->
 
 
 @pytest.mark.parametrize("block", [b for b in every("bash") if SHARED in b.values[0].text])
-@pytest.mark.usefixtures("shared_data", "small_pictures")
+@pytest.mark.usefixtures("shared_data")
 def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block: Block, folder: Path, shared: Path) -> None:
     run_commands(block, shared)
     for line in block.text.splitlines():
