@@ -15,8 +15,8 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
 
-# Tests go to whichever worker is free, so that no long file holds the others up.
-TESTED := $(BIN)/python -m pytest -n auto --dist worksteal
+# A worker for each processor that the system has; tests go to whichever is free, so that no long file holds the others up.
+TESTED := $(BIN)/python -m pytest -n logical --dist worksteal
 
 test: $(VENV)/.test
 	$(TESTED)
@@ -31,7 +31,7 @@ test-fast: $(VENV)/.test
 check: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --quiet -- -D warnings
-	cargo test --locked --release
+	cargo test --locked --release -p haptid-core  # the bindings have no tests of their own: those in Python call them
 	$(BIN)/python tools/check_rust_layers.py
 	$(BIN)/python tools/check_public_names.py
 	$(BIN)/python tools/write_sbom.py --check
