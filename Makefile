@@ -28,10 +28,11 @@ FAST := identity golden real errors recovery/test_known_parameters.py recovery/t
 test-fast: $(VENV)/.test
 	$(TESTED) $(wildcard $(FAST:%=tests/%))
 
+# The bindings have no Rust tests: they are built with the package, linted here, and called by the tests in Python.
 check: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --quiet -- -D warnings
-	cargo test --locked --release -p haptid-core  # the bindings have no tests of their own: those in Python call them
+	cargo test --locked --release -p haptid-core
 	$(BIN)/python tools/check_rust_layers.py
 	$(BIN)/python tools/check_public_names.py
 	$(BIN)/python tools/write_sbom.py --check
