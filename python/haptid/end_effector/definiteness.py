@@ -117,7 +117,7 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
     beta = identified.beta if isinstance(identified, Estimate) else check_beta(model, identified)
     mass = _MassEigenvalue(workspace, beta)
     poses = workspace.grid()
-    values = np.linalg.eigvalsh(mass.matrices(poses))[:, 0]
+    values: Array = np.linalg.eigvalsh(mass.matrices(poses))[:, 0].astype(float, copy=False)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]
     ends = np.column_stack([starts, *(mass.descend(start) for start in starts.T)])
     ends = ends[:, (workspace.slack(ends) >= -_AT_LIMIT).all(axis=0)]
