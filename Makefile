@@ -22,7 +22,7 @@ test: $(VENV)/.test
 	$(TESTED)
 
 # The most telling ones: laws, published results, recordings, errors, recovery of known parameters, what is read.
-FAST := identity golden real errors recovery/test_known_parameters.py recovery/test_held_estimates.py unit/test_core_*.py \
+FAST := identity golden real errors recovery/test_known_parameters.py recovery/test_constrained_estimates.py unit/test_core_*.py \
 	unit/test_device_*.py unit/test_log_*.py
 
 test-fast: $(VENV)/.test
