@@ -15,15 +15,15 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
 
-# A worker for each processor that the system has; tests go to whichever is free, so that no long file holds the others up.
+# A worker for each processor of the system; tests go to whichever is free, so that no long file holds the others up.
 TESTED := $(BIN)/python -m pytest -n logical --dist worksteal
 
 test: $(VENV)/.test
 	$(TESTED)
 
 # The most telling ones: laws, published results, recordings, errors, recovery of known parameters, what is read.
-FAST := identity golden real errors recovery/test_known_parameters.py recovery/test_constrained_estimates.py unit/test_core_*.py \
-	unit/test_device_*.py unit/test_log_*.py
+FAST := identity golden real errors recovery/test_known_parameters.py recovery/test_constrained_estimates.py \
+	unit/test_core_*.py unit/test_device_*.py unit/test_log_*.py
 
 test-fast: $(VENV)/.test
 	$(TESTED) $(wildcard $(FAST:%=tests/%))
