@@ -36,7 +36,7 @@ DEVICES = {
     "kuka_kr300": Limits(((-1.2, 1.2),) * 6, (1.0,), (5.0,)),
 }
 FAMILY = FourierSeries(seconds=13.0, fundamental_hz=0.1, count=10)
-TRIES, RANDOM, NOISE, STEP = 1600, 20, 0.01, 0.02
+TRIES, RANDOM, NOISE, STEP = 200, 20, 0.01, 0.02
 
 
 def scaled(kind: Fourier, bounds: MotionBounds) -> Fourier | None:
