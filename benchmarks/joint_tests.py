@@ -31,6 +31,7 @@ from haptid.treatment_choice import with_treatment_uncertainty  # noqa: E402
 from motions import motion, multisine  # noqa: E402
 from small_study import two_links  # noqa: E402
 from true_parameters import true_parameters  # noqa: E402
+from zoo.study import commit  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parent / "results" / "joint-tests.json"
 DEVICE = "arm3"
@@ -140,7 +141,7 @@ def study(repetitions: int) -> dict[str, Any]:
         if kind + link in names:
             loaded[names.index(kind + link)] += PAYLOAD * amount
     heavy = model.base.of(loaded)
-    made: dict[str, Any] = {"repetitions": repetitions}
+    made: dict[str, Any] = {"commit": commit()[:10], "repetitions": repetitions}
     for name, phi in (("white", 0.0), ("coloured", COLOURED)):
         made[f"size, {name} noise"] = shares([pair(model, [beta, beta], k, phi) for k in range(repetitions)])
     for wide in (False, True):

@@ -29,6 +29,7 @@ import kernel
 import long_log
 import loops
 import medical_study
+import motion_quality
 import noisy_columns
 import payloads
 import phantom_study
@@ -59,6 +60,7 @@ STUDIES = {
     "efficiency": efficiency.run,
     "estimators": estimators.run,
     "exciting-motion": exciting_motion.run,
+    "motion-quality": motion_quality.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,

@@ -295,6 +295,33 @@ def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
     assert raised.value.found == "MaxIterations"
 
 
+def test_a_panic_of_the_solver_is_one_way_to_stall(model, monkeypatch):
+    whole, tried = conic_program.clarabel.DefaultSolver, []
+
+    class PanicException(BaseException):
+        pass
+
+    class Panics:
+        def __init__(self, *problem):
+            self.problem = problem
+
+        def solve(self):
+            tried.append(self)
+            if len(tried) % 2:
+                raise PanicException("Eigval error: Eigen(1)")
+            return whole(*self.problem).solve()
+
+    beta = truth(model)
+    right = feasible_parameters(model, beta).beta
+    monkeypatch.setattr(conic_program.clarabel, "DefaultSolver", Panics)
+    np.testing.assert_allclose(feasible_parameters(model, beta).beta, right, rtol=1e-6)
+    assert len(tried) > 1
+    monkeypatch.setattr(Panics, "solve", lambda _: (_ for _ in ()).throw(PanicException("Eigval error: Eigen(1)")))
+    with pytest.raises(ConvergenceError) as raised:
+        feasible_parameters(model, beta)
+    assert raised.value.found == "Eigval error: Eigen(1)"
+
+
 def test_arrays_of_the_answers_are_read_only(model):
     found = feasible_parameters(model, truth(model))
     for array in (found.beta, found.chi):

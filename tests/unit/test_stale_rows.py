@@ -87,6 +87,21 @@ def test_a_slow_torque_channel_alone() -> None:
     np.testing.assert_array_equal(stale.torque, np.arange(N) % 2 == 1)
 
 
+def test_few_repeats_of_exact_torques_are_stale_and_those_at_a_limit_are_not() -> None:
+    """Torques of many digits do not repeat by chance, so that fewer repeats of them count than of positions."""
+    rng = np.random.default_rng(1)
+    q = motion("plain", 500.0, 1, rng)
+    tau = 2 * q + 0.02 * rng.normal(size=q.shape)
+    old = np.append(False, rng.random(N - 1) < 0.02)
+    row = np.maximum.accumulate(np.where(old, 0, np.arange(N)))
+    stale = found(q, tau[:, row])
+    assert stale is not None
+    assert not stale.position.any()
+    assert (stale.torque & old).sum() >= 0.9 * old.sum()
+    assert not (stale.torque & ~old).any()
+    assert found(q, np.clip(tau, -np.inf, np.quantile(tau, 0.96))) is None
+
+
 def test_longer_repeats_are_rest() -> None:
     rng = np.random.default_rng(1)
     tau = np.repeat(rng.normal(size=(1, N // (2 * LONGEST_RUN))), 2 * LONGEST_RUN, axis=1)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ MISFITS = {
     for k, name in enumerate(("presliding", "Stribeck", "load", "ripple", "elastic"))
 }
 
+PERIODIC = Case(0, "pendulum", 250.0, 60.0, 2.0, 3, bits=18, friction=0.5, level=0.01, delay=0.5)
+
 
 @pytest.mark.parametrize("name", [*CASES, *MISFITS])
 def test_default_path_is_near_the_best_treatment(name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,6 +53,17 @@ def test_default_path_is_near_the_best_treatment(name: str, tmp_path: Any, monke
     if name in CASES:
         assert made["ratio"] <= FAIR, made
     assert made["ratio"] <= WORST or made["status"] != "ok", made
+
+
+@pytest.mark.parametrize("seed", [880_001, 880_005])
+def test_reversals_between_the_same_samples_do_not_mislead_the_delay(
+    seed: int, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A period of 375 samples: every reversal lies at the same place between two of them."""
+    monkeypatch.setattr("zoo.kept.CACHE", tmp_path)
+    monkeypatch.setattr("zoo.oracle.PARALLEL", ())
+    row = score(replace(PERIODIC, seed=seed))
+    assert max(row["delay_error_over_se"]) < 4, row
 
 
 @pytest.mark.parametrize("device", ["axis", "pendulum", "arm2", "arm3", "arm7", "phantom", "cea"])

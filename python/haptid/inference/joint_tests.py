@@ -228,8 +228,9 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
 
     The statistic is the sum of (b_i - b)'H_i (b_i - b), H_i the information of each fit and b their common fit, in the
     directions that no missing term of a model moves. The scores are those of the common fit, corrected for leverage;
-    runs of neighbouring blocks change sign together: noise is correlated over more than one. The statistic is divided
-    by the factor of misfit.
+    runs of neighbouring blocks change sign together: noise is correlated over more than one. Nuisances of each fit
+    (delays, noise of the encoders) are drawn as normal, with their standard errors. The statistic is divided by the
+    factor of misfit.
 
     Source: Cameron, Gelbach and Miller (2008), Review of Economics and Statistics 90(3), with the null imposed.
     """
@@ -259,7 +260,11 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
         T += float((b - common) @ h @ (b - common))
     every, whose = np.concatenate(moves), np.concatenate(owner)
     signs = rng.choice([-1.0, 1.0], (_DRAWS, len(every)))
-    each = [signs[:, whose == k] @ every[whose == k] for k in range(len(H))]
+    nuisances = [(one.shifts * size) @ C.T for one in clusters]
+    each = [
+        signs[:, whose == k] @ every[whose == k] + rng.normal(size=(_DRAWS, len(own))) @ own
+        for k, own in enumerate(nuisances)
+    ]
     middle = sum(moved @ h for moved, h in zip(each, H, strict=True)) @ whole
     drawn = np.zeros(_DRAWS)
     for moved, h in zip(each, H, strict=True):

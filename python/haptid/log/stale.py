@@ -72,8 +72,8 @@ def find_stale(
     A repeated position counts where a channel moves faster than `FAST` counts a row, or where torques repeat with it
     that are not a function of the positions. A repeated torque counts if the torques are fine, see `FINE`, and not a
     function of positions that may rest; coarse torques are stale where the rows of stale positions are stale as a
-    whole. Below `LEAST_STALE` only those are stale where positions and torques repeat together, or positions repeat in
-    fast motion.
+    whole. Below `LEAST_STALE` only those are stale where positions and torques repeat together, positions repeat in
+    fast motion, or torques that lie on no lattice repeat off their limits.
 
     Args:
         same_position, same_torque: whether all channels of a signal equal those of the row before, (rows,).
@@ -90,7 +90,7 @@ def find_stale(
         position[:] = False
     slow = same_position & ~moving
     bound = not slow.any() or float(same_torque[slow].mean()) >= FOLLOWS
-    fine = any(_is_fine(channel) for channel in torques())
+    fine = [channel for channel in torques() if _is_fine(channel)]
     if fine:
         torque = short_torque & (moving | ~same_position) if bound else short_torque
         position |= short_position & torque
@@ -104,6 +104,10 @@ def find_stale(
     judged = position & fast if bound else position
     whole = together >= max(FEWEST_TOGETHER, LEAST_TOGETHER * position.size, TOGETHER * int(judged.sum()))
     found = [own if whole or own.mean() > LEAST_STALE else np.zeros_like(own) for own in (position, torque)]
+    if not found[1].any() and torque.mean() >= LEAST_TOGETHER:
+        exact = torque & _exact(fine)
+        if exact.mean() >= LEAST_TOGETHER:
+            found[1] = exact
     sure = position & fast
     if not found[0].any() and sure.sum() >= max(FEWEST_TOGETHER, LEAST_SURE * fast.sum()):
         found[0] = sure
@@ -164,6 +168,15 @@ def smallest_step(channel: Array) -> float:
     steps = np.abs(np.diff(part))
     steps = steps[steps > 0]
     return float(np.percentile(steps, _SLOWEST)) if steps.size else 0.0
+
+
+def _exact(channels: Iterable[Array]) -> Mask | bool:
+    """Rows of torques that lie on no lattice, off the limits of each; none where all lie on one."""
+    off, free = True, False
+    for channel in channels:
+        off = off & (channel > channel.min()) & (channel < channel.max())
+        free = free or not lattice_step(channel[: 4 * ROWS_COUNTED])
+    return off if free else False
 
 
 def _is_fine(channel: Array) -> bool:

@@ -101,7 +101,7 @@ def fingerprint(plan: Plan) -> str:
         model.device.tables.model_dump_json(by_alias=True),
         model.device.gravity.tolist(),
         model.base.names,
-        [term.settings for term in model.terms],
+        [(term.settings, repr(term.shape) if term.historic else "") for term in model.terms],
         None if model.load is None else model.load.tolist(),
         [model.terms[k].constant(constant.name) for k, constant in model.device.searched],
         motion.log.sha256,

@@ -8,15 +8,16 @@ Gauss-Newton steps, with a prior, since friction that the model lacks is late or
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
+from haptid.device.terms.friction import DRY
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import Estimate
+from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, position_map
@@ -88,10 +89,11 @@ class Delays:
             f"{_numbers(ms)} ms (standard error {_numbers(1e3 * self.se)} ms; sampling period {1e3 * self.dt:.3g} ms)"
         )
         if not self.accepted:
+            side, ms = ("late", ms) if float(np.median(ms)) >= 0 else ("early", -ms)
             return (
-                f"The torque channels seem late by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
+                f"The torque channels seem {side} by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
                 f"term that the model lacks: {1e3 * self.seconds[0]:.3g} ms is compensated, and one sampling period of "
-                f"uncertainty is in every interval. If the channels truly differ so much, give `torque_delay_s`."
+                f"uncertainty is in every interval. If it is a delay all the same, give `torque_delay_s`."
             )
         held = np.abs(self.seconds / self.dt - HOLD) < 2 * self.se / self.dt + 0.02
         hold = ": half a sampling period, as of a command with zero-order hold" if held.all() else ""
@@ -114,7 +116,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     """
     dt, channels = max(float(log.dt) for log in logs), logs[0].torque.shape[1]
     hold = HOLD if logs[0].channels.torque.side == "motor" else 0.0
-    prior = dt**2 * (COMMON**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels))
+    prior = delay_prior(channels, dt)
     mean = np.full(channels, hold * dt)
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
@@ -127,6 +129,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         d = d + step
         if np.abs(step).max() < _STILL * dt:
             break
+    d, beta, problem, spread = _settled(model, motions, (d, beta, problem, spread), (mean, prior))
     off = (d - mean) / dt
     common = float(np.median(off))
     odd = not -_EARLIEST <= common <= _LATEST or np.abs(off - common).max() > _APART
@@ -139,6 +142,49 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     if not agrees:
         return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
     return Delays(d, spread.covariance, d, True, dt)
+
+
+_Found = tuple[Array, Array, NuisanceProblem, Spread]
+
+
+def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]) -> _Found:
+    """Delays, parameters, problem and spread as found, or as the smooth part of the torque alone tells them.
+
+    Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at all:
+    where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a range of
+    delays, and the slope of the sampled torque says otherwise. From there, steps with the smooth torque find the
+    minimum within that range. They are taken where they are longer than the standard error and leave a smaller
+    residual.
+
+    Args:
+        model: the dynamic model.
+        motions: of logs, without a delay.
+        found: by the rate of the whole torque.
+        prior: mean and covariance of the delays, s.
+    """
+    if not any(term.kind in DRY for term in model.terms):
+        return found
+    d, beta, problem, spread = found
+    mean, covariance = prior
+    dt, weights, se = motions[0].dt, problem.weights, np.sqrt(np.diag(spread.covariance))
+    before = np.inf
+    for k in range(_STEPS + 1):
+        problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta, smooth=True)
+        left = problem.residual(weights)
+        beta, step, spread = problem.solve(mean - d, covariance)
+        if k == 0:
+            before = left
+            if (np.abs(step) < se).all():
+                return found
+        if k == _STEPS or np.abs(step).max() < _STILL * dt:
+            break
+        d = d + np.clip(step, -COMMON * dt, COMMON * dt)
+    return (d, beta, problem, spread) if left < before else found
+
+
+def delay_prior(channels: int, dt: float) -> Array:
+    """Prior covariance of the delays, (channels, channels), s^2, at a sampling period, s."""
+    return np.asarray(dt**2 * (COMMON**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels)))
 
 
 def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usual: Array) -> bool:
@@ -183,9 +229,9 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
 
 
-def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array) -> NuisanceProblem:
-    """The delays of the channels as nuisances."""
-    columns = _delay_columns(model, motions[0])
+def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array, smooth: bool = False) -> NuisanceProblem:
+    """The delays of the channels as nuisances, by the rate of the whole torque, or of its smooth part."""
+    columns = delay_columns(model, motions[0], _smooth if smooth else None)
     return NuisanceProblem.of(model, motions, beta, raw_parameters(model, beta), [columns] * len(motions))
 
 
@@ -195,7 +241,7 @@ def _rigid_agrees(problem: NuisanceProblem, delay: float, dt: float) -> bool:
     Friction that the model lacks is late or early on its own; a drive delays every torque alike.
     """
     model, beta = problem.model, problem.beta
-    bodies, everything = (_delay_columns(model, problem.motions[0], only) for only in (True, False))
+    bodies, everything = (delay_columns(model, problem.motions[0], only) for only in (rigid, None))
     # One delay of the bodies for all channels; what is added for all torque is each channel's own.
     p, n = len(beta), 1 + max(channel for channel, _ in everything)
     columns = [*((0, column) for _, column in bodies), *((1 + channel, column) for channel, column in everything)]
@@ -213,13 +259,24 @@ def _setting(d: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in d)
 
 
-def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) -> list[NuisanceColumn]:
+def _smooth(model: DynamicModel, chi: Array) -> Array:
+    """Parameters of the core's columns without dry friction, (r,)."""
+    kept = np.array(chi)
+    for k, term in enumerate(model.terms):
+        if term.kind in DRY:
+            kept[10 * len(model.device.joints) + k] = 0.0
+    return kept
+
+
+def delay_columns(
+    model: DynamicModel, motion: Motion, part: Callable[[DynamicModel, Array], Array] | None = None
+) -> list[NuisanceColumn]:
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:
         model: the dynamic model.
         motion: of a log.
-        bodies: only the torque of rigid bodies and rotors.
+        part: parameters of the core's columns of which the torque is taken, from all; all where None.
     """
     assert motion.log is not None
     some = [motion.q[k : k + 1][0] for k in np.linspace(0, len(motion) - 1, _POSES).astype(int)]
@@ -228,7 +285,7 @@ def _delay_columns(model: DynamicModel, motion: Motion, bodies: bool = False) ->
 
     def column(row: int, channel: int) -> CandidateColumns:
         def rate(context: ResidualContext) -> Array:
-            torque = context.torque(rigid(model, context.chi)) if bodies else context.predicted
+            torque = context.predicted if part is None else context.torque(part(model, context.chi))
             own = np.gradient(context.channel_torque(torque)[channel], context.plan.motion.dt)
             return np.asarray((context.channel_shares[:, channel, row] * own)[None])
 

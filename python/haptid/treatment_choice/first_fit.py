@@ -18,7 +18,7 @@ from haptid.observation.rows import chunks
 # Correlation below which the rest of the autocorrelation is noise, and the largest lag as a share of the rows.
 _ENDS, _FARTHEST = 0.05, 6
 # Least ratio of singular values of the columns with unit length that are solved for.
-_EXCITED = 1e-8
+LEAST_EXCITED = 1e-8
 # Rows of a motion that are looked at.
 _ENOUGH = 1 << 16
 
@@ -79,7 +79,7 @@ def solve_excited(motors: Sequence[MotorRows], weights: Array, known: Array) -> 
     lengths = np.linalg.norm(X, axis=0)
     lengths[lengths == 0] = 1.0
     U, singular, Vt = np.linalg.svd(X / lengths, full_matrices=False)
-    kept = singular > _EXCITED * singular[0]
+    kept = singular > LEAST_EXCITED * singular[0]
     root = (Vt[kept].T / singular[kept]) / lengths[:, None]
     beta = root @ (U[:, kept].T @ y)
     many = int(sum(motor.rows.sum() for motor in motors)) - int(kept.sum())

@@ -19,9 +19,9 @@ from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
-from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
-from haptid.treatment_choice.first_fit import residual_memory, solve_excited
+from haptid.treatment_choice.first_fit import LEAST_EXCITED, residual_memory, solve_excited
 
 # The nuisance that a column belongs to, and the column.
 NuisanceColumn = tuple[int, CandidateColumns]
@@ -81,6 +81,19 @@ class NuisanceProblem:
         memory = residual_memory(self.model, self.motions, self.beta)
         step = self.motions[0].treatment.decimation * self.motions[0].dt
         return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
+
+    def residual(self, weights: Array) -> float:
+        """Sum of squares that the base parameters leave of the rows, with the nuisances as they are.
+
+        Args:
+            weights: of each motor's rows, (motors,).
+        """
+        p = len(self.beta)
+        rows = stacked(self.rows.motors, weights, p + self.count)
+        X, y = rows[:, :p], rows[:, -1]
+        lengths = np.linalg.norm(X, axis=0)
+        solution = np.linalg.lstsq(X / np.where(lengths > 0, lengths, 1.0), y, rcond=LEAST_EXCITED)[0]
+        return float(np.sum((y - X / np.where(lengths > 0, lengths, 1.0) @ solution) ** 2))
 
     def solve(self, off: Array, prior: Array) -> tuple[Array, Array, Spread]:
         """Parameters (p,), the nuisances' change (count,), and its covariance with degrees of freedom.

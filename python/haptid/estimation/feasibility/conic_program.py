@@ -79,11 +79,40 @@ def solved(
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):
-        how = settings(equilibrate, regularisation, tolerance)
-        answer = clarabel.DefaultSolver(triangle, q, rows, b, list(cones), how).solve()
-        if str(answer.status) in SOLVED:
-            return np.array(answer.x), np.array(answer.z)
-    raise unsolved(str(answer.status), answer.iterations)
+        answer = attempt((triangle, q, rows, b, list(cones)), settings(equilibrate, regularisation, tolerance))
+        if answer.status in SOLVED:
+            return answer.x, answer.z
+    raise unsolved(answer.status, answer.iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the solver stopped with.
+
+    Attributes:
+        status: its word for it.
+        iterations: number of them.
+        x, z: variables and multipliers.
+    """
+
+    status: str
+    iterations: int
+    x: Array
+    z: Array
+
+
+def attempt(problem: Sequence[Any], how: clarabel.DefaultSettings) -> Answer:
+    """The solver's answer to a problem (P, q, A, b, cones).
+
+    A decomposition that does not converge is a panic of its Rust code; here it is one more status that is not solved.
+    """
+    try:
+        answer = clarabel.DefaultSolver(*problem, how).solve()
+    except BaseException as panic:
+        if type(panic).__name__ != "PanicException":
+            raise
+        return Answer(str(panic), 0, np.zeros(0), np.zeros(0))
+    return Answer(str(answer.status), answer.iterations, np.array(answer.x), np.array(answer.z))
 
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:

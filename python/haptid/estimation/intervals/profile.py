@@ -18,6 +18,7 @@ from haptid.estimation.feasibility.conic_program import (
     SOLVED,
     TIGHT,
     ConeCondition,
+    attempt,
     cones_of,
     settings,
     unsolved,
@@ -202,7 +203,7 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
         how = settings(equilibrate, REGULARISATIONS[0])
         how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * relaxed
         how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, relaxed / 100)
-        answer = clarabel.DefaultSolver(*problem, how).solve()
-        if str(answer.status) in SOLVED:
-            return np.asarray(feasible.change @ np.array(answer.x)[:k] * reach)
-    raise unsolved(str(answer.status), answer.iterations)
+        answer = attempt(problem, how)
+        if answer.status in SOLVED:
+            return np.asarray(feasible.change @ answer.x[:k] * reach)
+    raise unsolved(answer.status, answer.iterations)

@@ -1,0 +1,78 @@
+"""Period of a motion that repeats itself, from its positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from haptid._internal.arrays import Array
+from haptid.motion.treatment import Motion
+
+# Mean square of what changes in a period, over twice the positions' own, below which a motion repeats itself; and above
+# which it has left where it was.
+_ALIKE, _AWAY = 0.01, 0.25
+# Periods in a segment, at least.
+_FEWEST = 2.5
+# Samples of a segment that are looked at.
+_ENOUGH = 1 << 18
+
+
+def motion_period(motion: Motion) -> float | None:
+    """Time after which all positions of a motion come back again and again, s; None where they do not.
+
+    The first deep minimum of the mean square difference between positions a lag apart, refined at multiples of it.
+
+    Source: de Cheveigne and Kawahara (2002), J. Acoust. Soc. Am. 111(4), eqs 6 and 10.
+
+    Args:
+        motion: treated signals; its longest part without a gap is looked at.
+    """
+    start, stop = max(motion.usable_segments, key=lambda part: part[1] - part[0])
+    x = np.asarray(motion.q[start : min(stop, start + _ENOUGH)]).T
+    x = x - x.mean(axis=1, keepdims=True)
+    moving = x.std(axis=1) > 0
+    if not moving.any():
+        return None
+    difference = _differences(x[moving] / x[moving].std(axis=1, keepdims=True))
+    n = x.shape[1]
+    longest = int(n / _FEWEST)
+    away = np.flatnonzero(difference[:longest] > _AWAY)
+    if not away.size:
+        return None
+    alike = np.flatnonzero(difference[away[0] : longest] < _ALIKE) + away[0]
+    if not alike.size:
+        return None
+    apart = np.flatnonzero(np.diff(alike) > 1)
+    valley = alike[: apart[0] + 1] if apart.size else alike
+    lag = _minimum(difference, int(valley[np.argmin(difference[valley])]))
+    many = 1
+    while 2 * many * lag < 0.5 * n:  # the minimum many periods away tells the period that much better
+        many *= 2
+        around = int(0.25 * lag)
+        first = round(many * lag) - around
+        near = difference[first : first + 2 * around + 1]
+        lag = _minimum(difference, first + int(np.argmin(near))) / many
+    return float(lag * motion.dt)
+
+
+def _differences(x: Array) -> Array:
+    """Mean square of x(t + lag) - x(t) over twice that of x, of all lags, (channels, n) to (n,); its worst channel."""
+    n = x.shape[1]
+    size = fft.next_fast_len(2 * n, real=True)
+    overlap = n - np.arange(n)
+    worst = np.zeros(n)
+    for channel in x:
+        product = fft.irfft(np.abs(fft.rfft(channel, size)) ** 2, size)[:n]
+        before = np.append(0.0, np.cumsum(channel**2))
+        both = before[n - np.arange(n)] + before[-1] - before[np.arange(n)]
+        worst = np.maximum(worst, (both - 2 * product) / (2 * overlap))
+    return worst
+
+
+def _minimum(values: Array, k: int) -> float:
+    """Place of the minimum of the parabola through three neighbours."""
+    if not 0 < k < len(values) - 1:
+        return float(k)
+    before, here, after = values[k - 1 : k + 2]
+    curvature = before - 2 * here + after
+    return k + float(0.5 * (before - after) / curvature) if curvature > 0 else float(k)

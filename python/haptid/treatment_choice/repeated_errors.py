@@ -1,0 +1,150 @@
+"""Errors that come back with a motion that repeats itself, which time blocks take for independent.
+
+An encoder's ripple and its rounding, the sampling of reversals and what the model lacks depend on the state. Where the
+motion is periodic they are the same in every period: their effect does not fall with the number of periods, and the
+scatter of time blocks does not show it. Scores are therefore summed over all periods, phase by phase. Their scatter
+over the phases, beyond what the scores of single periods explain, is variance that time blocks lack.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import raw_parameters
+from haptid.estimation import Estimate
+from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.motion.periods import motion_period
+from haptid.motion.treatment import Motion
+from haptid.observation.augmented import ResidualContext
+from haptid.observation.rows import Chunk, chunks_of
+from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
+from haptid.treatment_choice.first_fit import residual_memory
+from haptid.treatment_choice.nuisance_problem import NuisanceColumn
+
+# Parts of a period, at least and at most; groups of periods, at most.
+_FEWEST, _PHASES, _GROUPS = 6, 48, 32
+# Random signs of the scores, and the standard deviations above their mean from which on errors count as repeated.
+_SIGNS, _BEYOND = 40, 2.0
+# Numbers (rows times columns, of all motors) of a motion that are looked at.
+_ENOUGH = 1 << 21
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Scores of a motion's rows by part of the period and by period.
+
+    Coordinates are those of the fit, in which the information of its parameters is the unit matrix, and the delays.
+
+    Attributes:
+        s: sums over the rows of a part in a group of periods, (phases, groups, k).
+        G: information of each part, (phases, k, k).
+        rows: share of the motion's rows that they are of.
+    """
+
+    s: Array
+    G: Array
+    rows: float
+
+    @property
+    def repeated(self) -> bool:
+        """Whether scores of one part of different periods add up beyond chance."""
+        rng = np.random.default_rng(0)
+        signs = rng.choice([-1.0, 1.0], size=(_SIGNS, *self.s.shape[:2]))
+        chance = [float(np.sum(np.einsum("pn,pnk->pk", sign, self.s) ** 2)) for sign in signs]
+        return bool(np.sum(self.s.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
+
+    def shifts(self, root: Array, prior: Array) -> Array:
+        """By how much the errors of each part move the parameters, (phases, p), SI.
+
+        Args:
+            root: parameters from the fit's coordinates, (p, coordinates of the fit).
+            prior: inverse of the delays' prior covariance, (delays, delays), s^-2.
+        """
+        own, k = root.shape[1], self.G.shape[1]
+        information = linalg.block_diag(np.eye(own), prior) if k > own else np.eye(own)
+        information[:, own:] += self.G.sum(axis=0)[:, own:] / self.rows
+        information[own:, :own] = information[:own, own:].T
+        joint = linalg.inv(linalg.cholesky(information))  # lower: its rows are the joint coordinates
+        adjustment = Adjustment.of(joint.T @ self.G @ joint / self.rows)
+        move = root @ joint[:own]
+        single, summed = self.s @ joint, self.s.sum(axis=1) @ joint
+        by_chance = ((single @ move.T) ** 2).sum(axis=(0, 1))
+        whole = ((summed @ move.T) ** 2).sum(axis=0)
+        beyond = 1 - np.divide(by_chance, whole, out=np.ones_like(whole), where=whole > 0)
+        return np.asarray(adjustment.times(summed) @ move.T * np.sqrt(np.maximum(beyond, 0.0)) / self.rows)
+
+
+def repeated_errors(estimate: Estimate, delays: Delays | None) -> Array | None:
+    """By how much errors of each part of the period move the parameters, (parts, p), SI; None where none are repeated.
+
+    Delays that were estimated from the same rows take part: the parameters move with them.
+
+    Args:
+        estimate: of rows of logs.
+        delays: of the torque channels, as estimated; None where they were given.
+    """
+    observation, root = estimate.observation, estimate.fit.solution.root
+    shared = delays is not None and delays.accepted and observation.change is None
+    prior = (
+        linalg.inv(delay_prior(len(delays.seconds), delays.dt)) if delays is not None and shared else np.zeros((0, 0))
+    )
+    found = []
+    for motion in observation.motions:
+        length = motion_period(motion)
+        if length is None:
+            continue
+        scores = _scores(estimate, motion, length, len(prior) if not motion.treatment.momentum else 0)
+        if scores is not None and scores.repeated:
+            found.append(scores.shifts(root, prior))
+    return np.concatenate(found) if found else None
+
+
+def _scores(estimate: Estimate, motion: Motion, length: float, delays: int) -> _Scores | None:
+    """Those of one motion with a period, s; None where a period is too short to be divided."""
+    memory = residual_memory(estimate.model, [motion], estimate.free)
+    phases = int(min(length / max(memory, motion.dt * motion.treatment.decimation), _PHASES))
+    if phases < _FEWEST:
+        return None
+    start, seconds = float(motion.t0), len(motion) * motion.dt
+    groups = max(1, min(_GROUPS, int(seconds / length)))
+    k = estimate.fit.solution.root.shape[1] + delays
+    observation = estimate.observation
+    blocks = np.array([j for j, block in enumerate(observation.blocks) if block.log == motion.name])
+    numbers = k * sum(int(motor.rows[blocks].sum()) for motor in observation.motors)
+    some = blocks[: max(1, int(len(blocks) * min(1.0, _ENOUGH / max(numbers, 1))))]
+    s, G = np.zeros((phases, groups, k)), np.zeros((phases, k, k))
+    columns = delay_columns(estimate.model, motion) if delays else []
+    for chunk in chunks_of(observation.pick(some)):
+        turns = (chunk.t - start) / length
+        part = (turns % 1 * phases).astype(int) % phases
+        group = np.minimum((turns * length / seconds * groups).astype(int), groups - 1)
+        cell = part * groups + group
+        order = np.argsort(cell, kind="stable")
+        cells, first = np.unique(cell[order], return_index=True)
+        edges = np.searchsorted(part[order], np.arange(phases + 1))
+        for U, e in _weighted(chunk, estimate, columns, delays):
+            ordered = U[order]
+            s.reshape(-1, k)[cells] += np.add.reduceat(ordered * e[order][:, None], first, axis=0)
+            for one, (low, high) in enumerate(pairwise(edges)):
+                G[one] += ordered[low:high].T @ ordered[low:high]
+    return _Scores(s, G, len(some) / len(blocks))
+
+
+def _weighted(
+    chunk: Chunk, estimate: Estimate, columns: list[NuisanceColumn], delays: int
+) -> list[tuple[Array, Array]]:
+    """Weighted rows (rows, k) and residual (rows,) of each motor."""
+    W, e = chunk.W @ estimate.fit.solution.root, chunk.residual(estimate.free)
+    if delays:
+        low, high = chunk.plan.window(chunk.start, chunk.stop)
+        context = ResidualContext(chunk.plan, raw_parameters(estimate.model, estimate.free), low, high, chunk.signals)
+        D = np.zeros((*W.shape[:2], delays))
+        for channel, column in columns:
+            D[:, :, channel] += chunk.treated(column.weights[:, None] * column.values(context)) * chunk.used
+        W = np.concatenate([W, D], axis=2)
+    return [(w * own, w * error) for w, own, error in zip(estimate.weights, W, e, strict=True)]
