@@ -44,6 +44,10 @@ needs_browser = pytest.mark.skipif(
 )
 
 
+class Navigated(Exception):
+    """The page was left while it was asked."""
+
+
 class Page:
     """One tab. `troubles` are the errors and warnings of its console, and what it threw; `asked` what it requested."""
 
@@ -63,6 +67,8 @@ class Page:
             message = json.loads(self.socket.recv(timeout=PATIENCE))
             self.note(message)
             if message.get("id") == self.count:
+                if "navigated" in message.get("error", {}).get("message", ""):
+                    raise Navigated
                 assert "error" not in message, message
                 return message["result"]
 
@@ -125,9 +131,16 @@ class Page:
     def wait(self, expression: str) -> None:
         """Until an expression is true."""
         end = time.monotonic() + PATIENCE
-        while not self.ask(f"Boolean({expression})"):
+        while not self._holds(expression):
             assert time.monotonic() < end, f"never true: {expression}"
             time.sleep(0.05)
+
+    def _holds(self, expression: str) -> bool:
+        """Whether an expression is true now; not in a page that is being left."""
+        try:
+            return bool(self.ask(f"Boolean({expression})"))
+        except Navigated:
+            return False
 
     def drag(self, selector: str, start: tuple[float, float], end: tuple[float, float]) -> None:
         """With the mouse over an element, between two points in shares of its size."""
