@@ -73,7 +73,7 @@ def import_(
         sys.stdout.write(json.dumps(made.to_dict(), indent=1) + "\n")
     else:
         active = len(made.device.active)
-        out.print(f"{to}: {len(made.device.joints)} joints, {active} active", soft_wrap=True, highlight=False)
+        out.print(f"{to}: {many} joint{"s" if many > 1 else ""}, {active} active", soft_wrap=True, highlight=False)
         for note in made.notes:
             out.print(f"  {note}", soft_wrap=True, highlight=False)
         others = "".join(f", from {name} {size:.1e}" for name, size in made.check.others.items())

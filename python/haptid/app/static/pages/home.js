@@ -5,7 +5,7 @@ const KINDS = [
   ["device", "Devices", (e) => link("device", { path: e.path }), (e) => e.about.description ?? ""],
   ["study", "Studies", (e) => link("solve", { path: e.path }), (e) => e.about.device ?? ""],
   ["log", "Logs", (e) => link("data", { path: e.path }), (e) => `${bytes(e.size)}${e.results.length ? `, in ${e.results.length} result${e.results.length > 1 ? "s" : ""}` : ""}`],
-  ["result", "Results", (e) => link("results", { path: e.path }), (e) => `${e.about.device ?? ""}${e.about.error_percent === null || e.about.error_percent === undefined ? "" : `, error ${e.about.error_percent.toPrecision(2)} %`}`],
+  ["result", "Results", (e) => link("results", { path: e.path }), (e) => `${e.about.device ?? ""}${e.about.error_percent === null || e.about.error_percent === undefined ? "" : `, error ${Number(e.about.error_percent.toPrecision(2))} %`}`],
 ];
 
 export async function show(main, query) {
@@ -24,7 +24,8 @@ export async function show(main, query) {
 
   const look = acting(main, async () => {
     const found = await call("workspace", { words: words.value });
-    folder.textContent = `Folder ${found.folder}. All files are plain files of this folder; the pages show them and the commands read them.`;
+    folder.title = found.folder;
+    folder.textContent = `Folder ${found.folder.replace(/^.*[\\/]/, "")}. All files are plain files of this folder; the pages show them and the commands read them.`;
     begin.disabled = !found.bench;
     why.textContent = found.bench ? "Simulates two logs of a PHANToM Premium 1.5, identifies it and shows the verdict, in less than a minute." : 'Needs MuJoCo: pip install "haptid[bench]"';
     grid.replaceChildren();
