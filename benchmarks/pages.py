@@ -155,6 +155,12 @@ def branches(figures: Figures) -> str:
     return aligned([("branch", *(head for head, _ in wanted.values())), *lines])
 
 
+def workbench_figures(figures: Figures) -> str:
+    """Every figure with its unit."""
+    rows = ((name.rpartition(", ")[0], f"{figure:.2g}", name.rpartition(", ")[2]) for name, figure in figures.items())
+    return aligned([("", "figure", "unit"), *rows])
+
+
 def aligned(cells: Any) -> str:
     """A table; columns of numbers are flush right."""
     heads, *lines = ([str(cell).replace("|", "\\|") for cell in line] for line in cells)
@@ -183,6 +189,7 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Identification from the bench": ("bench-identification", bench_identification),
     "Twenty seeds of each mounting": ("phantom-study", mountings),
     "Twenty seeds of each branch": ("medical-study", branches),
+    "Workbench": ("workbench", workbench_figures),
 }
 
 if __name__ == "__main__":

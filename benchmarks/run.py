@@ -29,6 +29,7 @@ import kernel
 import long_log
 import loops
 import medical_study
+import motion_quality
 import noisy_columns
 import payloads
 import phantom_study
@@ -36,6 +37,7 @@ import simulated_coverage
 import speed_report
 import start_up
 import virtual_bench
+import workbench
 from haptid import _core
 from zoo import study as zoo_study
 
@@ -58,6 +60,7 @@ STUDIES = {
     "efficiency": efficiency.run,
     "estimators": estimators.run,
     "exciting-motion": exciting_motion.run,
+    "motion-quality": motion_quality.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,
@@ -66,6 +69,7 @@ STUDIES = {
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
     "estimator-benchmark": estimator_benchmark.run,
+    "workbench": workbench.run,
     "zoo": zoo_study.run,
 }
 

@@ -45,13 +45,14 @@ needs_browser = pytest.mark.skipif(
 
 
 class Page:
-    """One tab. `troubles` are the errors and warnings of its console, and what it threw."""
+    """One tab. `troubles` are the errors and warnings of its console, and what it threw; `asked` what it requested."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
         self.count = 0
         self.troubles: list[str] = []
-        for domain in ("Page", "Runtime", "Log"):
+        self.asked: list[str] = []
+        for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -72,14 +73,43 @@ class Page:
             self.troubles.append(str(values["exceptionDetails"].get("exception", values).get("description", values)))
         elif message.get("method") == "Runtime.consoleAPICalled" and values["type"] in ("error", "warning", "assert"):
             self.troubles.append(str([argument.get("value") for argument in values["args"]]))
+        elif message.get("method") == "Network.requestWillBeSent":
+            self.asked.append(values["request"]["url"])
+        elif message.get("method") == "Network.webSocketCreated":
+            self.asked.append(values["url"])
         elif message.get("method") == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
             self.troubles.append(values["entry"]["text"])
 
     def open(self, path: Path, width: int, height: int = 900) -> None:
         """Load a file and wait until its charts are drawn."""
+        self.go(path.resolve().as_uri(), width, height)
+
+    def go(self, address: str, width: int, height: int = 900) -> None:
+        """Load an address, and wait until the page says that it is ready."""
         self.size(width, height)
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        # By way of an empty page: one that is left may become ready just now.
+        self.call("Page.navigate", url="about:blank")
+        self.wait("location.href === 'about:blank'")
+        self.call("Page.navigate", url=address)
         self.wait("document.body && 'ready' in document.body.dataset")
+
+    def press(self, key: str, shift: bool = False) -> None:
+        """A key, as by a person."""
+        text = {"Enter": "\r", "Space": " "}.get(key, key if len(key) == 1 else "")
+        name = " " if key == "Space" else key
+        codes = {"Tab": 9, "Enter": 13, "Space": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}
+        about = {"key": name, "code": key, "windowsVirtualKeyCode": codes.get(key, 0), "modifiers": 8 * shift}
+        self.call("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **about)
+
+    def write(self, selector: str, text: str) -> None:
+        """Put a text into a field, as if it were typed."""
+        field, value = json.dumps(selector), json.dumps(text)
+        self.ask(
+            f"(() => {{ const f = document.querySelector({field}); f.focus(); f.value = {value};"
+            "f.dispatchEvent(new Event('input', {bubbles: true}));"
+            "f.dispatchEvent(new Event('change', {bubbles: true})); })()"
+        )
 
     def size(self, width: int, height: int) -> None:
         """Of the window."""

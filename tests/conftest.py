@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 # How long an example takes is no claim: other processes decide on it. Laws that need more examples than 50 say so.
 settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
+# A command line is put together once, as in a process of its own, and not at every call.
+typer.testing._get_command = cache(typer.testing._get_command)
+
 PROJECT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_finish() -> None:
+    """What the modules have made stays for the whole run: the garbage collector does not go through it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
@@ -23,11 +36,19 @@ def shared_data() -> Path:
     return folder
 
 
-@pytest.fixture
-def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of few points and pixels, for tests of commands that draw them beside what is tested."""
+@pytest.fixture(autouse=True, scope="session")
+def small_pictures() -> Iterator[Callable[..., None]]:
+    """Pictures of few points and pixels, as few tests are about those that commands draw; the plain `savefig`."""
     from matplotlib.figure import Figure
 
     plain = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
-    monkeypatch.setattr("haptid.report.plots._PIXELS", 100)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda self, path, **given: plain(self, path, **{**given, "dpi": 20}))
+        patch.setattr("haptid.report.plots._PIXELS", 100)
+        yield plain
+
+
+@pytest.fixture
+def full_pictures(small_pictures: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures as users get them."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", small_pictures)

@@ -16,6 +16,7 @@ from haptid import inference as inference
 from haptid import log as log
 from haptid import motion as motion
 from haptid import observation as observation
+from haptid import registry as registry
 from haptid import report as report
 from haptid import results as results
 from haptid import robot_files as robot_files

@@ -218,6 +218,10 @@ class ResultFileError(HaptidError):
     """A folder of results is absent, cannot be read, or lacks what is required."""
 
 
+class WorkbenchError(HaptidError):
+    """A page of the workbench asks for what it cannot have: a path elsewhere, a name, a port, a job in the way."""
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Advice on a name that is not known: the nearest of the known ones, and a list of them."""
     names = list(dict.fromkeys(known))

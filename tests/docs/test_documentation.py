@@ -20,8 +20,9 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,15 @@ def every(*languages: str) -> list[Any]:
     return [pytest.param(block, id=str(block)) for page in PAGES for block in blocks(page, *languages)]
 
 
+def commands(block: Block) -> Iterator[tuple[str, int]]:
+    """Commands of a block, and the exit status that each is expected to have."""
+    for line in block.text.splitlines():
+        wanted = STATUS.search(line)
+        command = line[: wanted.start()] if wanted else line.partition("  # ")[0].strip()
+        if command:
+            yield command, int(wanted[1]) if wanted else 0
+
+
 # --- commands and Python ----------------------------------------------------------------------------------------
 
 
@@ -118,9 +128,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def recordings_kept(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the test run, in which outcomes of commands are kept for the other pages."""
+    return run_folder(tmp_path_factory)
+
+
+@pytest.fixture
+def recordings_kept(shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages ask the bench for the same recordings: of an experiment with one seed it simulates one in a test run."""
-    shared, simulated = run_folder(tmp_path_factory), bench.perform
+    simulated = bench.perform
 
     def kept(experiment: bench.Experiment, setup: bench.Setup, seed: int, progress: Any = None) -> bench.Recording:
         tables = (experiment.table, setup.model.device.tables)
@@ -136,14 +152,14 @@ def recordings_kept(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytes
     monkeypatch.setattr(bench, "perform", kept)
 
 
-@pytest.mark.usefixtures("recordings_kept", "small_pictures")
+@pytest.mark.usefixtures("recordings_kept")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(PROJECT).as_posix())
-def test_page_runs_from_top_to_bottom(page: Path, folder: Path) -> None:
+def test_page_runs_from_top_to_bottom(page: Path, folder: Path, shared: Path) -> None:
     names: dict[str, Any] = {}
     printed, cause = "", None
     for block in blocks(page):
         if block.language == "bash" and SHARED not in block.text:
-            printed, cause = run_commands(block), block
+            printed, cause = run_commands(block, shared), block
         elif block.language == "python":
             printed, cause = run_python(block, names), block
         elif block.language == "toml" and block.file:
@@ -153,29 +169,65 @@ def test_page_runs_from_top_to_bottom(page: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [b for b in every("bash") if SHARED in b.values[0].text])
-@pytest.mark.usefixtures("shared_data", "small_pictures")
-def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block: Block, folder: Path) -> None:
-    run_commands(block)
+@pytest.mark.usefixtures("shared_data")
+def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block: Block, folder: Path, shared: Path) -> None:
+    run_commands(block, shared)
     for line in block.text.splitlines():
         if match := re.search(r"examples/(\w+)/study.toml .*--out (\S+)", line):
             quoted_figures(match[1], json.loads((folder / match[2] / "result.json").read_text(encoding="utf-8")))
 
 
-def run_commands(block: Block) -> str:
+def run_commands(block: Block, shared: Path) -> str:
     """Run a block line by line; what its commands printed."""
     printed = ""
-    for line in block.text.splitlines():
-        wanted = STATUS.search(line)
-        command = line[: wanted.start()] if wanted else line.partition("  # ")[0].strip()
+    for command, wanted in commands(block):
         if command.startswith("make "):
-            printed += run_make(command.removeprefix("make ").split()[0])
+            printed += run_make(command.removeprefix("make ").split()[0], shared)
         elif command == ". .venv/bin/activate":
             assert "VENV := .venv" in (PROJECT / "Makefile").read_text(encoding="utf-8")
-        elif command:
-            status, shown = run_command(command)
-            assert status == int(wanted[1] if wanted else 0), f"{block}: {line}\n{shown}"
+        else:
+            status, shown = run_once(command, shared)
+            assert status == wanted, f"{block}: {command}\n{shown}"
             printed += shown
     return printed
+
+
+def run_once(command: str, shared: Path) -> tuple[int, str]:
+    """Exit status of a command and what it printed: of the first page that has run it on the same files.
+
+    Those are the files and folders that it names, but for its output, and every TOML file of the working folder.
+    """
+    if not command.startswith(("haptid ", "python ")) or SHELL.search(command) or SHARED in command:
+        return run_command(command)
+    words = shlex.split(command)
+    named = [Path(word) for before, word in pairwise(words) if before != "--out" and Path(word).exists()]
+    state = hashlib.sha256(command.encode())
+    for path in sorted({*named, *Path().glob("*.toml")}):
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            state.update(str(file).encode() + (file.read_bytes() if file.is_file() else b""))
+
+    def make(folder: Path) -> None:
+        before = digests()
+        (folder / "printed.json").write_text(json.dumps(run_command(command)), encoding="utf-8")
+        copy((path for path, digest in digests().items() if before.get(path) != digest), Path(), folder / "files")
+
+    made = made_once(shared / f"command-{state.hexdigest()[:16]}", make)
+    left = made / "files"
+    copy((path.relative_to(left) for path in left.rglob("*") if path.is_file()), left, Path())
+    status, shown = json.loads((made / "printed.json").read_text(encoding="utf-8"))
+    return status, shown
+
+
+def digests() -> dict[Path, str]:
+    """SHA-256 of every file of the working folder but the examples."""
+    files = (path for path in Path().rglob("*") if path.is_file() and path.parts[0] != "examples")
+    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def copy(files: Iterable[Path], source: Path, to: Path) -> None:
+    for file in files:
+        (to / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(source / file, to / file)
 
 
 def run_command(command: str) -> tuple[int, str]:
@@ -209,13 +261,24 @@ def run_script(script: str, *arguments: str) -> tuple[int, str]:
     return status, printed.getvalue()
 
 
-def run_make(target: str) -> str:
-    """Targets are only looked up; of the demo the script is run, since pages use the logs that it leaves."""
+def run_make(target: str, shared: Path) -> str:
+    """Targets are only looked up; of the demo the script is run, since pages use the logs that it leaves.
+
+    The command that the script starts is run in this process, once with that of the page.
+    """
+
+    def started(command: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        assert command[:3] == [sys.executable, "-m", "haptid"]
+        status, shown = run_once(shlex.join(["haptid", *command[3:]]), shared)
+        print(shown)
+        return subprocess.CompletedProcess(command, status)
+
     assert re.search(rf"^{target}:", (PROJECT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE), target
     if target != "demo":
         return ""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("haptid.experiment.bench.run.ProcessExecutor", haptid.executors.SerialExecutor)
+        patch.setattr(subprocess, "run", started)
         status, printed = run_script("examples/demo.py", "--out", "demo")
     assert status == 0, printed
     return printed

@@ -20,6 +20,7 @@ import pytest
 
 import haptid
 from haptid import errors
+from haptid.app.workspace import WorkbenchFolder
 from haptid.cli.options import ranges
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.forward import ForwardDynamics, sets_of
@@ -125,6 +126,16 @@ def output_folder(folder: Path) -> object:
     (folder / "file").touch()
     model = haptid.DynamicModel(haptid.read_device("emps"))
     return export_c((model, np.ones(len(model.base))), folder / "file")
+
+
+@case
+def workbench_path(folder: Path) -> object:
+    return WorkbenchFolder(folder).inside("../secret.toml")
+
+
+@case
+def workbench_name(folder: Path) -> object:
+    return WorkbenchFolder(folder).save_text("devices/con.toml", "", "")
 
 
 @case

@@ -15,7 +15,7 @@ from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from motions import multisine, truth
 
-RUNS = 12
+RUNS = 8
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.95])
@@ -31,7 +31,7 @@ def test_clean_logs_raise_few_doubts(phi):
 def test_stribeck_friction_that_the_model_lacks_is_found():
     found = [diagnose(estimated(log(seed, stribeck=0.25))) for seed in range(RUNS)]
     hits = [each["friction near standstill"].status == "bad" for each in found]
-    # Clusters of independent length leave fewer degrees of freedom: in 12 logs a power of 0.9 may miss three.
+    # Clusters of independent length leave fewer degrees of freedom: in 8 logs a power of 0.9 may miss three.
     assert sum(hits) >= stats.binom.ppf(0.01, RUNS, 0.9)
     assert "Stribeck" in found[0]["friction near standstill"].sentence
     assert "near standstill" not in found[0].verdict.sentences[0]

@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import subprocess
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +26,18 @@ OLD, NEW = (
     },
 )
 FOREIGN = {"notes.txt": "mine", "sub/own.txt": "mine too"}
+HERE = Path(__file__).parent
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+
+
+def apart(case: str, *values: object) -> None:
+    """A function of this file in a small process of its own, as each of its many copies costs what it has loaded."""
+    program = f"import test_atomic_folder as here; here.{case}(*{values!r})"
+    path = os.pathsep.join([str(HERE), str(HERE.parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def write(out: Path, texts: dict[str, str], updating: bool = False) -> None:
@@ -104,10 +117,14 @@ def test_a_call_that_fails_leaves_the_result_before(tmp_path, exchange):
 @needs_fork
 @pytest.mark.parametrize("exchange", [True, False])
 def test_a_process_that_dies_leaves_a_whole_result_and_the_next_run_sweeps(tmp_path, exchange):
+    apart("dies_and_is_swept", str(tmp_path), exchange)
+
+
+def dies_and_is_swept(tmp_path, exchange):
     at, dead = 0, True
     while dead:
         at += 1
-        folder = tmp_path / str(at)
+        folder = Path(tmp_path) / str(at)
         out = prepared(folder)
         dead = died(lambda out=out: write(out, NEW), at, exchange)
         assert_whole(out, may_be_absent=not exchange)
@@ -119,13 +136,17 @@ def test_a_process_that_dies_leaves_a_whole_result_and_the_next_run_sweeps(tmp_p
 
 
 @needs_fork
-def test_readers_refuse_a_folder_that_cannot_be_exchanged_until_it_is_whole(tmp_path, monkeypatch):
+def test_readers_refuse_a_folder_that_cannot_be_exchanged_until_it_is_whole(tmp_path):
+    apart("dies_and_is_refused", str(tmp_path))
+
+
+def dies_and_is_refused(tmp_path):
     at, dead, refused = 0, True, 0
     while dead:
         at += 1
-        folder = tmp_path / str(at)
+        folder = Path(tmp_path) / str(at)
         out = prepared(folder)
-        monkeypatch.chdir(out)  # the current folder stays what it is
+        os.chdir(out)  # the current folder stays what it is
         dead = died(lambda: write(Path("."), NEW), at)
         found = {}
         for name in ("result.json", "report.html"):
@@ -143,6 +164,11 @@ def test_readers_refuse_a_folder_that_cannot_be_exchanged_until_it_is_whole(tmp_
 
 @needs_fork
 def test_companions_are_never_beside_the_main_file_of_another_run(tmp_path):
+    apart("dies_between_companions", str(tmp_path))
+
+
+def dies_between_companions(folder):
+    tmp_path = Path(folder)
     log, truth = tmp_path / "log.parquet", tmp_path / "log.truth.json"
 
     def run(text: str) -> None:

@@ -214,6 +214,7 @@ def test_sweeps_and_lines():
     np.testing.assert_array_equal(line([0.0, 1.0], [1.0, 1.0], 3), [[0, 0.5, 1], [1, 1, 1]])
 
 
+@pytest.mark.usefixtures("full_pictures")
 def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
     identified, _ = doubtful
     x = np.linspace(0.0, 0.8, 9)

@@ -58,6 +58,7 @@ def test_a_pose_has_every_figure_with_its_interval(folder, tmp_path):
     assert not (tmp_path / "at" / "masses.png").exists()
 
 
+@pytest.mark.usefixtures("full_pictures")
 def test_a_sweep_is_drawn_and_starts_and_ends_at_its_poses(folder, tmp_path):
     done = call("characterise", folder, "--sweep", "0,-0.2,0.3", "0,0.8,0.3", "--out", tmp_path / "s", "--quiet")
     assert done.exit_code == 0, done.output
@@ -68,6 +69,7 @@ def test_a_sweep_is_drawn_and_starts_and_ends_at_its_poses(folder, tmp_path):
     assert (tmp_path / "s" / "masses.png").stat().st_size > 10_000
 
 
+@pytest.mark.usefixtures("full_pictures")
 def test_singular_poses_are_reported_and_empty(folder, tmp_path):
     done = call("characterise", folder, "--grid", 3000, "--out", tmp_path / "g")
     assert done.exit_code == 0, done.output

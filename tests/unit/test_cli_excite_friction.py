@@ -123,6 +123,7 @@ def swept(tmp_path_factory):
     return folder, dict(zip(model.base.names, beta.tolist(), strict=True))
 
 
+@pytest.mark.usefixtures("full_pictures")
 def test_friction_of_a_log_is_printed_and_drawn(swept, tmp_path):
     folder, true = swept
     done = call("friction", "log", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")

@@ -38,7 +38,7 @@ def test_a_paragraph_is_one_line_and_items_stay_apart():
     assert unwrapped("One\ntwo.\n\n- a: b\n  c\n- d\n") == "One two.\n\n- a: b c\n- d"
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"completion", "schema", "friction"}))
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"app", "completion", "schema", "friction"}))
 def test_every_command_can_print_json(name):
     assert "--json" in call(name, "--help").stdout
 

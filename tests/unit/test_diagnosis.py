@@ -23,7 +23,7 @@ from motions import motion, truth
 
 LOOKS = {
     *("excitation", "collinearity", "whiteness", "normality", "even spread", "time delay", "errors in W"),
-    *("units and signs", "ripple", "influence", "drift"),
+    *("units and signs", "ripple", "rigid range", "influence", "drift"),
     *(term.name for term in CANDIDATES),
 }
 

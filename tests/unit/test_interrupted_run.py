@@ -28,16 +28,19 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals, no SIGKILL"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning"),
 ]
-# The command line with many small parts, so that there is a middle to hit; it says how many it made itself.
+# The command line with many small parts, each stored after a pause, so that there is a middle to hit; it says how many
+# it made itself.
 PROGRAM = """
 import signal
+import time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background may not listen
 from haptid.observation import plan as planning
 from haptid.observation import batch
 from haptid.observation.cache import RFactorCache
 planning.SEGMENT = 1024
 RFactorCache.__init__.__defaults__ = (0,)  # this log is shorter than those whose parts are worth a file
-made, plain = [], batch.Reducer.__call__
+made, plain, write = [], batch.Reducer.__call__, RFactorCache.write
+RFactorCache.write = lambda *given: (time.sleep(0.03), write(*given))[1]
 batch.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
 from haptid.cli import main
 try:
@@ -46,13 +49,13 @@ finally:
     print("made", len(made))
 """
 MANY = 3
-SAMPLES = 2**17
+SAMPLES = 2**15
 PATIENCE = 300.0
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of one log of some hundred parts."""
+    """Of one log of some sixty parts."""
     folder = tmp_path_factory.mktemp("long")
     (folder / "device.toml").write_text(DEVICE)
     logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay_s = 0.0\nreversal_speed = 0.0'

@@ -17,8 +17,8 @@ RANGES = ((-1.5, 1.5), (0.0, 3.0))
 
 
 def log(position: np.ndarray, unit: str = "rad", side: Side = "joint") -> Log:
-    """A log of two joints whose positions, (n, 2), are already in SI."""
-    channels = Channels(Signal(("q1", "q2"), unit, side), Signal("tau", "N m"), rate_hz=100)
+    """A log of joints whose positions, (n, joints), are already in SI."""
+    channels = Channels(Signal(("q1", "q2")[: position.shape[1]], unit, side), Signal("tau", "N m"), rate_hz=100)
     return Log(Path("log"), "", T, position, np.ones((T.size, 1)), channels)
 
 
@@ -76,3 +76,24 @@ def test_a_joint_outside_its_limits_is_only_mentioned() -> None:
 
 def test_motor_side_positions_are_not_compared() -> None:
     assert check_against(log(motion(57.3), side="motor"), RANGES, (False, False), NAMES) == ()
+
+
+def test_one_joint_that_turns_among_others_is_not_in_degrees() -> None:
+    """A wrist without limits turns two and a half times each way; as degrees the other joints would hardly move."""
+    turning = np.column_stack([8 * np.sin(T), 0.8 * np.cos(T), np.sin(T)])
+    channels = Channels(Signal(("q1", "q2", "q3"), "rad"), Signal("tau", "N m"), rate_hz=100)
+    made = Log(Path("log"), "", T, turning, np.ones((T.size, 1)), channels)
+    assert check_against(made, (None, None, None), (False,) * 3, ("A", "B", "C")) == ()
+    degrees = Log(Path("log"), "", T, 50 * turning, np.ones((T.size, 1)), channels)
+    with pytest.raises(errors.LogMismatchError, match="give the joint limits"):
+        check_against(degrees, (None, None, None), (False,) * 3, ("A", "B", "C"))
+
+
+@pytest.mark.parametrize("limits", [None, (-np.pi, np.pi)])
+def test_a_single_joint_may_turn(limits: tuple[float, float] | None) -> None:
+    """A pendulum that swings up over and over is no mistake of units; fifty turns are one."""
+    turns = np.column_stack([10 * np.sin(T)])
+    (note,) = check_against(log(turns), (limits,), (False,), NAMES[:1])
+    assert ("turns 3.2 times" in note) == (limits is None)
+    with pytest.raises(errors.LogMismatchError, match="57.3" if limits is None else "far beyond"):
+        check_against(log(16 * turns), (limits,), (False,), NAMES[:1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from haptid import errors
 from haptid.log import Channels, Signal, read_log
 from haptid.log.read import format_of
 from haptid.log.request import Request
+from haptid.log.survey import survey
 
 N = 120
 T = np.arange(N) * 0.01
@@ -69,6 +72,45 @@ def test_columns_without_a_header_or_counted_from_0(tmp_path: Path) -> None:
     found, notes = read(path, ["0", "2"])
     np.testing.assert_allclose(found["2"], DATA[:, 2], atol=6e-7)
     assert "from 0" in notes[0]
+
+
+@pytest.mark.parametrize("arrow", [True, False])
+def test_dates_and_times_of_day_are_seconds_since_the_first(
+    tmp_path: Path, arrow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not arrow:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    start = datetime(2026, 12, 31, 23, 59, 59, 250_000, timezone(timedelta(hours=5, minutes=30)))
+    times = [start + timedelta(milliseconds=20 * k) for k in range(N)]
+    path = tmp_path / "log.csv"
+    cells = [f"{x.isoformat(' ')},{x.time().isoformat('microseconds')},{k}" for k, x in enumerate(times)]
+    path.write_text("Timestamp,clock,q1\n" + "\n".join(cells) + "\n")
+    found, notes = read(path, ["Timestamp", "clock", "q1"])
+    np.testing.assert_allclose(found["Timestamp"], 0.02 * np.arange(N), atol=1e-9)
+    np.testing.assert_allclose(found["clock"], 0.02 * np.arange(N), atol=1e-9)
+    assert "Timestamp holds dates" in notes[0]
+    assert 'time = "Timestamp"\ntime_unit = "s"' in survey(path).table
+    path.write_text("Timestamp,q1\n" + "\n".join([*(f"{x.isoformat()},1" for x in times), "later,2"]) + "\n")
+    with pytest.raises(errors.LogFileError, match="`later`, not a date"):
+        read(path, ["Timestamp"])
+
+
+def test_the_present_value_is_no_electric_current(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,target_angle,current_angle,motor_current\n" + rows(",").replace("\n", ",0.5\n"))
+    kinds = {channel.name: channel.quantity for channel in survey(path).topics[0].channels}
+    assert kinds == {"t": "time", "target_angle": "position", "current_angle": "position", "motor_current": "torque"}
+    assert '"current_angle"' in survey(path).table
+
+
+def test_columns_of_one_name_are_numbered(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,tau,tau\n" + rows(","))
+    found, notes = read(path, ["t", "tau (2)"])
+    np.testing.assert_allclose(found["tau (2)"], DATA[:, 2], atol=6e-7)
+    assert "2 columns are named tau" in notes[0]
+    with pytest.raises(errors.LogFileError, match="two columns are named 'tau'"):
+        read(path, ["t", "tau"])
 
 
 def test_a_header_with_units_is_not_taken_in_others(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import haptid
 from haptid.log.formats import csv
 from haptid.log.request import Request
 
-OPTIONAL = ("pyarrow", "h5py", "matplotlib", "mujoco", "distributed")
+OPTIONAL = ("pyarrow", "h5py", "matplotlib", "mujoco", "distributed", "starlette", "uvicorn")
 ABSENT = f"import sys\nfor name in {OPTIONAL}:\n    sys.modules[name] = None\n"
 TEXTS = {
     "commas": "t,q,tau\n0,1.5,2\n1,-2.5e-3,3\n2,,4\n3,nan,5\n",
@@ -61,6 +61,8 @@ def test_what_needs_an_optional_package_names_its_extra(tmp_path):
     assert 'pip install "haptid[parquet]"' in done.stderr
     done = without("import haptid.report.plots")
     assert 'pip install "haptid[plots]"' in done.stderr
+    done = without(f"sys.argv = ['haptid', 'app', {str(tmp_path)!r}]\nfrom haptid.cli import main\nmain()")
+    assert 'pip install "haptid[app]"' in done.stderr.replace("\n", " ")
 
 
 def test_commands_start_without_them():

@@ -158,9 +158,16 @@ def test_other_methods_are_used_as_they_are(model):
     assert model_for_use(haptid.estimate(observation, GLS())).name != "given"
 
 
-def test_a_short_log_is_not_split(bare):
+def test_the_eight_blocks_of_a_short_log_are_enough(bare):
+    """Friction that feeds energy in is real here too, and four folds of two blocks show it."""
     made = haptid.estimate(observed(bare, truth(bare, friction=-0.5), 0.1, seconds=3.0), WLS())
-    use = model_for_use(made)
+    assert len(made.observation.blocks) == 8
+    assert model_for_use(made).name == "free"
+
+
+def test_three_blocks_are_not_split(bare):
+    observation = observed(bare, truth(bare, friction=-0.5), 0.1).pick(np.arange(3))
+    use = model_for_use(haptid.estimate(observation, WLS()))
     assert use.name == "consistent"
     assert "too short" in use.reason
 

@@ -12,7 +12,7 @@ import haptid
 from haptid.errors import LogMismatchError, TreatmentError
 from haptid.log.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.motion.streaming import delayed
-from haptid.treatment_choice.delay_estimate import find_delays, with_delay_uncertainty
+from haptid.treatment_choice.delay_estimate import Delays, find_delays, with_delay_uncertainty
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from motions import multisine, truth
 
@@ -252,6 +252,16 @@ def test_logs_at_different_rates_are_not_searched_for_one_delay(phantom):
     assert "1000 and 250 Hz" in proposal.reasons[-1]
 
 
+def test_rates_that_stamps_of_one_clock_differ_by_are_one(phantom):
+    """A part in a thousand is what the stamps of a recorder drift by; the delay is found from both logs."""
+    made = recorded(phantom, late=2.0, noise=0.01)
+    other = recorded(phantom, late=2.0, noise=0.01, seed=2)
+    drifted = haptid.Log(other.path, "d", 1.001 * other.t, other.position, other.torque, other.channels)
+    proposal = haptid.propose(phantom, made, drifted)
+    assert proposal.delays is not None
+    np.testing.assert_allclose(proposal.delays.seconds, 2e-3, atol=5 * proposal.delays.se.max())
+
+
 def test_a_rate_too_low_for_the_motion_is_named(phantom):
     made = recorded(phantom)
     slow = haptid.Log(made.path, "s", made.t[::100], made.position[::100], made.torque[::100], made.channels)
@@ -272,3 +282,10 @@ def test_settings_that_are_none_and_no_logs_at_all_are_errors(phantom):
     with pytest.raises(TreatmentError) as raised:
         haptid.propose(phantom)
     assert raised.value.where == "logs"
+
+
+def test_a_delay_that_is_none_is_said_to_be_late_or_early():
+    for found, words in ((4e-3, "seem late by 4 ms"), (-2e-3, "seem early by 2 ms")):
+        told = Delays(np.zeros(2), np.zeros((2, 2)), np.full(2, found), False, 1e-3).sentence
+        assert words in told
+        assert "If it is a delay all the same, give `torque_delay_s`" in told

@@ -70,6 +70,15 @@ def test_a_urdf_becomes_a_device_with_its_torques(tmp_path: Path) -> None:
     assert device.closure.relations == ("qrail = 0.2 - 0.1*qelbow",)
 
 
+def test_a_weld_to_an_undeclared_world_is_the_base(tmp_path: Path) -> None:
+    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base_link"/></joint>\n</robot>'
+    welded, plain = imported(tmp_path, ARM.replace("</robot>", weld), "welded.urdf"), imported(tmp_path, ARM)
+    for one, other in zip(welded.device.joints, plain.device.joints, strict=True):
+        assert (one.name, one.parent) == (other.name, other.parent)
+        np.testing.assert_array_equal(one.translation, other.translation)
+    assert welded.check.torque < 1e-12
+
+
 def test_the_file_is_read_back_as_the_same_device(tmp_path: Path) -> None:
     robot = imported(tmp_path, ARM)
     robot.save(tmp_path / "made.toml")

@@ -130,8 +130,9 @@ def test_slopes_have_their_interval_as_often_as_stated():
     level = np.mean(series(noise, se, dof).p < 0.05)
     assert level == pytest.approx(0.05, abs=close)
     ones = np.column_stack([np.ones(n), t])
-    bent = np.mean([misfit(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(runs)])
-    assert bent == pytest.approx(0.05, abs=close)
+    some = 1000
+    bent = np.mean([misfit(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(some)])
+    assert bent == pytest.approx(0.05, abs=of_share(0.05, some) + 0.005)
 
 
 def test_a_drift_of_one_parameter_is_found_and_no_other(model):

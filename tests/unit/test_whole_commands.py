@@ -11,7 +11,6 @@ from fuzz.failing_calls import failures, once, prepare
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders in use cannot be renamed")
-@pytest.mark.usefixtures("small_pictures")
 def test_outputs_are_whole_or_absent(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)

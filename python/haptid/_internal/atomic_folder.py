@@ -167,10 +167,21 @@ def _exchangeable(target: Path) -> bool:
     return not here and not os.path.ismount(target) and os.access(target.parent, os.W_OK | os.X_OK)
 
 
+def sweep_beside(out: Path) -> None:
+    """Remove what runs that died have left beside a folder of results; nothing where there is none."""
+    target = out.resolve()
+    if target.parent.is_dir():
+        _sweep(target, target.parent, _prefix(target))
+
+
+def _prefix(target: Path) -> str:
+    return f".{target.name[:60]}-"
+
+
 @contextmanager
 def _scratch(target: Path, where: Path) -> Iterator[Path]:
     """A new folder in `where`, removed at the end; those that dead runs left there for this target go first."""
-    prefix = f".{target.name[:60]}-"
+    prefix = _prefix(target)
     _sweep(target, where, prefix)
     with ExitStack() as held:
         while True:

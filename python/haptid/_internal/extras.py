@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from haptid.errors import MissingDependencyError
 
 # Extra of haptid by package.
-EXTRAS = {"pyarrow": "parquet", "h5py": "hdf5", "matplotlib": "plots"}
+EXTRAS = {"pyarrow": "parquet", "h5py": "hdf5", "matplotlib": "plots", "starlette": "app", "uvicorn": "app"}
 
 
 @contextmanager

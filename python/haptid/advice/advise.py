@@ -26,6 +26,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
+from haptid.advice.sides import other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.untold import untold
 from haptid.advice.use import other_use
@@ -33,15 +34,22 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
+from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-# The lower one where parameters are found that no bodies have.
+# The lower one where parameters are found that no bodies have, and for sides.
 _ROUGH, _LARGE = 20.0, 10.0
 # Actions of a combination, and actions that are shown.
 _MOST, SHOWN = 4, 6
+# Least share of what is negative in the torque of a motor that is reversed.
+_SHOWS = 0.05
+# Ratio of the error of another log to that of unseen blocks of the fit from which the other log is named.
+_FAR = 2.0
+# Share of the squared error that rounding changes.
+_SAME_ERROR = 1e-6
 # A factor that is -1 within this is a sign.
 _SIGN = 0.3
 # Kinds that leave rows out.
@@ -55,6 +63,7 @@ _CHANGE: Mapping[str, str] = {
     "viscosity by direction": "let viscous friction depend on the direction on {where}",
     "bent viscosity": "add friction that grows with the square of the speed on {where}",
     "stribeck": "add Stribeck friction on {where}",
+    "presliding": "let dry friction build up over a distance after reversals (Dahl friction) on {where}",
     "spring": "add a spring on {where}",
     "torque by position": "add a torque that depends on the position of {where}",
     "load friction": "add load-dependent dry friction on {where}",
@@ -69,6 +78,7 @@ _CHANGE: Mapping[str, str] = {
     "torque swap": "exchange the torque channels of {where}",
     "position sign": "reverse the position channel of {where}",
     "position swap": "exchange the position channels of {where}",
+    "position unit": "read the positions in {where}",
     "zero offset": "correct the zero of the position of {where}",
     "length": "correct {where} in the device file",
     "gravity direction": "correct the direction of gravity in the device file",
@@ -250,15 +260,17 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((), 0.0, 0.0, ("No action is tried without accelerations.",), 0)
     if reason := _too_slow(found):
         return Advice((), 0.0, 0.0, (reason,), 0)
+    if (side := _side(found, part)) is not None:  # nothing else can be told with it
+        return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
-        search = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
+        whole = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
-    search, masks = with_masks(search)
+    search, masks = with_masks(whole)
     base = search.base()
     before = unseen_percent(search.model, search.bench, base)
-    negative = list(impossible(part, search.rows.position))
+    negative = list(impossible(part, search.rows))
     if before > (_LARGE if negative else _ROUGH):
         search = replace(search, candidates=(*search.candidates, *positions(search)))
     if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
@@ -273,20 +285,37 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         for one in made
     ]
     listed = [action for action in listed if action.after < action.before]
-    others = [_mask_action(mask, edits_of(search, mask, treatment), search.bench.blocks) for mask in masks]
+    others = [_mask_action(mask, edits_of(whole, mask, treatment), search.bench.blocks) for mask in masks]
     others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies(negative, known)]
+    first = [*_bodies([one for one in negative if _reversible(search, base, one)], known)]
     known |= {(action.kind, place) for action in first for place in action.places}
-    first += _units(diagnosis, known)
+    first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*first, *listed]
-    sentences = untold(search, base, {action.kind for action in every}, not every)
+    sentences = [*_other_motion(found, before), *untold(search, base, {action.kind for action in every}, not every)]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+
+
+def _other_motion(found: Identification, before: float) -> Iterator[str]:
+    """What the logs that validate show, where their error is far above that of the unseen blocks of the fit."""
+    errors = [
+        (validation.comparable.relative, run.entry.path)
+        for run in found.runs
+        if run.entry.role == "validate"
+        for validation in run.unseen
+    ]
+    worst, path = max(errors, default=(0.0, ""))
+    if worst > max(_FAR * before, _LARGE):
+        yield (
+            f"The error on {path} is {worst:.3g} %, on unseen blocks of the fit {before:.3g} %: the motion of the fit "
+            "does not determine the model for other motion, or something differs in that log. Identify from several of "
+            "the logs, and validate with another one, to tell."
+        )
 
 
 def _too_slow(found: Identification) -> str:
@@ -308,6 +337,19 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
     if not given and max((v.relative for v in found.unseen), default=0.0) < _LARGE:
         return None  # the proposal has compared them
     return other_filter(found.model, part.observation.motions, part.beta, found.proposal.bandwidth_hz, part.zero)
+
+
+def _side(found: Identification, part: Estimate) -> Action | None:
+    """Channels of the other side, tried where the error is large."""
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
+        return None
+    one = other_side(found.model, part.observation.motions, part.beta, part.zero)
+    if one is None:
+        return None
+    return Action(
+        "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
+        one.gain.share, True, one.edits, one.blocks,
+    )  # fmt: skip
 
 
 def _named(one: Proven) -> Proven:
@@ -345,7 +387,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
 
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
-    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap")
+    channels = ("gain", "torque sign", "torque swap", "position sign", "position swap", "position unit")
     return one.kind in channels and other.kind in channels
 
 
@@ -407,6 +449,8 @@ def _size(one: Proven) -> str:
             return f" by {', '.join(f'{x:.3g}' for x in theta)} rad"
         case "stribeck":
             return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} rad/s or m/s)"
+        case "presliding":
+            return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} rad or m)"
         case "ripple":
             return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} rad or m)"
         case "payload":
@@ -435,6 +479,25 @@ def _filter_action(one: OtherFilter, blocks: int) -> Action:
     )  # fmt: skip
 
 
+def _reversible(search: Trials, base: Trial, one: Impossible) -> bool:
+    """Whether the motor's torque reversed leaves no greater error, and nothing negative that must be positive.
+
+    A reversed motor has all of its torque reversed: where only a trace of it is negative, as in slow motion or where a
+    hand moves the device, that says nothing of the channel.
+    """
+    if one.share < _SHOWS:
+        return False
+    grams = search.bench.grams["used"].copy()
+    column = grams.shape[-1] - search.bench.motors + one.motor
+    grams[:, :, column] *= -1
+    grams[:, :, :, column] *= -1
+    trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"), test=False)
+    made = gain(base, trial)
+    beta = np.zeros(one.combinations.shape[1])
+    beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]
+    return made.share > -max(LEAST_SE * made.se, _SAME_ERROR) and bool((one.combinations @ beta > 0).all())
+
+
 def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterator[Action]:
     """Signs of motors of which everything is negative."""
     for one in found:
@@ -445,7 +508,7 @@ def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterato
         yield Action("torque sign", (one.label,), change, "possible bodies", one.t, 0.0, None, 1.0, True, (edit,))
 
 
-def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
+def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
     """Torques whose size relative to the prior bodies a confusion of units explains."""
     if diagnosis is None:
         return
@@ -456,6 +519,11 @@ def _units(diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator
     for k, label in enumerate(labels):
         factor = found.figures.get(f"factor {label}")
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
+            continue
+        # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
+        if unseen_percent(search.model, search.bench, base, k) > _ROUGH or not (
+            GOOD > -factor > 1 / GOOD or factor > 0
+        ):
             continue
         kind = "torque sign" if factor < 0 else "unit"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.advice.rows import TrialRows
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import core_mass, raw_parameters
 from haptid.estimation import Estimate
@@ -28,39 +29,54 @@ class Impossible:
         label: of the motor.
         names: what is negative, "inertia" or parameters.
         t: the least distance from zero, in standard errors.
+        share: of these in the motor's torque.
+        combinations: of the base parameters, all of which must be positive, (count, p).
     """
 
     motor: int
     label: str
     names: tuple[str, ...]
     t: float
+    share: float
+    combinations: Array
 
 
-def impossible(estimate: Estimate, position: Array) -> Iterator[Impossible]:
+def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
     """Motors of which everything that must be positive is significantly negative.
 
     Args:
         estimate: of the parameters.
-        position: of the torque rows' coordinates along the log, (coordinates, rows), SI.
+        rows: of the trials.
     """
     model, kinds = estimate.model, estimate.model.device.parameters.kinds
+    position = rows.position
     every = np.linspace(0, position.shape[1] - 1, _POSES).astype(int)
     M = _masses(estimate, position[:, every])
+    acceleration = np.gradient(rows.velocity, rows.t, axis=1) if len(rows.t) > 1 else np.zeros_like(rows.velocity)
     for m, (row, motor) in enumerate(zip(device_rows(estimate), estimate.observation.motors, strict=True)):
         others = [set(o.columns.tolist()) for k, o in enumerate(estimate.observation.motors) if k != m]
         combinations, names = [M[row]], ["inertia"]
+        sizes = [_middle(acceleration[row])]  # of what each is multiplied by
         for k in motor.columns:
             own = model.base.independent_columns[int(k)]
             if kinds[own] in ("FC", "FV") and not any(int(k) in there for there in others):
                 combinations.append(np.eye(len(model.base))[int(k)])
                 names.append(model.base.names[int(k)])
+                sizes.append(1.0 if kinds[own] == "FC" else _middle(rows.velocity[row]))
         spread = estimate.spread(np.array(combinations))
         se = np.sqrt(np.diag(spread.covariance))
         t = np.array(combinations) @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
         told = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
         if told and all(t[k] < 0 for k in told) and (0 in told or len(told) > 1):
             negative = tuple(names[k] for k in told)
-            yield Impossible(m, motor.label, negative, float(np.abs(t[told]).min()))
+            parts = np.array(combinations) @ estimate.beta * np.array(sizes)
+            share = float(np.linalg.norm(parts[told])) / max(_middle(rows.y[m][rows.used[m]]), np.finfo(float).tiny)
+            yield Impossible(m, motor.label, negative, float(np.abs(t[told]).min()), share, np.array(combinations))
+
+
+def _middle(signal: Array) -> float:
+    """Size of a signal that a few jumps, as from log to log, do not change."""
+    return float(np.median(np.abs(signal))) if signal.size else 0.0
 
 
 def _masses(estimate: Estimate, c: Array) -> Array:

@@ -11,11 +11,13 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.recorder import ChannelFault
 from haptid.advice.rows import Column
+from haptid.device.terms.presliding import Presliding
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
+from haptid.motion.channels import state
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.geometry_slopes import (
     SLOPE_STEP,
@@ -28,6 +30,10 @@ from haptid.observation.geometry_slopes import (
 
 # Stribeck velocities that are tried, as shares of the root mean square speed.
 VELOCITIES = (0.1, 0.2, 0.4)
+# Presliding distances that are tried, as shares of the range of positions.
+DISTANCES = (0.001, 0.01, 0.1)
+# Samples before those of a chunk from which a column with history is computed.
+_BEFORE = 1 << 15
 # Legendre polynomials of position beyond the first degree.
 POWERS_OF_POSITION = (2, 3, 4)
 # Step by which a length is changed for a derivative, m.
@@ -107,6 +113,12 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             ),
             settings=[{"velocity": share * own.speed} for share in VELOCITIES],
         )
+        distances = [share * (own.high - own.low) or 1.0 for share in DISTANCES]
+        yield source(
+            "presliding",
+            *(Column(_presliding(place, distance), place.weights) for distance in distances),
+            settings=[{"distance": distance} for distance in distances],
+        )
         yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
         yield source(
             "torque by position",
@@ -119,6 +131,19 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
         )
         yield source("load friction", Column(_load(model, place), place.weights))
         yield source("rotor inertia", Column(_acceleration(place), place.weights))
+
+
+def _presliding(place: FrictionCoordinate, distance: float) -> Callable[[ResidualContext], Array]:
+    """Dahl friction less Coulomb friction of a coordinate: what is missing after a reversal."""
+    shape = Presliding("dahl", distance)
+
+    def values(context: ResidualContext) -> Array:
+        motion = context.plan.motion
+        low = max(motion.usable[0], context.low - _BEFORE)
+        x, v = (place.weights @ signal for signal in state(context.model.device, motion, low, context.high))
+        return np.asarray((shape.along(x, v) - shape.sliding(v))[None, context.low - low :])
+
+    return values
 
 
 def _acceleration(place: FrictionCoordinate) -> Callable[[ResidualContext], Array]:

@@ -29,6 +29,7 @@ _TERMS = {
     "viscous": "viscous",
     "offset": "offset",
     "stribeck": "stribeck",
+    "presliding": "dahl",
     "spring": "spring",
     "load friction": "load-friction",
     "rotor inertia": "rotor-inertia",
@@ -92,6 +93,8 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             yield Edit("study", "exchange", ("channels", "torque", "channels"), list(one.indices))
         case "position swap":
             yield Edit("study", "exchange", ("channels", "position", "channels"), list(one.indices))
+        case "position unit":
+            yield Edit("study", "set", ("channels", "position", "unit"), one.places[0].split()[0])
         case "position sign":
             for key in ("gain", "offset"):
                 yield Edit("study", "multiply", ("channels", "position", key), -1.0, one.indices[0])
@@ -207,7 +210,8 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
         elif edit.path[0] == "channels":
             for table in [plan, *plan["logs"]]:
                 if "channels" in table:
-                    _apply(table, edit.path, edit, len(table["channels"][edit.path[1]]["channels"]))
+                    signal = table["channels"][edit.path[1]]
+                    _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints") or ()))
         else:
             _apply(plan, edit.path, edit)
     plan["logs"] = [log for k, log in enumerate(plan["logs"]) if k not in gone]

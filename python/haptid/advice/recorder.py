@@ -123,7 +123,8 @@ def simulated_log(model: DynamicModel, motion: Motion, beta: Array) -> Motion | 
         low, high = smooth.usable
         c, cd, cdd = coordinates(model.device, smooth, low, high)
         shares = channel_shares(model.device, smooth, c)
-        tau = torque_of(model, raw_parameters(model, beta), c, cd, cdd)
+        history = model.history(c, cd, np.arange(low, high, dtype=float) * log.dt)
+        tau = torque_of(model, raw_parameters(model, beta), c, cd, cdd, history)
         torque = np.array(log.torque)
         made = channel_torque(model.device, shares, tau)
         if log.channels.torque.side == "motor":

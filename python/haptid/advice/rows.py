@@ -69,18 +69,19 @@ class TrialRows:
     def blocks(self) -> int:
         return int(self.block.max()) + 1
 
-    def grams(self, mask: np.ndarray | None = None) -> Array:
+    def grams(self, mask: np.ndarray | None = None, columns: int | None = None) -> Array:
         """Gram matrices of [W y_1 .. y_m] of every block and motor, (blocks, motors, size, size).
 
         Args:
             mask: rows that count besides being used, (motors, rows).
+            columns: number of W's columns, from the first on; all where None.
         """
-        motors, _, columns = self.W.shape
+        motors, columns = len(self.W), self.W.shape[2] if columns is None else columns
         order = np.searchsorted(self.block, np.arange(self.blocks + 1))
         made = np.empty((self.blocks, motors, columns + motors, columns + motors))
         for k in range(motors):
             kept = self.used[k] if mask is None else self.used[k] & mask[k]
-            whole = np.column_stack([self.W[k], self.y.T]) * kept[:, None]
+            whole = np.column_stack([self.W[k, :, :columns], self.y.T]) * kept[:, None]
             for b, (low, high) in enumerate(pairwise(order)):
                 part = whole[low:high]
                 made[b, k] = part.T @ part

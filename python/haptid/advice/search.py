@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
@@ -21,7 +20,12 @@ from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
-from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate, fourier_sums, friction_coordinates
+from haptid.inference.diagnosis.lack_of_fit import (
+    FrictionCoordinate,
+    coupled_coordinates,
+    fourier_sums,
+    friction_coordinates,
+)
 from haptid.motion.channels import torque_map
 from haptid.motion.treatment import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
@@ -37,6 +41,10 @@ _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "len
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
+# Terms that joints of coupled motors may have besides the motors.
+# The unit that an angle may be in instead, and the factor.
+_OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
+_OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
@@ -178,6 +186,9 @@ def _sources(
     """Added columns that do not concern the geometry."""
     ranges = candidate_columns.local_ranges(places, plain.position, plain.velocity)
     yield from candidate_columns.terms(model, places, ranges)
+    coupled = coupled_coordinates(model, rows, places)
+    ranges = candidate_columns.local_ranges(coupled, plain.position, plain.velocity)
+    yield from (one for one in candidate_columns.terms(model, coupled, ranges) if one.kind in _OF_A_JOINT)
     low, high = float(plain.t.min()), float(plain.t.max())
     yield from candidate_columns.channels(model, rows, 0.5 * (low + high), 0.5 * (high - low) or 1.0)
     yield from candidate_columns.payload_steps(model, np.linspace(low, high, 13)[1:-1].tolist())
@@ -253,10 +264,11 @@ def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor
 def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     """The search on rows without those that channels or a contact spoil, where leaving them out is proven to help."""
     found: list[Proven] = []
-    base = search.base()
+    bench = search.bench.without_candidates()
+    base = bench.run(Setting(), test=False)
     kept = np.ones(search.rows.used.shape, dtype=bool)
     for one, mask in _masks(search):
-        made = _masked(search, base, one, mask)
+        made = _masked(search, bench, base, one, mask)
         if made is not None:
             found.append(made)
             kept &= mask
@@ -265,7 +277,7 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
 
 
-def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
+def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
@@ -274,7 +286,7 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
         return None
-    bench = search.bench.with_rows("clean", search.rows.grams(mask))
+    bench = whole.with_rows("clean", search.rows.grams(mask, whole.base))
     trial, before = bench.run(Setting(rows="clean"), test=False), bench.run(Setting(), judged="clean", test=False)
     made = gain(before, trial)
     total = 1.0 - trial.total / (1.0 - share) / base.total
@@ -283,10 +295,10 @@ def _masked(search: Trials, base: Trial, one: TriedChange, mask: np.ndarray) -> 
     helps = made.p < SIGNIFICANCE / 4 and large_enough(made)
     if not (helps or dead or (harmless and total > LEAST_GAIN)):
         return None
-    whole, after = unseen_percent(search.model, search.bench, base), unseen_percent(search.model, bench, trial)
+    error, after = unseen_percent(search.model, whole, base), unseen_percent(search.model, bench, trial)
     se = paired(search.model, bench, replace(before, setting=trial.setting), trial)
     proof = replace(made, share=max(total, made.share))
-    return Proven(one, trial, proof, figures=(whole, after, se))
+    return Proven(one, trial, proof, figures=(error, after, se))
 
 
 def _unseen(search: Trials, trial: Trial) -> Array:
@@ -319,13 +331,13 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
 
 def _other_logs(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
     """Logs whose residual under the fit of the others is far above theirs, one at a time, (motors, rows)."""
-    rows, bench = search.rows, search.bench
+    rows, bench = search.rows, search.bench.without_candidates()
     logs = np.unique(rows.log)
     if len(logs) < 3:  # of two, none is the odd one
         return
     for k in logs:
         mask = np.broadcast_to(rows.log != k, rows.used.shape)
-        without = bench.with_rows("clean", rows.grams(mask))
+        without = bench.with_rows("clean", rows.grams(mask, bench.base))
         fitted = without.fit(Setting(rows="clean"), np.arange(bench.blocks))
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         own, others = (float(np.nanmean(e[:, rows.log == k] ** 2)), float(np.nanmean(e[:, rows.log != k] ** 2)))
@@ -349,7 +361,7 @@ def contact(search: Trials) -> np.ndarray:
 
     A term that the model lacks is a function of the state; a hand on the device is not.
     """
-    rows, bench = search.rows, search.bench
+    rows, bench = search.rows, search.bench.without_candidates()
     use: np.ndarray = np.asarray(rows.used.any(axis=0))
     none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
     flagged = none
@@ -357,9 +369,8 @@ def contact(search: Trials) -> np.ndarray:
     width = max(3, round(CONTACT_S / step))
     # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
     for limit in (CONTACT / 4, CONTACT / 2, CONTACT, CONTACT):
-        fitted = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape))).fit(
-            Setting(rows="clean"), np.arange(bench.blocks)
-        )
+        clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
+        fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
         smooth = ndimage.uniform_filter1d(power, width)
@@ -384,6 +395,8 @@ def _quantile(power: Array) -> float:
 
 def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
     """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
+    from scipy.spatial import cKDTree  # slow to import, and few logs have such rows
+
     state = np.vstack([rows.position, rows.velocity])
     state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
     stride = max(1, round(SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
@@ -399,7 +412,7 @@ def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
 
 
 def positions(search: Trials) -> Iterator[TriedChange]:
-    """Signs and assignments of the position channels; each is another pass over the log, stored with the trials."""
+    """Signs, assignments and unit of the position channels; each is a pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]
@@ -407,18 +420,23 @@ def positions(search: Trials) -> Iterator[TriedChange]:
     changes += [
         ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
     ]
+    unit = motions[0].log.channels.position.unit if motions[0].log is not None else ""
+    if unit in _OTHER_UNIT and not all(units):
+        changes.append(("position unit", ()))
     # The delay of a wrong model is none: that of a command that is held.
     plain = [m if m.log is None else with_delay(m, 0.5 * m.dt) for m in motions]
     grams = dict(search.bench.grams)
     for kind, which in changes:
         try:
-            there = trial_rows(model, [_repositioned(m, which) for m in plain], search.beta, (), motions)
+            moved = [_repositioned(m, which) if which else _in_other_unit(m, unit, units) for m in plain]
+            there = trial_rows(model, moved, search.beta, (), motions)
         except HaptidError:
             continue
         if there.blocks == search.rows.blocks:
             key = f"{kind} {which}"
             grams[key] = _embedded(there.grams(), search.bench)
-            yield TriedChange(kind, tuple(f"joint {names[k]}" for k in which), Setting(rows=key), indices=which)
+            places = tuple(f"joint {names[k]}" for k in which) or (f"{_OTHER_UNIT[unit][0]} and not in {unit}",)
+            yield TriedChange(kind, places, Setting(rows=key), indices=which)
     object.__setattr__(search.bench, "grams", grams)
 
 
@@ -430,6 +448,14 @@ def _repositioned(motion: Motion, which: tuple[int, ...]) -> Motion:
     else:
         q[:, list(which)] = q[:, list(which[::-1])]
     return replace(motion, q=q)
+
+
+def _in_other_unit(motion: Motion, unit: str, prismatic: Sequence[bool]) -> Motion:
+    """The motion with its angles read in the other unit, and as many times the speed that counts as slow."""
+    factor = np.where(prismatic, 1.0, _OTHER_UNIT[unit][1])
+    slow = np.asarray(motion.treatment.reversal_speed) * _OTHER_UNIT[unit][1]
+    treatment = replace(motion.treatment, reversal_speed=tuple(slow.tolist()) if slow.ndim else float(slow))
+    return replace(motion, q=np.array(motion.q) * factor, treatment=treatment)
 
 
 def _embedded(grams: Array, bench: Bench) -> Array:

@@ -158,6 +158,12 @@ class Bench:
     def with_rows(self, name: str, grams: Array) -> Bench:
         return replace(self, grams={**self.grams, name: grams})
 
+    def without_candidates(self) -> Bench:
+        """Of the base parameters' columns alone: a small part of the matrices, where these are the only ones fitted."""
+        grams = self.grams["used"]
+        kept = np.r_[: self.base, grams.shape[-1] - self.motors : grams.shape[-1]]
+        return replace(self, grams={"used": _rows(grams, kept, kept)}, artefact=None)
+
     def fit(self, setting: Setting, blocks: np.ndarray, grams: Array | None = None) -> Fitted:
         """Least squares on some blocks; alternatives and factors are those of the least error."""
         G = self._sum(self.grams[setting.rows] if grams is None else grams, blocks)
@@ -182,7 +188,7 @@ class Bench:
         """Sum of the Gram matrices of some blocks, (motors, size, size); a hundred fits have the same few."""
         key = (id(grams), blocks.tobytes())
         if key not in self._sums:  # the matrices are kept with their sum, so that no others get their id
-            self._sums[key] = (grams, grams[blocks].sum(axis=0))
+            self._sums[key] = (grams, _sum_of(grams, blocks))
         return self._sums[key][1]
 
     def _base(self, grams: Array) -> Array:
@@ -332,6 +338,14 @@ class Bench:
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)
+
+
+def _sum_of(grams: Array, blocks: np.ndarray) -> Array:
+    """Sum of the matrices of some blocks, without a copy of them all."""
+    made = np.zeros(grams.shape[1:])
+    for block in blocks:
+        made += grams[block]
+    return made
 
 
 def _rows(G: Array, rows: np.ndarray, columns: np.ndarray) -> Array:

@@ -16,7 +16,7 @@ from haptid.errors import MissingDependencyError
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
 from haptid.cli import check, identify, advise, report, compare, characterise, eliminate, friction, payload, poses  # noqa: F401
-from haptid.cli import export, channels, import_, model, devices, excite, bench, demo, schema, completion  # noqa: F401
+from haptid.cli import export, channels, import_, model, devices, excite, bench, workbench, demo, schema, completion  # noqa: F401
 # isort: on
 
 

@@ -72,7 +72,7 @@ def _show(found: Survey, draft: str, study: Path | None) -> None:
         _show_topic(topic)
     out.print()
     if not found.table:
-        out.print("No channels of positions were recognised by name; name them in [channels].", highlight=False)
+        out.print("No channels of positions were recognised; name them in [channels].", highlight=False)
     if study is not None:
         out.print(f"Study in {study}. Units and choices are guesses: check them, then haptid identify {study}")
     elif draft:

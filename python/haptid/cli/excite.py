@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,13 +13,24 @@ import typer
 from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, out, print_json, progress_bars
 
 if TYPE_CHECKING:
+    from haptid._internal.arrays import Array
     from haptid.device import Device
-    from haptid.experiment.excitation import Excitation, FourierSeries, Limits, TrianglesWithSines
+    from haptid.dynamics.model import DynamicModel
+    from haptid.experiment.bench import Experiment
+    from haptid.experiment.excitation import (
+        Excitation,
+        FourierSeries,
+        FurtherMotions,
+        Limits,
+        LogInformation,
+        TrianglesWithSines,
+    )
 
 HELP = """\
 Optimise an exciting motion: base parameters well conditioned, within the limits of the device.
 
-Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration adds one.
+Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration,
+--jerk, --torque, --rms-torque, --power and --handle-force add some.
 Shapes in [[collision]] of DEVICE, and of the file --world, keep their distance; the whole motion is checked, between
 samples too.
 The motion is a Fourier series, or triangles with superimposed sines (--triangles). Writes:
@@ -30,7 +42,22 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
   --samples     samples in other formats, by the ending of the name: .csv, .yaml (a ROS 2 JointTrajectory), .h (arrays
                 in C), .m (MATLAB timeseries), .json (LeRobot actions, degrees and m)
 
+  --player      one C99 file that plays all motions in the user's control loop: soft start, limits, watchdog, playback,
+                numbered recording into a ring buffer; its first lines say how it is called
+
+  --page        one HTML file: each motion over time within its limits, and what is known of each parameter before and
+                after
+
   --rehearsal   OUT-rehearsal.csv: the same path at a share of the speed, such as 0.2
+
+  --motions     so many motions, each found given those before it: OUT-1.toml, OUT-2.toml, ..
+
+  --buffer      each motion with its start and stop fits so many samples at --rate-hz
+
+  --after       the next motion of a campaign: given the logs of this result (a folder of `haptid identify`), the one
+                that lowers the largest relative interval most, over all essential parameters or those of --parameter.
+                Prints the predicted intervals; with --accuracy, how long it takes until all have it. Nothing is
+                written where they do already.
 
 With --like, controller, instruments and true parameters are those of another experiment. Prints the
 condition number of the observation matrix, raw and with columns of unit length, before and after the search.
@@ -46,6 +73,10 @@ def excite(
     device: DeviceName,
     out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
     like: Annotated[Path | None, typer.Option(help="an experiment with the controller to use")] = None,
+    after: Annotated[Path | None, typer.Option(help="a result: the next motion, given its logs")] = None,
+    accuracy: Annotated[
+        float | None, typer.Option(help="wanted half width of the intervals, per cent of the value")
+    ] = None,
     centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
     stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one, or one each")] = None,
     speed: Annotated[str | None, typer.Option(help="largest, rad/s or m/s: one, or one each")] = None,
@@ -55,22 +86,39 @@ def excite(
     clearance_mm: Annotated[float, typer.Option(min=0.0, help="least distance of collision shapes")] = 10.0,
     triangles: Annotated[bool, typer.Option("--triangles", help="triangles with superimposed sines")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
+    count: Annotated[int, typer.Option("--motions", min=1, max=100, help="number of motions")] = 1,
+    buffer: Annotated[int | None, typer.Option(min=2, help="samples that a controller can hold")] = None,
     keep: Annotated[
         list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
     ] = None,
     criterion: Annotated[
-        str, typer.Option(help="condition, raw-condition, d-optimal, a-optimal or largest-error")
-    ] = "condition",
+        str | None, typer.Option(help="condition (default), raw-condition, d-optimal, a-optimal or largest-error")
+    ] = None,
     max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     also: Annotated[
         list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml (ROS 2), .h (C), .m, .json")
     ] = None,
+    player: Annotated[Path | None, typer.Option(help="a .c file that plays the motions in a control loop")] = None,
+    page_file: Annotated[
+        Path | None, typer.Option("--page", help="an .html page: the motion within its limits, information gained")
+    ] = None,
     rehearsal: Annotated[
         float | None, typer.Option(min=0.01, max=1.0, help="also samples at this share of the speed")
     ] = None,
     torque: Annotated[str | None, typer.Option(help="largest of each torque row, N m or N: one, or one each")] = None,
+    confidence: Annotated[
+        float | None, typer.Option("--torque-confidence", help="per cent: of --torque, given uncertain parameters")
+    ] = None,
+    rms_torque: Annotated[
+        str | None, typer.Option(help="largest root mean square of each torque row, N m or N: one, or one each")
+    ] = None,
+    power: Annotated[str | None, typer.Option(help="largest of each torque row, W: one, or one each")] = None,
+    jerk: Annotated[str | None, typer.Option(help="largest, rad/s^3 or m/s^3: one, or one each")] = None,
+    handle_force: Annotated[
+        float | None, typer.Option(help="largest at the handle that the torques are equivalent to, N")
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -83,51 +131,178 @@ def excite(
         MotionSamples,
         Search,
         design_excitation,
-        write_experiment,
-        write_motion,
+        next_motions,
+        of_buffer,
+        write_player,
     )
-    from haptid.experiment.excitation.samples import SAMPLE_FORMATS
-    from haptid.experiment.excitation.writing import plain_experiment
 
     with errors_shown():
-        if criterion not in CRITERIA:
+        if criterion is not None and criterion not in CRITERIA:
             raise wrong_option("--criterion", criterion, f"one of {', '.join(CRITERIA)}")
-        for path in also or []:
-            if path.suffix not in SAMPLE_FORMATS:
-                raise wrong_option(
-                    "--samples", str(path), f"a file whose name ends in one of {', '.join(SAMPLE_FORMATS)}"
-                )
-        if out_file.suffix != ".toml":
-            raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
+        if criterion is not None and (after is not None or count > 1):
+            other_one = "--after" if after is not None else "--motions"
+            raise wrong_option(
+                "--criterion", f"{criterion} with {other_one}", "no criterion: the largest interval counts"
+            )
+        if accuracy is not None and after is None:
+            raise wrong_option(
+                "--accuracy", f"{accuracy:g} without --after", "--after too: the noise is that of its logs"
+            )
+        if buffer is not None and (triangles or seconds is not None):
+            raise wrong_option("--buffer", f"{buffer} with --triangles or --seconds", "one of them")
+        _check_files(out_file, also or [])
+        if page_file is not None and page_file.suffix != ".html":
+            raise wrong_option("--page", str(page_file), "a file whose name ends in .html")
+        if player is not None and player.suffix != ".c":
+            raise wrong_option("--player", str(player), "a file whose name ends in .c")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
-        within = _limits(model.device, centre, stroke, speed, acceleration, torque)
+        rates, efforts = {"speed": speed, "acceleration": acceleration, "jerk": jerk}, {"torque": torque}
+        efforts |= {"rms_torque": rms_torque, "power": power}
+        within = _limits(model.device, centre, stroke, rates, efforts)
+        if confidence is not None:
+            within = replace(within, torque_confidence=confidence / 100)
+        within = replace(within, handle_force=handle_force)
         around = () if world is None else read_world(world)
         within = replace(within, clearance=1e-3 * clearance_mm, world=around)
         family = _family(model.device, triangles, seconds, start)
-        columns = tuple(keep) if keep else None
+        if buffer is not None and not triangles:
+            family = of_buffer(family, buffer, rate_hz)  # type: ignore[arg-type]
+        columns, search = tuple(keep) if keep else None, Search(tries=max_evaluations, seed=seed)
+        label = "largest relative interval" if after is not None or count > 1 else criterion or "condition"
+        further = None
         with progress_bars(quiet or as_json) as bars:
             task = bars.add_task("searching", total=1.0)
-            found = design_excitation(
-                model,
-                family,
-                within,
-                criterion=CRITERIA[criterion],
-                columns=columns,
-                beta=beta,
-                search=Search(tries=max_evaluations, seed=seed),
-                progress=lambda share, cost: bars.update(task, completed=share, description=_so_far(criterion, cost)),
-            )
-        files = [*(also or []), *([] if rehearsal is None else [_slow(out_file)])]
-        for path in files:
-            share = rehearsal if rehearsal is not None and path == _slow(out_file) else 1.0
-            write_motion(path, MotionSamples.of(found, rate_hz, share))
-        write_experiment(out_file, found, plain_experiment(found) if other is None else other, rate_hz)
+
+            def progress(share: float, cost: float) -> None:
+                bars.update(task, completed=share, description=_so_far(label, cost))
+
+            if after is not None or count > 1:
+                known = _known(after, model, beta)
+                columns = columns if after is not None or columns else known.valued
+                further = next_motions(
+                    known,
+                    family,
+                    within,
+                    parameters=columns,
+                    accuracy=accuracy,
+                    count=count,
+                    search=search,
+                    progress=progress,
+                )
+                motions = further.motions
+            else:
+                chosen = CRITERIA[label]
+                motions = (
+                    design_excitation(
+                        model,
+                        family,
+                        within,
+                        criterion=chosen,
+                        columns=columns,
+                        beta=beta,
+                        search=search,
+                        progress=progress,
+                    ),
+                )
+        paths = [_numbered(out_file, k, len(motions)) for k in range(len(motions))]
+        for k, (found, path) in enumerate(zip(motions, paths, strict=True)):
+            _write(found, path, [_numbered(one, k, len(motions)) for one in also or []], other, rate_hz, rehearsal)
+        if player is not None and motions:
+            write_player(player, [MotionSamples.of(found, rate_hz) for found in motions])
+        if page_file is not None and motions:
+            _write_page(page_file, motions, further)
     if as_json:
-        print_json(_values(found, out_file))
+        made = [_values(found, path) for found, path in zip(motions, paths, strict=True)]
+        print_json(made[0] if further is None else {"motions": made, **_predicted(further)})
     elif not quiet:
-        _show(found, out_file)
+        for found, path in zip(motions, paths, strict=True):
+            _show(found, path, condition=further is None)
+        if further is not None:
+            _show_intervals(further)
+
+
+def _check_files(out_file: Path, also: list[Path]) -> None:
+    """Raise OptionError for an ending that says no format."""
+    from haptid.cli.options import wrong_option
+    from haptid.experiment.excitation.samples import SAMPLE_FORMATS
+
+    for path in also:
+        if path.suffix not in SAMPLE_FORMATS:
+            raise wrong_option("--samples", str(path), f"a file whose name ends in one of {', '.join(SAMPLE_FORMATS)}")
+    if out_file.suffix != ".toml":
+        raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
+
+
+def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogInformation:
+    """What the logs of a result say; without one, nothing but the prior values."""
+    from haptid.experiment.excitation import LogInformation
+    from haptid.results.information import log_information
+    from haptid.results.result import Result
+
+    return LogInformation.none(model, beta) if after is None else log_information(Result.load(after), model)
+
+
+def _numbered(path: Path, k: int, many: int) -> Path:
+    """Of one motion its file, of several NAME-1, NAME-2, .."""
+    return path if many == 1 else path.with_name(f"{path.stem}-{k + 1}{path.suffix}")
+
+
+def _write(
+    found: Excitation,
+    out_file: Path,
+    also: list[Path],
+    like: Experiment | None,
+    rate_hz: float,
+    rehearsal: float | None,
+) -> None:
+    """Write the experiment of a motion and its samples."""
+    from haptid.experiment.excitation import MotionSamples, write_experiment, write_motion
+    from haptid.experiment.excitation.writing import plain_experiment
+
+    files = [(path, 1.0) for path in also]
+    if rehearsal is not None:
+        files.append((out_file.with_name(f"{out_file.stem}-rehearsal.csv"), rehearsal))
+    for path, share in files:
+        write_motion(path, MotionSamples.of(found, rate_hz, share))
+    write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz)
+
+
+def _write_page(path: Path, motions: Sequence[Excitation], further: FurtherMotions | None) -> None:
+    """Write the page of the motions."""
+    from haptid._internal.atomic_folder import publishing_files
+    from haptid.report.motion_page import motion_page
+
+    text = motion_page(motions, further)
+    with publishing_files(path) as folder:
+        (folder / path.name).write_text(text, encoding="utf-8")
+
+
+def _predicted(found: FurtherMotions) -> dict[str, Any]:
+    """Predicted intervals as JSON values."""
+    intervals = [
+        {"name": name, "before_percent": before, "after_percent": after} for name, before, after in found.table()
+    ]
+    return {
+        "intervals": intervals,
+        "accuracy_percent": found.accuracy,
+        "reached": found.reached,
+        "seconds": found.seconds,
+        "seconds_needed": found.needed,
+        "sentences": list(found.sentences),
+    }
+
+
+def _show_intervals(found: FurtherMotions) -> None:
+    """Print predicted intervals, the widest first."""
+    if not found.reached:
+        out.print("95 % intervals, per cent of the value: so far, and predicted with the motion", highlight=False)
+        for name, before, after in found.table():
+            texts = [f"+-{x:.3g}" if math.isfinite(x) else "none" for x in (before, after)]
+            out.print(f"  {name:10s} {texts[0]:>9s} {texts[1]:>9s}", highlight=False)
+    for sentence in found.sentences:
+        out.print(sentence, highlight=False, soft_wrap=True)
 
 
 def _so_far(criterion: str, cost: float) -> str:
@@ -139,11 +314,10 @@ def _limits(
     device: Device,
     centre: str | None,
     stroke: str | None,
-    speed: str | None,
-    acceleration: str | None,
-    torque: str | None,
+    rates: dict[str, str | None],
+    efforts: dict[str, str | None],
 ) -> Limits:
-    """Limits given by options, in place of the device file's."""
+    """Limits given by options, in place of the device file's: of active joints, and of torque rows."""
     from haptid.cli.options import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
@@ -155,11 +329,14 @@ def _limits(
         middle = numbers("--centre", centre, f"positions of joints {names}", count)
         reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
-    fastest = None if speed is None else spread("--speed", speed, f"speeds of joints {names}", count)
-    sharpest = None if acceleration is None else spread("--acceleration", acceleration, f"those of {names}", count)
-    rows = ", ".join(device.row_labels)
-    strongest = None if torque is None else spread("--torque", torque, f"those of {rows}", len(device.row_labels))
-    return Limits(position=position, speed=fastest, acceleration=sharpest, torque=strongest)
+    rows, many = ", ".join(device.row_labels), len(device.row_labels)
+    given = {
+        what: spread(f"--{what.replace('_', '-')}", text, f"those of {of}", size)
+        for options, of, size in ((rates, names, count), (efforts, rows, many))
+        for what, text in options.items()
+        if text is not None
+    }
+    return replace(Limits(position=position), **given)  # type: ignore[arg-type]
 
 
 def _family(
@@ -181,11 +358,6 @@ def _family(
     return family if seconds is None else replace(family, seconds=seconds)
 
 
-def _slow(out_file: Path) -> Path:
-    """Where the samples of the rehearsal are written."""
-    return out_file.with_name(f"{out_file.stem}-rehearsal.csv")
-
-
 def _values(found: Excitation, path: Path) -> dict[str, Any]:
     """The search's result as JSON values."""
     conditions = {
@@ -197,16 +369,18 @@ def _values(found: Excitation, path: Path) -> dict[str, Any]:
     return {**files, **searched, **conditions, "predicted_relative_se_percent": dict(found.predicted)}
 
 
-def _show(found: Excitation, path: Path) -> None:
+def _show(found: Excitation, path: Path, condition: bool) -> None:
     """Print condition numbers before and after, and the paths of the files."""
     out.print(
         f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions evaluated", style="bold"
     )
     for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
+        if not condition:
+            break
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
     if found.clearance is not None:
         out.print(f"  {found.clearance}", highlight=False)
     weak = [name for name, se in found.predicted.items() if se > 50]
-    if weak and len(weak) < len(found.after.names):
+    if condition and weak and len(weak) < len(found.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
     out.print(f"Experiment in {path}, samples in {path.with_suffix('.csv')}")

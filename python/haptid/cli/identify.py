@@ -67,45 +67,27 @@ def identify(
 ) -> None:
     from importlib.util import find_spec
 
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
-    from haptid.observation.plan import Plan
-    from haptid.report import ReportSource, report_of, sparklines, tables
-    from haptid.results.result import Result
+    from haptid.report import sparklines, tables
+    from haptid.report.run import write_identification
     from haptid.study import read_study
-    from haptid.study.identify import identify as run_study
-    from haptid.validation.prediction import predictions
 
     with errors_shown():
-        check_writable(out_folder)
         plan = read_study(study)
         cache = resumed(out_folder, no_resume, quiet or as_json)
-        with (
-            interruptible(cache),
-            progress_bars(quiet or as_json) as bars,
-            publishing(out_folder) as folder,
-        ):
-            progress = progress_callback(bars)
-            found = run_study(plan, data, progress, workers(count, scheduler), cache)
-            progress("writing the report", 0.0)
-            source = ReportSource(found, _typed(study, data, out_folder))
-            result = Result.of(found, source.diagnosis.verdict, source.advice)
-            result.write_into(folder)
-            report_of(source).write_into(folder)
-            progress("writing the report", 1.0)
-            if find_spec("matplotlib") is None:
-                err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
-            for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
-                from haptid.report.plots import plot_torque
-
-                name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
-                progress(f"drawing {name}", 0.0)
-                kind = "rows of the fit" if run.fit_errors else "unseen"
-                title = f"{plan.name}: {run.entry.path} ({kind})"
-                parts = predictions(found.use.estimate, run.motion)
-                plot_torque(parts, Plan.of(found.model, run.motion).rows, title, folder / name)
-                progress(f"drawing {name}", 1.0)
-        cache.forget()
+        with interruptible(cache), progress_bars(quiet or as_json) as bars:
+            result, source = write_identification(
+                plan,
+                data,
+                out_folder,
+                command=_typed(study, data, out_folder),
+                progress=progress_callback(bars),
+                workers=workers(count, scheduler),
+                cache=cache,
+            )
+            found = source.identification
+        if find_spec("matplotlib") is None:
+            err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
     if as_json:
         sys.stdout.write(result.to_json())
     elif not quiet:

@@ -10,7 +10,7 @@ import typer
 
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
 from haptid.executors import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
-from haptid.observation.cache import RFactorCache
+from haptid.observation.cache import RFactorCache, partial_of
 
 
 def workers(count: int, scheduler: str | None) -> Executor:
@@ -22,8 +22,7 @@ def workers(count: int, scheduler: str | None) -> Executor:
 
 def resumed(out: Path, no_resume: bool, quiet: bool) -> RFactorCache:
     """Stored intermediate results of an interrupted run; none where the run is to start again."""
-    target = out.resolve()
-    cache = RFactorCache(target.with_name(f".{target.name}.partial"))
+    cache = partial_of(out)
     if no_resume:
         cache.forget()
     elif not quiet and (parts := cache.count()):

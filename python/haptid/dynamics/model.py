@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -17,7 +17,9 @@ from haptid._internal.display import Overview, displayed
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.friction import DRY, LoadDependentFriction
+from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.term import TermColumn, external_columns
+from haptid.device.terms.warming import Warming
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.errors import ModelMismatchError, RegroupingError
 
@@ -212,21 +214,49 @@ class DynamicModel:
         """The terms whose columns Python computes."""
         return tuple(term for term in self.terms if term.kind == "external")
 
-    def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
-        """Columns that Python computes: counterbalances, user-defined, load-dependent friction; (externals, samples).
+    def external(self, qa: Array, qda: Array, qdda: Array, history: Mapping[str, Array] | None = None) -> Array:
+        """Columns that Python computes: counterbalances, user-defined ones, special friction; (externals, samples).
 
         Args:
             qa: positions of the active joints, (active, samples), rad or m.
             qda: their velocities.
             qdda: their accelerations.
+            history: columns that depend on the motion before, as `history` gives them; None for steady sliding.
         """
-        loads = self._loads(*(np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)))
-        return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), loads)
+        coordinates = [np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)]
+        given = self._by_state(*coordinates) | dict(history or {})
+        return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), given)
 
-    def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
-        """Columns of load-dependent friction, by name, each (samples,), from the coordinates' motion."""
+    @property
+    def has_history(self) -> bool:
+        """Whether it has friction with presliding or warming, whose columns depend on the motion before or on time."""
+        return any(term.historic for term in self.externals)
+
+    def history(self, c: Array, cd: Array, t: Array) -> dict[str, Array]:
+        """Columns of friction with presliding or warming along consecutive samples, by name, each (samples,).
+
+        Args:
+            c: positions of the torque rows' coordinates, (active, samples), rad or m.
+            cd: their velocities.
+            t: times since the start of the log, (samples,), s.
+        """
         columns = {}
         for term in self.externals:
+            if isinstance(term.shape, Presliding):
+                x = term.weights @ c if term.joint is None else self.follow(c, cd).q[term.joint]
+                columns[term.name] = term.shape.along(x, self.speed(term, c, cd))
+            elif isinstance(term.shape, Warming):
+                columns[term.name] = term.shape.along(t, self.speed(term, c, cd))
+        return columns
+
+    def _by_state(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
+        """Columns of load-dependent friction, and of sliding friction of a warm device, by name, each (samples,)."""
+        columns = {}
+        for term in self.externals:
+            if isinstance(term.shape, Presliding):
+                columns[term.name] = term.shape.sliding(self.speed(term, c, cd))
+            if isinstance(term.shape, Warming):
+                columns[term.name] = np.zeros(c.shape[1])
             if isinstance(term.shape, LoadDependentFriction):
                 rigid, chi = self.bodies
                 own, loops = np.zeros((0, c.shape[1])), rigid.loops(c, cd)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -77,8 +78,13 @@ def moved(motion: Array, s: int, j: int, step: float) -> Array:
     return changed
 
 
-def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Array:
-    """Columns that Python computes: counterbalances, user-defined ones, load-dependent friction, (columns, samples).
+def external(
+    model: DynamicModel, c: Array, cd: Array, cdd: Array | None, history: Mapping[str, Array] | None = None
+) -> Array:
+    """Columns that Python computes: counterbalances, user-defined ones, special friction, (columns, samples).
+
+    Friction with presliding is that of steady sliding, and that of warming zero, unless their columns are given as
+    `history`, see `DynamicModel.history`.
 
     Raises:
         MissingAccelerationError: a column reads accelerations, and `cdd` is None.
@@ -89,7 +95,7 @@ def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Arr
         cdd = np.zeros_like(c)  # no column reads it
         check_linear(model)
     to_joints = np.linalg.inv(model.device.row_map)
-    return np.ascontiguousarray(model.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
+    return np.ascontiguousarray(model.external(to_joints @ c, to_joints @ cd, to_joints @ cdd, history))
 
 
 def check_columns(model: DynamicModel) -> None:
@@ -109,13 +115,12 @@ def check_linear(model: DynamicModel) -> None:
     check_columns(model)
 
 
-def rows(model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
+def rows(model: DynamicModel, c: Array, cd: Array, cdd: Array, history: Mapping[str, Array] | None = None) -> Array:
     """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
     mechanism = model.mechanism
     regressor_columns = list(range(mechanism.columns))
-    return np.asarray(
-        mechanism.regressor(c, cd, cdd, external(model, c, cd, cdd), regressor_columns, model.loops(c, cd))
-    )
+    own = external(model, c, cd, cdd, history)
+    return np.asarray(mechanism.regressor(c, cd, cdd, own, regressor_columns, model.loops(c, cd)))
 
 
 def regressor_columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -> Array:

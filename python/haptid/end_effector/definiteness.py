@@ -117,7 +117,7 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
     beta = identified.beta if isinstance(identified, Estimate) else check_beta(model, identified)
     mass = _MassEigenvalue(workspace, beta)
     poses = workspace.grid()
-    values, _ = mass.lowest(poses)
+    values: Array = np.linalg.eigvalsh(mass.matrices(poses))[:, 0].astype(float, copy=False)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]
     ends = np.column_stack([starts, *(mass.descend(start) for start in starts.T)])
     ends = ends[:, (workspace.slack(ends) >= -_AT_LIMIT).all(axis=0)]
@@ -192,11 +192,13 @@ class _MassEigenvalue:
 def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
     """Indices of the lowest poses that are far from each other, the lowest first."""
     place = (poses - limits[:, :1]) / (limits[:, 1:] - limits[:, :1])
-    left, chosen = np.arange(len(values)), list[int]()
-    while len(left) and len(chosen) < _STARTS:
-        lowest = int(left[np.argmin(values[left])])
+    left, chosen = values.copy(), list[int]()
+    while len(chosen) < _STARTS and np.isfinite(left[lowest := int(np.argmin(left))]):
         chosen.append(lowest)
-        left = left[np.abs(place[:, left] - place[:, [lowest]]).max(axis=0) > APART]
+        near = np.arange(len(values))
+        for coordinate in place:
+            near = near[np.abs(coordinate[near] - coordinate[lowest]) <= APART]
+        left[near] = np.inf
     return chosen
 
 

@@ -167,7 +167,7 @@ class MomentumObserver:
         for low in range(0, c.shape[1], _CHUNK):
             here, rates = c[:, low : low + _CHUNK], cd[:, low : low + _CHUNK]
             p, rest = momentum(model, bodies, here, rates)
-            own = external(model, here, rates, None)
+            own = external(soft, here, rates, None)
             terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
             pieces.append((p, -rest - terms))
         p, rate = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))

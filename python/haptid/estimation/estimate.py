@@ -403,7 +403,7 @@ def _status_and_notes(
         status = "ill_conditioned"
         notes.append(
             f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
-            f"Torque predictions are reliable; individual parameters only where the standard error is small."
+            f"Torque is predicted for motion like the log's; single parameters only where the standard error is small."
         )
     if isinstance(method, PointEstimate):
         notes.append(method.why_no_intervals)

@@ -120,8 +120,9 @@ class ReferenceValues:
         links = 10 * len(self.model.device.joints)
         kept = [False] * links + [wanted(term) for term in self.model.terms]
         chi = np.where(kept, self._chi, 0.0)
-        own = external(self.model, self.q, self.qd, self._none)
-        return core_torque(smoothed_friction(self.model, self.speed), chi, self.q, self.qd, self._none, own)
+        soft = smoothed_friction(self.model, self.speed)
+        own = external(soft, self.q, self.qd, self._none)
+        return core_torque(soft, chi, self.q, self.qd, self._none, own)
 
     def _solved(self, torque: Array) -> Array:
         return np.asarray(np.linalg.solve(self._M, torque.T[:, :, None])[:, :, 0])

@@ -48,6 +48,8 @@ NEXT_SHARE = 0.25
 PROBES = 64
 # A joint without limits that covers more than this is assumed to be in degrees, rad.
 MOST_TURNS = 4 * math.pi
+# A single joint without limits, a pendulum or a wheel, may turn so far, and so may one whose limits are a whole turn.
+MOST_ALONE = 20 * math.pi
 # So is one this many times beyond its limits, if the angle read as degrees fits them.
 BEYOND = 2.0
 # Joints that cover less than this are assumed to be in radians, deg; so small a motion identifies nothing anyway.
@@ -302,7 +304,7 @@ def check_against(
         names: of the joints.
 
     Returns:
-        A note for each joint outside its limits for no such cause.
+        A note for each joint outside its limits for no such cause, and for a single joint that turns.
 
     Raises:
         LogMismatchError: an angle in radians that is plausible only as degrees, angles in degrees that are plausible
@@ -316,10 +318,23 @@ def check_against(
     if log.channels.position.unit == "deg":
         _check_radians(angles, spans, position_ranges, names)
     else:
+        usual = float(np.median([spans[k][1] - spans[k][0] for k in angles])) if angles else 0.0
         for k in angles:
+            if position_ranges[k] is None and usual < 2 * math.pi:  # one joint turns, the others are no degrees
+                continue
+            limits = position_ranges[k]
+            whole = len(angles) == 1 if limits is None else limits[1] - limits[0] > 2 * math.pi - SLACK
+            if whole and spans[k][1] - spans[k][0] < MOST_ALONE:
+                continue
             _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
     _check_swapped(log, spans, position_ranges, prismatic, names)
-    return tuple(
+    turned = tuple(
+        f"joint {names[k]} turns {(spans[k][1] - spans[k][0]) / (2 * math.pi):.1f} times; "
+        "if it does not, its unit is wrong"
+        for k in angles
+        if len(angles) == 1 and position_ranges[k] is None and spans[k][1] - spans[k][0] > MOST_TURNS
+    )
+    return turned + tuple(
         f"joint {name} runs from {low:.4g} to {high:.4g}, outside its limits {limits[0]:.4g} .. {limits[1]:.4g}"
         for name, (low, high), limits in zip(names, spans, position_ranges, strict=True)
         if limits is not None and not _inside((low, high), limits)
@@ -416,7 +431,9 @@ def _degrees(name: str, channel: str, low: float, high: float, limits: _Range | 
         where=name,
         found=(low, high),
         limit=limits,
-        advice="Give the position signal unit='deg', or correct the joint's limits.",
+        advice="Give the position signal unit='deg', or correct the joint's limits."
+        if limits
+        else "Give the position signal unit='deg', or, if it turns so far, give the joint limits in the device file.",
     )
 
 

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from haptid._internal.arrays import Array
@@ -96,6 +95,8 @@ class Resampling:
                 times, bridged = bridge(self.times[first:last], values[:, index], self.knot / KNOT)
                 out[:] = least_squares_spline(times, bridged, origin, self.knot, self.t[a:b])
             else:
+                from scipy.interpolate import CubicSpline, PchipInterpolator  # slow to import, and few logs need it
+
                 curve = {"position": CubicSpline, "torque": PchipInterpolator}[kind]
                 out[:] = curve(self.times[first:last], values[:, index], axis=-1)(self.t[a:b])
         return made

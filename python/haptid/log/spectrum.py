@@ -31,6 +31,8 @@ _BANDS, _STEEPEST = 6, 3.0
 _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 # Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
 _SHARE, _END = 0.98, 0.999
+# Share of the largest power of velocity among several logs above which a log moves a channel.
+_MOVES = 0.01
 # Share of the filtered acceleration's power that may be noise before the filter is narrowed.
 _TOLERATED = 0.003
 # RMS of what ripple may be, in steps of the encoder, and as a share of the motion where there are none.
@@ -162,8 +164,17 @@ def bandwidth(log: Log) -> float:
 
 
 def widest(channels: Sequence[Sequence[Spectrum]]) -> tuple[Spectrum, ...]:
-    """Of each channel, the spectrum of the log in which it has the largest bandwidth."""
-    return tuple(max(own, key=lambda s: s.bandwidth) for own in zip(*channels, strict=True))
+    """Of each channel, the spectrum with the largest bandwidth among the logs that move it.
+
+    Where one joint is moved after another, the others tremble fast and little.
+    """
+    return tuple(max(_moving(own), key=lambda s: s.bandwidth) for own in zip(*channels, strict=True))
+
+
+def _moving(spectra: Sequence[Spectrum]) -> list[Spectrum]:
+    """Those with a share of at least _MOVES of the largest power of velocity."""
+    power = [float(s.motion @ s.f**2 * (s.f[1] - s.f[0])) for s in spectra]
+    return [s for s, own in zip(spectra, power, strict=True) if own >= _MOVES * max(power)]
 
 
 def passed(f: Array, cutoff: float) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
+from haptid.log.by_content import Content
 from haptid.log.formats.messages.containers import Topic, containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
@@ -28,6 +29,8 @@ from haptid.log.units import known_unit
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
 # Channels of a topic or table that are looked at, and columns of a table that are read together.
 _MOST, _TOGETHER = 400, 16
+# Numbers of a table that is read as a whole, to recognise channels by how they move.
+_NUMBERS = 20_000_000
 # Words of channels' names, after the last point and without digits and units.
 _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
@@ -39,13 +42,23 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # A command of nothing in particular stands for a torque.
 _COMMAND = frozenset({"command", "commands", "commanded", "cmd"})
 _CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
+# Before one of these words "current" means the present value.
+_PRESENT = re.compile(r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state))", re.I)
 # Less likely to be measured: the wanted value, and not the motion.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
-_TIME = re.compile(r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE)
+# More likely than a command, where both are there.
+_MEASURED = frozenset({"measured", "meas", "actual", "act", "present", "feedback", "fb"})
+# Usual sampling rates, Hz, times powers of ten; one within this share is meant.
+_RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
+_TIME = re.compile(
+    r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
+)
 _SPLIT = re.compile(r"[^a-z]+")
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Below this, rad, a joint may have turned, as a pendulum or a wheel.
+_FEW_TURNS = 20 * math.pi
 # Currents beyond this are in mA.
 _AMPERES = 200.0
 
@@ -94,6 +107,7 @@ class TopicSurvey:
         header: the stamp of the messages; empty where they have none.
         late_ms: median of receive stamp minus header stamp, ms; NaN where there is no header.
         why_not: why it is not decoded; empty where it is.
+        by_rates_hz: rate at which velocities are the rates of positions, of a table without times; 0 where not known.
     """
 
     name: str
@@ -106,6 +120,7 @@ class TopicSurvey:
     header: str = ""
     late_ms: float = math.nan
     why_not: str = ""
+    by_rates_hz: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -267,13 +282,52 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             else:
                 channel = _guessed(channel, name, "lerobot" if kind is LEROBOT else "", stated.get(name, ""))
             channels.append(channel)
+    by_rates = 0.0
+    if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
+        content = Content.of(_columns(path, kind, names[:_MOST], Request()))
+        if not any(channel.quantity == "position" for channel in channels):
+            channels, own = _recognised(channels, content, path, kind)
+            rate = rate or own
+        by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
     named = (m["element"] for c in channels if (m := _ELEMENT.match(c.name)) and not _UNIT_LIKE.search(c.name))
     joints = dict.fromkeys(element for element in named if not element.isdecimal())
     if kind is LEROBOT:
         from haptid.log.formats import lerobot  # needs pyarrow
 
         rate = lerobot.describe(path).fps
-    return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels))
+    return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
+
+
+def _recognised(
+    channels: Sequence[ChannelSurvey], content: Content, path: Path, kind: Format
+) -> tuple[list[ChannelSurvey], float]:
+    """Channels without telling names by how they move, and the rate that their times have; 0 where there are none."""
+    made, rate = [], 0.0
+    rates = dict(zip(content.positions, content.rates, strict=False))
+    for channel in channels:
+        largest = max(abs(channel.low), abs(channel.high))
+        if channel.name == content.time:
+            channel, rate = _timed(channel, _columns(path, kind, [channel.name], Request())[channel.name], "")
+        elif channel.name in content.positions:
+            unit, reason = _unit("position", frozenset(), largest, channel, "")
+            reason = f"their rates are in {rates.get(channel.name, 'no column')} and on; {reason}"
+            channel = replace(channel, quantity="position", unit=unit, reason=reason)
+        elif channel.name in content.rates:
+            channel = replace(channel, quantity="velocity")
+        elif channel.name in content.torques:
+            unit, reason = _unit("torque", frozenset(), largest, channel, "")
+            others = " or ".join(f"{group[0]} to {group[-1]}" for group in content.others)
+            reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
+            channel = replace(channel, quantity="torque", unit=unit, reason=reason)
+        made.append(channel)
+    return made, rate
+
+
+def _usual(rate: float) -> float:
+    """The usual sampling rate that is meant, Hz, or this one to three digits."""
+    scale = 10.0 ** math.floor(math.log10(rate))
+    nearest = min((x * k * scale for x in _RATES for k in (1.0, 10.0)), key=lambda x: abs(x - rate))
+    return nearest if abs(nearest - rate) < _ROUNDED * rate else float(f"{rate:.3g}")
 
 
 def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -> dict[str, RawChannel]:
@@ -322,7 +376,7 @@ def _guessed(
 ) -> ChannelSurvey:
     """What a channel is, by its name and that of its topic, its stated unit and its range."""
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
-    words = _words(base) or _words(name)
+    words = _words(_PRESENT.sub("", base)) or _words(name)
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
     if words and words <= _COMMAND:
         quantity = "torque"
@@ -357,7 +411,8 @@ def _unit(
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
-            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}"
+            few = "; a joint that turns so far is in rad" if largest < _FEW_TURNS and not more else ""
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{few}"
         more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":
@@ -383,11 +438,17 @@ class _Family:
     channels: tuple[ChannelSurvey, ...]
 
     @property
-    def rank(self) -> tuple[bool, bool, int, int]:
-        """Usable ones first, then measured ones, then many, then long ones."""
+    def rank(self) -> tuple[bool, bool, bool, int, int]:
+        """Usable ones first, then not those that are wanted, then measured ones, then many, then long ones."""
         words = _words(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
-        return usable > 0, not words & _WANTED, usable, min(channel.count for channel in self.channels)
+        return (
+            usable > 0,
+            not words & _WANTED,
+            bool(words & _MEASURED),
+            usable,
+            min(channel.count for channel in self.channels),
+        )
 
     @property
     def prefix(self) -> str:
@@ -466,9 +527,17 @@ def _toml(
         lines.append("# torque = ...  # no channel of torques, currents or commands was found")
     else:
         lines.append(_signal_line("torque", torque))
+        lines += _instead(torques, torque)
         if torque.topic is not position.topic:
             lines.append('merge = { onto = "position", method = "linear" }  # two topics, merged by time')
     return "\n".join(lines) + "\n"
+
+
+def _instead(families: Sequence[_Family], chosen: _Family) -> list[str]:
+    """Other channels that may be meant, as comments."""
+    count = len(chosen.channels)
+    rest = [f for f in families if f is not chosen and len(f.channels) == count and f.rank[0]]
+    return [f"# also there: {', '.join(c.name for c in family.channels)}" for family in rest[:3]]
 
 
 def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
@@ -481,7 +550,11 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
         return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
     times = [channel for channel in position.topic.channels if channel.quantity == "time"]
     if not times:
-        return "rate_hz = 1000.0  # no channel of times was found: write the rate at which the log was sampled"
+        if own := position.topic.by_rates_hz:
+            return (
+                f"rate_hz = {own:g}  # guess: no channel of times was found; at this rate velocities fit the positions"
+            )
+        return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
     time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 

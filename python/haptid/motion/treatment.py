@@ -64,6 +64,9 @@ class Treatment:
         reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction is slower than this anywhere
             within `reversal_guard_s` of the row, rad/s or m/s; one value, or one for each row of torque.
         reversal_guard_s: s; None is the length of the parallel filter without its negligible ends.
+        rest_speed: a motor's row is dropped too where a coordinate with Coulomb friction rests there: in `rest_s` it
+            moves less than at this mean speed, rad/s or m/s; one value, or one for each row of torque, 0 for none.
+        rest_s: s.
         block_s: length of a time block, s.
         torque_delay_s: the acting torque is the log's of so much earlier, s: half a sampling period for a command that
             is constant from its sample to the next (zero-order hold). One value, or one for each torque channel.
@@ -83,9 +86,11 @@ class Treatment:
     parallel_shape: Shape | Causal = field(default_factory=KaiserSmoother)
     formulation: Literal["acceleration", "momentum"] = "acceleration"
     velocity: HighPass | None = None
+    rest_speed: float | tuple[float, ...] = 0.0
+    rest_s: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("reversal_speed", "cutoff_hz", "torque_delay_s"):
+        for name in ("reversal_speed", "rest_speed", "cutoff_hz", "torque_delay_s"):
             if isinstance(value := getattr(self, name), (list, tuple)):
                 object.__setattr__(self, name, tuple(float(v) for v in value))
         if self.cutoff_hz is not None:
@@ -102,9 +107,11 @@ class Treatment:
         self._expect("torque_delay_s", lambda _: bool(delays) and all(map(_finite, delays)), "finite times, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
-        many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
-        if not many or not all(v == 0 or positive(v) for v in many):
-            raise bad_setting("reversal_speed", self.reversal_speed, "finite speeds, 0 or more")
+        self._expect("rest_s", positive, "a finite time above zero")
+        for name in ("reversal_speed", "rest_speed"):
+            many = v if isinstance(v := getattr(self, name), tuple) else (v,)
+            if not many or not all(v == 0 or positive(v) for v in many):
+                raise bad_setting(name, getattr(self, name), "finite speeds, 0 or more")
         self._expect("formulation", lambda v: v in ("acceleration", "momentum"), '"acceleration" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
         self._check_together()

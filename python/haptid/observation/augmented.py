@@ -6,7 +6,7 @@ same filter and cost one more reduction.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
@@ -47,11 +47,19 @@ class ResidualContext:
         """The dynamic model of the estimate."""
         return self.plan.model
 
+    @property
+    def history(self) -> dict[str, Array]:
+        """Columns of friction with presliding or warming, by name, each (samples,)."""
+        return self.plan.history(self.low, self.high)
+
     @cached_property
     def motion(self) -> tuple[Array, Array, Array | None]:
         """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
-        c, cd, cdd, _ = self.signals or self.plan.signals(self.low, self.high)
-        return c, cd, cdd
+        return self._signals[:3]
+
+    @cached_property
+    def _signals(self) -> Signals:
+        return self.signals or self.plan.signals(self.low, self.high)
 
     @cached_property
     def channel_shares(self) -> Array:
@@ -77,14 +85,17 @@ class ResidualContext:
         """
         key = chi.tobytes()
         if key not in self._torques:
-            c, cd, cdd = self.motion
-            self._torques[key] = freeze(torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd))
+            c, cd, cdd, own = self._signals
+            cdd = np.zeros_like(c) if cdd is None else cdd
+            self._torques[key] = freeze(core_torque(self.model, chi, c, cd, cdd, own))
         return self._torques[key]
 
 
-def torque_of(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
+def torque_of(
+    model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array, history: Mapping[str, Array] | None = None
+) -> Array:
     """Torque of the core's columns and of those that Python computes, (coordinates, samples), N m or N."""
-    return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
+    return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd, history))
 
 
 @dataclass(frozen=True, eq=False)

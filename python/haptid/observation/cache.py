@@ -81,6 +81,12 @@ class RFactorCache:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def partial_of(out: Path) -> RFactorCache:
+    """The cache of an interrupted run of a result folder, beside it."""
+    target = out.resolve()
+    return RFactorCache(target.with_name(f".{target.name}.partial"))
+
+
 def fingerprint(plan: Plan) -> str:
     """Hash of everything that a plan's R factors depend on: the log's bytes, channels and notes, treatment, device.
 
@@ -95,7 +101,7 @@ def fingerprint(plan: Plan) -> str:
         model.device.tables.model_dump_json(by_alias=True),
         model.device.gravity.tolist(),
         model.base.names,
-        [term.settings for term in model.terms],
+        [(term.settings, repr(term.shape) if term.historic else "") for term in model.terms],
         None if model.load is None else model.load.tolist(),
         [model.terms[k].constant(constant.name) for k, constant in model.device.searched],
         motion.log.sha256,

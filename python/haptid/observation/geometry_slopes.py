@@ -24,7 +24,8 @@ def home_offset_slope(model: DynamicModel, k: int) -> Slope:
     def values(context: ResidualContext) -> Array:
         c, cd, cdd = context.motion
         assert cdd is not None  # as callers require
-        ahead, behind = (torque_of(model, context.chi, c + sign * direction, cd, cdd) for sign in (1, -1))
+        history = context.history
+        ahead, behind = (torque_of(model, context.chi, c + sign * direction, cd, cdd, history) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * SLOPE_STEP))
 
     return values
@@ -36,7 +37,7 @@ def slope_towards(other: DynamicModel, step: float) -> Slope:
     def values(context: ResidualContext) -> Array:
         c, cd, cdd = context.motion
         assert cdd is not None  # as callers require
-        return np.asarray((torque_of(other, context.chi, c, cd, cdd) - context.predicted) / step)
+        return np.asarray((torque_of(other, context.chi, c, cd, cdd, context.history) - context.predicted) / step)
 
     return values
 

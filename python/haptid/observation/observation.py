@@ -233,20 +233,22 @@ def observe(
 def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     """The observation of a plan's rows, from the R factors of its segments, in order.
 
+    A motor that rests, or whose joint is locked, has no rows: its friction is not known, and other motors' rows count.
+
     Raises:
-        NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
+        NoRowsError: every row of every motor was dropped as too slow.
     """
     model, motion = plan.model, plan.motion
     rows = np.concatenate([many for _, many in parts], axis=1)
     has_rows = rows.any(axis=1)
-    if not has_rows.any() or not (has_rows.all() or locked(motion)):
-        motor, speed = model.device.row_names[int(np.argmin(has_rows))], motion.treatment.reversal_speed
+    if not has_rows.any():
+        speed, log = motion.treatment.reversal_speed, f"{motion.log.path.name}: " if motion.log else ""
         raise NoRowsError(
-            f"every row of motor {motor} is slower than reversal_speed = {speed}, so none is left.",
-            where=motor,
+            f"{log}every row of every motor is slower than reversal_speed = {speed}, so none is left.",
+            where="reversal_speed",
             found=0,
             limit=speed,
-            advice="Lower `reversal_speed`, or record motion that moves this joint faster.",
+            advice="Lower `reversal_speed`, or record faster motion; `haptid poses` takes logs of held poses.",
         )
     motors = tuple(
         MotorRows(
@@ -300,13 +302,6 @@ def _short_segments(plan: Plan) -> tuple[str, ...]:
         f"{short} of {len(motion.segments)} segments of {motion.log.path.name} are shorter than the filters "
         f"({needed:.3g} s) and give no rows",
     )
-
-
-def locked(motion: Motion) -> bool:
-    """Whether a position channel is constant: the motor of a locked joint contributes no rows."""
-    if motion.log:
-        return any(low == high for low, high in motion.log.spans)
-    return bool((np.ptp(motion.q, axis=0) == 0).any())
 
 
 def different_models(one: DynamicModel, other: DynamicModel) -> ModelMismatchError:

@@ -8,11 +8,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy import ndimage
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.motion.channels import coordinate_torque, coordinates, state
+from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
 from haptid.motion.filters import ParallelFilter, bad_setting
 from haptid.motion.treatment import Motion, too_short
 from haptid.observation.r_factor import triangle
@@ -80,12 +81,13 @@ class Plan:
 
         Raises:
             MotionTooShortError: not one row fits.
-            TreatmentError: `reversal_speed` has neither one value nor one for each coordinate.
+            TreatmentError: `reversal_speed` or `rest_speed` has neither one value nor one for each coordinate.
         """
         treatment, (low, high) = motion.treatment, motion.usable
-        if np.size(treatment.reversal_speed) not in (1, len(model.device.row_names)):
-            wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
-            raise bad_setting("reversal_speed", treatment.reversal_speed, wanted)
+        for name in ("reversal_speed", "rest_speed"):
+            if np.size(getattr(treatment, name)) not in (1, len(model.device.row_names)):
+                wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
+                raise bad_setting(name, getattr(treatment, name), wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
         block = max(1, round(min(treatment.block_s / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
@@ -120,9 +122,22 @@ class Plan:
         """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
         if self.motion.treatment.momentum:
             c, cd = state(self.model.device, self.motion, low, high)
-            return c, cd, None, external(self.model, c, cd, None)
+            return c, cd, None, external(self.model, c, cd, None, self.history(low, high))
         c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
-        return c, cd, cdd, external(self.model, c, cd, cdd)
+        return c, cd, cdd, external(self.model, c, cd, cdd, self.history(low, high))
+
+    def history(self, low: int, high: int) -> dict[str, Array]:
+        """Columns of friction with presliding or warming at samples low..high, by name, each (samples,)."""
+        return {name: column[low:high] for name, column in self._columns_with_history.items()}
+
+    @cached_property
+    def _columns_with_history(self) -> dict[str, Array]:
+        """Columns of friction with presliding or warming along the whole motion, by name."""
+        if not self.model.has_history:
+            return {}
+        change = position_map(self.model.device, self.motion)
+        q, qd = (np.ascontiguousarray(x[:].T) for x in (self.motion.q, self.motion.qd))
+        return self.model.history(change(q), change(qd), np.arange(len(self.motion), dtype=float) * self.motion.dt)
 
     def blocks(self, log: str | None = None) -> tuple[Block, ...]:
         """Time block of every `block` rows, (blocks,); `log` names their source, `motion.name` where None."""
@@ -178,30 +193,36 @@ class Plan:
         return base, triangle(triangles @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
-        """1 for a row that is used, (coordinates, rows); 0 for one within `guard` of a reversal, or across a gap.
+        """1 for a row that is used, (coordinates, rows); 0 for one near a reversal, at rest, or across a gap.
 
-        The sign of a slow velocity is uncertain, and with it the Coulomb friction.
+        The sign of a slow velocity is uncertain, and with it the Coulomb friction; that of a joint at rest is anything
+        up to it, as the controller and the way there have left it.
         """
         model, treatment = self.model, self.motion.treatment
         weights = np.ones((len(model.device.row_names), stop - start))
         self._drop_across_gaps(weights, start, stop)
-        if not np.any(treatment.reversal_speed):
+        if not np.any(treatment.reversal_speed) and not np.any(treatment.rest_speed):
             return weights
-        speeds = np.broadcast_to(np.asarray(treatment.reversal_speed, dtype=float), (len(model.device.row_names),))
+        slow, rest = (
+            np.broadcast_to(np.asarray(speed, dtype=float), (len(weights),))
+            for speed in (treatment.reversal_speed, treatment.rest_speed)
+        )
+        window = max(1, round(treatment.rest_s / self.motion.dt)) if rest.any() else 0
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
         back, ahead = self.guard
-        low, high = max(low, int(centres[0]) - back), min(high, int(centres[-1]) + ahead + 1)
+        low, high = max(low, int(centres[0]) - back - window), min(high, int(centres[-1]) + ahead + window + 1)
         c, cd = state(model.device, self.motion, low, high)
         after = np.minimum(centres + ahead + 1, high) - low
         before = np.maximum(centres - back, low) - low
-        for row, speed in enumerate(speeds):
-            for term in model.coulomb_terms(row) if speed > 0 else ():
+        for row in map(int, np.flatnonzero((slow > 0) | (rest > 0))):
+            for term in model.coulomb_terms(row):
                 v = model.speed(term, c, cd)
-                slow = np.abs(v) < speed
-                slow[1:] |= v[1:] * v[:-1] < 0  # at a low sampling rate no sample of a reversal is slow
-                slow = np.concatenate([[0], np.cumsum(slow)])
-                weights[row, slow[after] > slow[before]] = 0.0
+                dropped = _slow(v, slow[row]) if slow[row] > 0 else np.zeros(len(v), dtype=bool)
+                if rest[row] > 0:
+                    dropped |= _at_rest(v, rest[row], window)
+                dropped = np.concatenate([[0], np.cumsum(dropped)])
+                weights[row, dropped[after] > dropped[before]] = 0.0
         return weights
 
     def _drop_across_gaps(self, weights: Array, start: int, stop: int) -> None:
@@ -230,3 +251,20 @@ def shared_filter(motion: Motion) -> ParallelFilter:
         length = len(made)
     needed = (len(motion) - (high - low) + length) * motion.dt
     raise too_short(len(motion) * motion.dt, needed, "the filters' ends", motion.treatment.decimation)
+
+
+def _slow(v: Array, speed: float) -> np.ndarray:
+    """Samples that are slow, or where the sign changes: at a low sampling rate no sample of a reversal is slow."""
+    slow = np.abs(v) < speed
+    slow[1:] |= v[1:] * v[:-1] < 0
+    return slow
+
+
+def _at_rest(v: Array, speed: float, window: int) -> np.ndarray:
+    """Samples of a stretch of `window` samples in which the position moves less than at a mean speed.
+
+    A reversal is left at once, a rest is not; noise of the velocity about zero has a small range of positions.
+    """
+    x, length = np.cumsum(v), min(window, len(v))
+    span = ndimage.maximum_filter1d(x, length) - ndimage.minimum_filter1d(x, length)
+    return np.asarray(ndimage.maximum_filter1d((span < speed * length).astype(np.uint8), length) > 0)

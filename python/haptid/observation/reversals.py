@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.friction import DRY
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 
@@ -27,7 +26,7 @@ def smoothed_friction(model: DynamicModel, speed: float) -> DynamicModel:
 
 
 def _softer(term: TermColumn, speed: float) -> TermColumn:
-    if term.kind not in DRY:
+    if not term.signed:
         return term
     return term.with_constant("width", max(term.constant("width"), speed))
 
@@ -47,7 +46,7 @@ def friction_uncertainty(model: DynamicModel, chi: Array, c: Array, cd: Array, s
     """
     squared = np.zeros_like(cd)
     for k, term in enumerate(model.terms) if speed else ():
-        if term.kind in DRY:
+        if term.signed:
             shares = model.shares(term, c, cd)
             s = np.tanh((shares * cd).sum(axis=0) / max(term.constant("width"), speed))
             squared += np.square(shares) * chi[10 * len(model.device.joints) + k] ** 2 * (1 - s**2)

@@ -17,8 +17,12 @@ from haptid.report.section import PageSection
 from haptid.results.result import finite
 
 # The script's parts, in the order of their dependencies.
-SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")
+SCRIPTS = (
+    *("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "charts.js"),
+    "page.js",
+)
 _STYLES = ("page.css",)
+_EXPORTED = "export { drawAll, startTables, html, button, shown };\n"
 
 
 def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
@@ -28,11 +32,8 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
         title, about: of the page.
         sections: in order.
     """
-    charts = {chart.key: chart for section in sections for chart in section.charts}
-    shown = [
-        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.template}.html").render(s=s))}
-        for s in sections
-    ]
+    made = page_parts(sections)
+    shown = [{**section, "html": Markup(section["html"])} for section in made["sections"]]
     return (
         _environment()
         .get_template("page.html")
@@ -42,9 +43,28 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
             sections=shown,
             styles=[Markup(_text(name)) for name in _STYLES],
             scripts=[Markup(_text(name)) for name in SCRIPTS],
-            drawings=_embedded({key: chart.drawing for key, chart in charts.items()}),
+            drawings=_embedded(made["drawings"]),
         )
     )
+
+
+def page_parts(sections: Sequence[PageSection]) -> dict[str, Any]:
+    """The sections of a page as JSON values, for another page with the same script and style.
+
+    Returns:
+        `sections`, each with key, title and html; `drawings`, of the charts by their keys.
+    """
+    shown = [
+        {"key": s.key, "title": s.title, "html": _environment().get_template(f"{s.template}.html").render(s=s)}
+        for s in sections
+    ]
+    drawings = {chart.key: chart.drawing for section in sections for chart in section.charts}
+    return {"sections": shown, "drawings": finite(drawings)}
+
+
+def module_of_scripts() -> str:
+    """The scripts but the page's own as one ES module, for a page that draws parts of reports."""
+    return "\n".join(["// Parts of the report's script.", *map(_text, SCRIPTS[:-1]), _EXPORTED])
 
 
 @cache

@@ -172,5 +172,5 @@ def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text
     own = "of the fit" if validation.seen else "unseen"
     for kind, found in ((Text(own), validation), (Text("unseen, all rows", style="bold"), validation.reference)):
         if found is not None:
-            each = [f"{m.relative:.2f}" for m in found.motors] if motors > 1 else []
+            each = [f"{m.relative:.2f}" if m.rows else "-" for m in found.motors] if motors > 1 else []
             yield [kind, f"{found.relative:.2f}", *each]

@@ -31,6 +31,8 @@ from haptid.robot_files.xml import Element, parse
 
 # Where URDF says nothing of gravity, simulators have this one.
 _GRAVITY = (0.0, 0.0, -9.81)
+# The fixed world, to which Drake welds a link by a joint without declaring it.
+_WORLD = "world"
 _KINDS: Mapping[str, JointKind] = {
     "revolute": "revolute",
     "continuous": "revolute",
@@ -68,6 +70,8 @@ def read_urdf(content: bytes, file: str, snap: float = 0.0) -> RobotTree:
     if not links:
         root.refuse("has no <link>", "Give the URDF of a robot.")
     joints = [_joint(element, snap, notes) for element in root.all("joint")]
+    if _WORLD not in links and any(joint.parent == _WORLD for joint in joints):
+        links = {_WORLD: RobotLink(_WORLD), **links}
     mimics = [(element, element.first("mimic")) for element in root.all("joint")]
     follows = [_mimic(element, mimic) for element, mimic in mimics if mimic is not None]
     joints, drives = _transmissions(root, joints, notes)

@@ -3,7 +3,16 @@
 May use device, log, dynamics and motion.
 """
 
-from haptid.simulation.closed_loop import Course, Segments, Steps, closed_loop, measured_state, open_loop, smooth
+from haptid.simulation.closed_loop import (
+    Course,
+    Segments,
+    Steps,
+    closed_loop,
+    expect_no_history,
+    measured_state,
+    open_loop,
+    smooth,
+)
 from haptid.simulation.control import PID
 from haptid.simulation.sensitivity import Sensitivity, sensitivity
 
@@ -14,6 +23,7 @@ __all__ = [
     "Sensitivity",
     "Steps",
     "closed_loop",
+    "expect_no_history",
     "measured_state",
     "open_loop",
     "sensitivity",

@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SimulationError
+from haptid.errors import SettingError, SimulationError
 from haptid.motion.channels import position_map, state
 from haptid.motion.treatment import Motion
 from haptid.simulation.control import PID, ControllerState, InitialState, reference
@@ -251,6 +251,20 @@ def _diverged(model: DynamicModel, motion: Motion, segments: Segments, step: int
         advice="Check the controller's gains and reference, or start from physically consistent parameters, such as "
         "those of Consistent().",
     )
+
+
+def expect_no_history(model: DynamicModel) -> None:
+    """Raise SettingError if a column depends on more than the state, which a simulation in short segments lacks."""
+    names = [term.name for term in model.terms if term.historic]
+    if names:
+        raise SettingError(
+            f"{model.device.name}: {', '.join(names)} depend on the motion before or on time, which methods that "
+            "simulate the device do not have.",
+            where=names[0],
+            found=tuple(names),
+            advice="Choose wls, gls, iv or another method that computes columns along the log, or write Coulomb and "
+            "viscous friction in their place.",
+        )
 
 
 def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> DynamicModel:

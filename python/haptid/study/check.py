@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError
+from haptid.errors import HaptidError, OptionError
 from haptid.estimation.nonlinear.load_friction import has_nonlinear_constants
+from haptid.experiment.excitation import compare_with_plan, read_motion
 from haptid.log import Log
 from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
@@ -34,6 +36,7 @@ class LogCheck:
         summary: samples, rate and duration, or poses; empty where it could not be read.
         notes: findings and repairs while reading.
         problem: why it cannot be used; empty where it can.
+        played: how it differs from the motion that was planned; empty without a plan.
     """
 
     path: str
@@ -41,6 +44,7 @@ class LogCheck:
     summary: str
     notes: tuple[str, ...] = ()
     problem: str = ""
+    played: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class StudyCheck:
         lines = [self.name, *([f"  {self.device}"] if self.device else [])]
         for log in self.logs:
             lines += ["", f"{log.path} ({log.role})", *([f"  {log.summary}"] if log.summary else [])]
-            lines += [f"  {note}" for note in log.notes]
+            lines += [f"  {note}" for note in (*log.notes, *log.played)]
         for title, sentences in (("Treatment", self.treatment), ("Would be done", self.steps)):
             lines += ["", title, *(f"- {sentence}" for sentence in sentences)] if sentences else []
         if self.problems:
@@ -78,7 +82,14 @@ class StudyCheck:
     def to_json(self) -> dict[str, Any]:
         """The same as JSON values."""
         logs = [
-            {"path": one.path, "role": one.role, "summary": one.summary, "notes": one.notes, "problem": one.problem}
+            {
+                "path": one.path,
+                "role": one.role,
+                "summary": one.summary,
+                "notes": one.notes,
+                "problem": one.problem,
+                "played": one.played,
+            }
             for one in self.logs
         ]
         return {
@@ -91,7 +102,12 @@ class StudyCheck:
         }
 
 
-def check_study(path: str | Path, data: str | Path | None = None, progress: _Progress | None = None) -> StudyCheck:
+def check_study(
+    path: str | Path,
+    data: str | Path | None = None,
+    progress: _Progress | None = None,
+    plans: Sequence[str | Path] = (),
+) -> StudyCheck:
     """Read study, device and logs, and choose the treatment; nothing is estimated.
 
     A problem of one log does not keep the others from being read.
@@ -100,9 +116,12 @@ def check_study(path: str | Path, data: str | Path | None = None, progress: _Pro
         path: of the study file.
         data: where relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done.
+        plans: motions that the logs were to be, in their order, as `haptid excite` wrote them (CSV); of the first logs
+            where there are fewer.
 
     Raises:
         StudyFileError: the study file itself is wrong.
+        OptionError: more plans than logs.
     """
     tell = progress or (lambda _what, _share: None)
     study = read_study(path)
@@ -117,7 +136,14 @@ def check_study(path: str | Path, data: str | Path | None = None, progress: _Pro
         f"{device.name}: {len(device.joints)} joints, {len(device.active)} active, {len(device.motors)} motors, "
         f"{len(model.base)} base parameters of {len(device.parameters.names)}"
     )
-    recordings = [_read(study, model, entry, Path(data or study.path.parent), tell) for entry in study.logs]
+    if len(plans) > len(study.logs):
+        raise OptionError(
+            f"{len(plans)} plans for {len(study.logs)} logs.", where="plans", found=len(plans), limit=len(study.logs)
+        )
+    recordings = [
+        _read(study, model, entry, Path(data or study.path.parent), tell, plan)
+        for entry, plan in zip_longest(study.logs, plans)
+    ]
     logs = tuple(found for found, _ in recordings)
     problems = [log.problem for log in logs if log.problem]
     reasons: tuple[str, ...] = ()
@@ -143,7 +169,7 @@ def check_study(path: str | Path, data: str | Path | None = None, progress: _Pro
 
 
 def _read(
-    study: Study, model: DynamicModel, entry: LogEntry, data: Path, tell: _Progress
+    study: Study, model: DynamicModel, entry: LogEntry, data: Path, tell: _Progress, plan: str | Path | None
 ) -> tuple[LogCheck, Log | Poses | None]:
     """What was found in a log, and the log or its poses."""
     try:
@@ -155,6 +181,9 @@ def _read(
         parts = f", {len(log.segments)} segments" if len(log.segments) > 1 else ""
         found = LogCheck(entry.path, entry.role, f"{about}{parts}", log.notes)
         check_log(model.device, log)
+        if plan is not None:
+            played = compare_with_plan(log, read_motion(plan, model.device), model.device)
+            found = replace(found, played=played.sentences)
     except HaptidError as error:
         return LogCheck(entry.path, entry.role, "", (), str(error)), None
     return found, log

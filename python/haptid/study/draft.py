@@ -38,7 +38,7 @@ def draft_study(
         device_path = _relative(path, folder)
         device_path = device_path if "/" in device_path or device_path.endswith(".toml") else f"./{device_path}"
     lines = ["schema = 1", f"name = {basic_string(device.name)}", f"device = {basic_string(device_path)}", ""]
-    lines.append(found.table or "[channels]  # no channels of positions were recognised by name: name them here\n")
+    lines.append(found.table or "[channels]  # no channels of positions were recognised: name them here\n")
     for k, log in enumerate(logs):
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
         lines += ['role = "validate"', ""] if k else [""]

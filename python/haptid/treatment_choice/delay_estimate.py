@@ -89,10 +89,11 @@ class Delays:
             f"{_numbers(ms)} ms (standard error {_numbers(1e3 * self.se)} ms; sampling period {1e3 * self.dt:.3g} ms)"
         )
         if not self.accepted:
+            side, ms = ("late", ms) if float(np.median(ms)) >= 0 else ("early", -ms)
             return (
-                f"The torque channels seem late by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
+                f"The torque channels seem {side} by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
                 f"term that the model lacks: {1e3 * self.seconds[0]:.3g} ms is compensated, and one sampling period of "
-                f"uncertainty is in every interval. If the channels truly differ so much, give `torque_delay_s`."
+                f"uncertainty is in every interval. If it is a delay all the same, give `torque_delay_s`."
             )
         held = np.abs(self.seconds / self.dt - HOLD) < 2 * self.se / self.dt + 0.02
         hold = ": half a sampling period, as of a command with zero-order hold" if held.all() else ""

@@ -20,11 +20,13 @@ from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum
 from haptid.motion.treatment import Treatment, treat
-from haptid.observation.observation import observe
+from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 
 # The share of its own size within which each effect is known.
 _NOISE_KNOWN, _FILTER_KNOWN = 1.0, 0.5
+# Share of the torque, per cent, by which the encoders' noise may change the predicted one.
+NOISY = 3.0
 
 
 def noise_effect(
@@ -62,3 +64,10 @@ def noise_effect(
         "encoder noise": _NOISE_KNOWN * (0.5 * (more[0] + more[1]) - as_is)[None],
         "position filter": _FILTER_KNOWN * (twice - as_is)[None],
     }
+
+
+def of_torque(observation: Observation, shift: Array) -> float:
+    """Torque of a change of the parameters, (p,), in per cent of the measured torque."""
+    own = [np.linalg.norm(m.whole[:, :-1] @ shift[m.columns]) for m in observation.motors]
+    measured = float(np.linalg.norm([m.norm for m in observation.motors]))
+    return 100 * float(np.linalg.norm(own)) / measured if measured else 0.0

@@ -27,7 +27,7 @@ from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
-from haptid.treatment_choice.noise_effect import noise_effect
+from haptid.treatment_choice.noise_effect import NOISY, noise_effect, of_torque
 from haptid.treatment_choice.parallel_choice import better_cutoff
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
@@ -47,6 +47,9 @@ _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
+# Least time in which a joint that hardly moves is at rest, s and periods of the bandwidth: in a tenth of a period a
+# reversal moves on by four times as much as `SLOW` allows.
+_REST, _RESTS = 0.25, 0.1
 # Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
 # costs little; with fewer than the second, they are not; between, unseen rows decide.
 _CLEARLY, _CLEAR = 0.6, 0.3
@@ -56,10 +59,17 @@ KEPT = 0.1
 _APART, _RIPPLE = 1.3, 0.25
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
+# Share of rows at rest that is reported.
+_MENTIONED = 0.02
 # Noise above this share of the acceleration is reported.
-NOISY = 0.1
+_LOUD = 0.1
+# A narrower filter is taken where it leaves so much of what noise and filter do to the torque.
+_QUIETER = 0.7
 # Length of the part of each log that is analysed, s, and samples up to which it may be longer.
 _ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
+# Ratio of the sampling rates of logs below which they are one: stamps of one recorder differ by a few parts in a
+# thousand, and half a period then by less than the prior of a channel's own delay allows.
+_SAME_RATE = 1.02
 _Given = Mapping[str, Any]
 
 
@@ -116,7 +126,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     filters = _Filters.of(model, logs, given)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
         filters = filters.known_to_the_torque(given)
-    times = USUAL
+    times, why = USUAL, ""
     treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given)
     if filters.may_clear and "reversal_guard_s" not in given:
         clear = replace(filters, near=False)
@@ -131,20 +141,75 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), judged)]
         if times != USUAL:
             treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
+            why = f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
+        quieter = _quieter(model, logs, filters, given, times, (treatment, delays))
+        if quieter is not None:
+            why = f", {quieter[0]:g} times it: there the positions' noise matters less than behind {times:g} times"
+            _, treatment, delays = quieter
     reference = filters.at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
     treatment, why_block = _independent_blocks(model, logs, treatment, given)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
-    reasons = (*filters.reasons(treatment, times, given), *filters.kept(treatment, given), *why_block, *why_time)
+    why_rows = (*filters.kept(treatment, given), *filters.at_rest(reference))
+    reasons = (*filters.reasons(treatment, why, given), *why_rows, *why_block, *why_time)
     effects = noise_effect(model, logs, filters.spectra, treatment)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
 
 
+def _quieter(
+    model: DynamicModel,
+    logs: Sequence[Log],
+    filters: _Filters,
+    given: _Given,
+    times: float,
+    start: tuple[Treatment, Delays | None],
+) -> tuple[float, Treatment, Delays | None] | None:
+    """A narrower parallel filter, where the encoders' noise changes the predicted torque too much; None elsewhere.
+
+    Unseen rows cannot tell this: their positions have the same noise, and attenuated parameters predict them better
+    than the true ones. Where the torque is a small difference of large ones, as in free swinging, little noise
+    suffices.
+
+    Args:
+        model, logs: device and recordings.
+        filters: that suit their motion.
+        given: settings that stand.
+        times: parallel cut-off in use over the bandwidth.
+        start: treatment and delays in use.
+
+    Returns:
+        The cut-off over the bandwidth, the treatment and the delays.
+    """
+    best, quieter = _QUIETER, None
+    usual = 0.0
+    for k in (times, *(k for k in reversed(TRIED) if filters.parallel(k) < filters.parallel(times))):
+        made = start if k == times else _with_delays(model, logs, filters.at(k, given), given, start[1])
+        effects = noise_effect(model, logs, filters.spectra, made[0])
+        if not effects:
+            continue
+        rows = observe(model, *(treat(log, made[0]) for log in logs))
+        sizes = [of_torque(rows, shift[0]) for shift in effects.values()]
+        size = float(np.linalg.norm(sizes))
+        if k == times:
+            usual = size
+            if sizes[0] <= NOISY:
+                return None
+        elif size < best * usual:
+            best, quieter = size / usual, (k, *made)
+    return quieter
+
+
 def _no_delay(logs: Sequence[Log]) -> str:
     """Why there is no estimate of the delay."""
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
-    why = f", which have {' and '.join(rates)} Hz" if len(rates) > 1 else ""
+    why = "" if _one_rate(logs) else f", which have {' and '.join(rates)} Hz"
     return f"The torque delay could not be estimated from the logs{why}; none is compensated. Give `torque_delay_s`."
+
+
+def _one_rate(logs: Sequence[Log]) -> bool:
+    """Whether the logs have one sampling rate, but for what stamps of one clock differ by."""
+    rates = [log.rate_hz for log in logs]
+    return max(rates) < _SAME_RATE * min(rates)
 
 
 def _with_delays(
@@ -161,7 +226,7 @@ def _delays(
     model: DynamicModel, logs: Sequence[Log], treatment: Treatment, start: Delays | None = None
 ) -> Delays | None:
     """Delays of the torque channels; None where the logs have no rows, or their rates differ."""
-    if len({f"{log.rate_hz:.4g}" for log in logs}) > 1:  # a hold of one sample is not one time
+    if not _one_rate(logs):  # a hold of one sample is not one time
         return None
     plain = treatment
     if treatment.momentum:  # the lag of a differentiator is not a delay of the torque
@@ -187,6 +252,7 @@ class _Filters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
+        rest_speed: the same, of rows that are hardly ever faster too.
         near: whether rows count whose filter window contains a reversal, if not near its middle.
         may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
@@ -201,6 +267,7 @@ class _Filters:
     top: float
     lowest: float
     reversal_speed: tuple[float, ...]
+    rest_speed: tuple[float, ...] = ()
     near: bool = True
     may_clear: bool = False
     above: float = 0.0
@@ -226,7 +293,10 @@ class _Filters:
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
         made = _Filters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
-        made = replace(made, reversal_speed=made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0})))
+        rest = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
+        if any(rest):
+            often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
+            made = replace(made, reversal_speed=tuple(np.where(often, rest, 0.0).tolist()), rest_speed=rest)
         if any(made.reversal_speed):
             clear = replace(made, near=False).at(USUAL, given)
             kept = made._shares(clear, np.array(made.reversal_speed))[list(model.device.measured)]
@@ -270,6 +340,8 @@ class _Filters:
             follows["cutoff_hz"] = self._position_cutoffs(parallel)
         if "reversal_speed" not in given and not all_rows and any(self.reversal_speed):
             follows["reversal_speed"] = self.reversal_speed
+        if all_rows and any(self.rest_speed):
+            follows |= {"rest_speed": self.rest_speed, "rest_s": max(_REST, _RESTS / self.bandwidth)}
         if "reversal_guard_s" not in given and not all_rows and self.near:
             follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
@@ -300,7 +372,6 @@ class _Filters:
                     power[row, k] = power.get((row, k), 0.0) + own
         for (row, _), total in power.items():
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(total / samples)))
-        speeds = np.where(self._shares(self.at(USUAL, {}), speeds) < KEPT, 0.0, speeds)
         return tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
 
     def _shares(self, treatment: Treatment, speeds: Array) -> Array:
@@ -317,8 +388,8 @@ class _Filters:
             many += plan.rows
         return kept / max(many, 1)
 
-    def reasons(self, treatment: Treatment, times: float, given: _Given) -> tuple[str, ...]:
-        """A sentence for each filter that was chosen."""
+    def reasons(self, treatment: Treatment, why: str, given: _Given) -> tuple[str, ...]:
+        """A sentence for each filter that was chosen, that of the parallel filter with the reason for its width."""
         made, parallel = [], treatment.parallel_cutoff_hz or 0.0
         motion = f"the motion is below {self.bandwidth:.2g} Hz (98 % of the velocity's power)"
         if self.above:
@@ -332,7 +403,6 @@ class _Filters:
                 f"it. Record at a higher rate, or reduce the decimation."
             )
         elif "parallel_cutoff_hz" not in given:
-            why = "" if times == USUAL else f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
             made.append(f"Parallel filter of torque and columns: {parallel:.3g} Hz; {motion}{why}.")
         if "cutoff_hz" not in given and treatment.cutoff_hz is not None:
             cutoffs = np.atleast_1d(treatment.cutoff_hz)
@@ -366,7 +436,7 @@ class _Filters:
             f"The noise of the positions, {self.channels[worst].noise_rms:.1g} {unit} RMS, is "
             f"{100 * shares[worst]:.2g} % of the filtered acceleration"
         )
-        return (sentence + ("." if shares[worst] < NOISY else ": record faster motion, or with a finer encoder."),)
+        return (sentence + ("." if shares[worst] < _LOUD else ": record faster motion, or with a finer encoder."),)
 
     def kept(self, treatment: Treatment, given: _Given) -> tuple[str, ...]:
         """Report of the rows near reversals, which are dropped."""
@@ -380,6 +450,20 @@ class _Filters:
         return (
             f"{where} motion slower than {speeds} (of each motor, SI) are dropped, because the sign of dry friction is "
             f"uncertain at reversals. {left} % of the motors' rows are kept.",
+        )
+
+    def at_rest(self, reference: Treatment) -> tuple[str, ...]:
+        """Report of the rows at rest, which are in no error, where there are any worth mentioning."""
+        if not np.any(reference.rest_speed):
+            return ()
+        shares = 1 - self._shares(reference, np.zeros(len(self.model.device.row_names)))
+        shares = shares[list(self.model.device.measured)]
+        if shares.max() < _MENTIONED:
+            return ()
+        left = ", ".join(f"{100 * share:.0f}" for share in shares)
+        return (
+            f"Errors on all rows leave out rest, where friction is anything up to dry friction: {left} % of the "
+            f"motors' rows.",
         )
 
 

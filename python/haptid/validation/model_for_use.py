@@ -22,6 +22,7 @@ from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Limiting
 from haptid.estimation.least_squares import EXCITED, weakest_direction
 from haptid.estimation.method import only_weights_rows
+from haptid.estimation.methods.anchored import Anchored, AnchoredConsistent, open_parameters, reference_torque
 from haptid.estimation.methods.constrained import PhysicallyConsistent
 from haptid.estimation.methods.regularised import (
     COARSE,
@@ -37,14 +38,17 @@ from haptid.estimation.methods.regularised import (
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 
-# Folds of the cross-validation: each block is in one, neighbours in different ones.
-_FOLDS = 5
+# Folds of the cross-validation: each block is in one, neighbours in different ones. Of few blocks there are fewer
+# folds, with two blocks each.
+_FOLDS, _IN_FOLD = 5, 2
 # Fewer blocks than these are not split.
-_FEWEST_BLOCKS = 2 * _FOLDS
+_FEWEST_BLOCKS = 2 * _IN_FOLD
 # Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 _LEAST_GAIN = 0.02
-CONSISTENT, FREE, RIDGE, ENTROPIC = "consistent", "free", "ridge", "entropic"
+CONSISTENT, FREE, RIDGE, ENTROPIC, ANCHORED = "consistent", "free", "ridge", "entropic", "anchored"
+# Parameters that are named in a sentence.
+_NAMED = 4
 STRENGTHS: Mapping[str, tuple[float | None, ...]] = {
     CONSISTENT: (None,),
     FREE: (None,),
@@ -94,12 +98,15 @@ class ModelForUse:
         estimate: the fit.
         reason: a sentence with the figures.
         candidates: with their held-out errors; none where there was nothing to choose.
+        open: base parameters that the log leaves open; where there are some, the fit has a weak prior on torque, see
+            `Anchored`.
     """
 
     name: str
     estimate: Estimate
     reason: str
     candidates: tuple[UseCandidate, ...] = ()
+    open: tuple[str, ...] = ()
 
     @property
     def beta(self) -> Array:
@@ -140,20 +147,47 @@ def model_for_use(made: Estimate, reference: Observation | None = None, wanted: 
 
 def _chosen(made: Estimate, reference: Observation, wanted: str) -> ModelForUse:
     """The consistent fit, or one that is better on held-out blocks."""
+    left = _open(made) if wanted == "auto" else ()
+    if left:
+        made = _made(made, ANCHORED, None)
     consistent = _made(made, CONSISTENT, None)
     if wanted == CONSISTENT:
         return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}, as the study says.")
-    priors = [RIDGE] * has_prior(made.model) + [ENTROPIC] * bool(prior_links(made.model))
+    has = made.model
+    priors = [] if left else [RIDGE] * has_prior(has) + [ENTROPIC] * bool(prior_links(has))
+    because = _left_open(left, made)
     if not consistent.constrained and not priors:
-        return ModelForUse(CONSISTENT, consistent, "The free fit is physically consistent: it is the model for use.")
+        why = "The free fit is physically consistent: it is the model for use."
+        return ModelForUse(CONSISTENT, consistent, why + because, open=left)
     trial = _trial(made, reference, (CONSISTENT, FREE, *priors))
     if trial is None:
         why = "the log is too short, or too poorly excited, to compare it with others on held-out rows"
-        return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}: {why}.")
+        reason = f"The model for use is {NAMES[CONSISTENT]}: {why}.{because}"
+        return ModelForUse(CONSISTENT, consistent, reason, open=left)
     found = tuple(trial.candidates())
     best = min((one for one in found if one.is_better), key=lambda one: one.error, default=found[0])
     chosen = consistent if best is found[0] else _made(made, best.name, best.strength)
-    return ModelForUse(best.name, chosen, _reason(best, found), found)
+    return ModelForUse(best.name, chosen, _reason(best, found) + because, found, left)
+
+
+def _open(made: Estimate) -> tuple[str, ...]:
+    """Base parameters that the log leaves open."""
+    if not made.fit.unit_residual:
+        return ()
+    A = reference_torque(made.observation)
+    return open_parameters(made.observation, A, made.covariance, made.classical_covariance)
+
+
+def _left_open(left: Sequence[str], made: Estimate) -> str:
+    """What the log does not tell, and what was done about it, as a sentence; nothing where it tells all."""
+    if not left:
+        return ""
+    more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+    where = "the device file's bodies" if has_prior(made.model) else "zero"
+    return (
+        f" The log does not tell {', '.join(left[:_NAMED])}{more}: a weak prior keeps the torque of other "
+        f"motion near that of {where}. Record motion of these joints, fast and at other poses."
+    )
 
 
 def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
@@ -177,11 +211,17 @@ def _made(made: Estimate, name: str, strength: float | None) -> Estimate:
     """A candidate from all rows."""
     if name == FREE:
         return made
-    method: Method = PhysicallyConsistent(made.method)
-    if name == RIDGE:
+    method: Method
+    if name == ANCHORED:
+        method = Anchored(made.method)
+    elif isinstance(made.method, Anchored):
+        method = AnchoredConsistent(made.method.weighting)
+    elif name == RIDGE:
         method = Ridge(strength=strength)
     elif name == ENTROPIC:
         method = Entropic(strength, made.method)
+    else:
+        method = PhysicallyConsistent(made.method)
     limited = isinstance(made.intervals, Limiting) and name != CONSISTENT
     other = estimate(made.observation, method, ClusterRobust() if limited else made.intervals)
     for nuisance, shifts in made.nuisances.items():
@@ -230,15 +270,19 @@ def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Tri
     if count < _FEWEST_BLOCKS:
         return None
     scale = 1.0 if made.fit.unit_residual else made.fit.solution.rest / np.sqrt(made.fit.solution.dof)
-    fold_of = np.arange(count) % _FOLDS
+    folds = min(_FOLDS, count // _IN_FOLD)
+    fold_of = np.arange(count) % folds
     held = _folds(rows, fold_of, reference)
     whole = reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
     measure = _Measure.of(whole)
+    prior = made.method.knowledge(rows).rows if isinstance(made.method, Anchored) else None
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
-    for fold in range(_FOLDS):
+    for fold in range(folds):
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(made.fit.weights / scale)
+        if prior is not None:
+            T = triangle(np.concatenate([T, prior]))
         mine = np.flatnonzero(held == fold)
         if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
             return None

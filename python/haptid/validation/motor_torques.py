@@ -111,7 +111,7 @@ def _parts(s: Chunk, chi: Array) -> tuple[Array, Array, Array]:
         )
     measured = motor_torque(device, motion.log, np.ascontiguousarray(motion.tau[low:high].T))
     cdd = np.zeros_like(s.c) if s.cdd is None else s.cdd
-    predicted = device.drive_torque(s.c, torque_of(s.model, chi, s.c, s.cd, cdd))
+    predicted = device.drive_torque(s.c, torque_of(s.model, chi, s.c, s.cd, cdd, s.plan.history(low, high)))
     B = device.drive_jacobian(s.c)[..., device.driven, :]
     law = device.law.of(device.driven)
     preload = law.balanced(B if B.ndim == 3 else B[None], np.ascontiguousarray(measured.T)).T

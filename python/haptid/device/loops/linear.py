@@ -224,13 +224,13 @@ def _distinct(chain: Chain, motions: list[LinearMotion], unknown: list[int]) -> 
         return []
     turning = np.array([not chain.joints[j].prismatic for j in unknown])
     offsets = np.array([motion.offset[unknown] for motion in motions])
-    G = np.array([motion.G for motion in motions])
-    left, kept = np.arange(len(motions)), []
-    while len(left):
-        first = left[0]
-        apart = offsets[left] - offsets[first]
-        apart[:, turning] = np.angle(np.exp(1j * apart[:, turning]))
-        differs = np.maximum(np.abs(apart).max(axis=1), np.abs(G[left] - G[first]).max(axis=(1, 2))) >= _SAME
-        kept.append(motions[first])
-        left = left[differs]
+    G = np.array([motion.G[unknown].ravel() for motion in motions])
+    left, kept = np.ones(len(motions), dtype=bool), []
+    for k, motion in enumerate(motions):
+        if left[k]:
+            kept.append(motion)
+            alike = np.flatnonzero(left & (np.abs(G - G[k]).max(axis=1) < _SAME))
+            apart = offsets[alike] - offsets[k]
+            apart[:, turning] -= 2 * np.pi * np.rint(apart[:, turning] / (2 * np.pi))
+            left[alike[np.abs(apart).max(axis=1) < _SAME]] = False
     return kept

@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from string import ascii_uppercase
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Joint, Motor
+from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.terms.custom import custom_column, with_constants
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
+from haptid.device.terms.presliding import LAWS, Presliding
 from haptid.device.terms.spring import Counterbalance, read_counterbalance
 from haptid.device.terms.term import UNITS, TermColumn
+from haptid.device.terms.warming import Warming
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyTerm,
     CoulombTerm,
     CounterbalanceTerm,
     CustomTerm,
+    DahlTerm,
     LoadFrictionTerm,
+    LuGreTerm,
+    MaxwellSlipTerm,
     PlainTerm,
+    RippleTerm,
     SpringTerm,
     StribeckTerm,
     TermTable,
+    WarmingTerm,
 )
 
 # Stem of the parameter's name, by kind of term.
@@ -39,6 +49,11 @@ STEMS = {
     "coulomb-by-direction": "FC",
     "load-friction": "FL",
     "stribeck": "FS",
+    "dahl": "FD",
+    "maxwell-slip": "FM",
+    "lugre": "FG",
+    "warming": "FT",
+    "ripple": "R",
     "offset": "OFF",
     "spring": "K",
     "counterbalance": "CB",
@@ -70,6 +85,11 @@ class Target:
     speed: str
     varies: bool = False
     mixed: bool = False
+
+    @property
+    def position(self) -> str:
+        """Its position in the symbols of expressions."""
+        return re.sub(r"(?<!\w)v_", "q_", self.speed)
 
     @property
     def moved(self) -> int | None:
@@ -229,6 +249,21 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
         case StribeckTerm():
             given = {key: getattr(table, key) for key in PLACES["stribeck"]}
             return [with_constants(target.column(name(), "stribeck"), given, reader, place)]
+        case DahlTerm() | LuGreTerm():
+            given = {key: getattr(table, key) for key in LAWS[table.kind]}
+            return [with_constants(_presliding(table.kind, target, name()), given, reader, place)]
+        case MaxwellSlipTerm():
+            letters = ascii_uppercase[: len(table.distances)] if len(table.distances) > 1 else " "
+            made = [_presliding(table.kind, target, name(letter.strip())) for letter in letters]
+            return [
+                with_constants(column, {"distance": distance}, reader, place.at("distances", k), nested=False)
+                for k, (column, distance) in enumerate(zip(made, table.distances, strict=True))
+            ]
+        case WarmingTerm():
+            column = target.external(name(), UNITS["viscous"][target.prismatic], Warming(1.0))
+            return [with_constants(column, {"time": table.time}, reader, place)]
+        case RippleTerm():
+            return _ripple(table, target, stem, targets, reader, place)
         case SpringTerm():
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
         case PlainTerm(kind="viscous-by-direction"):
@@ -249,6 +284,35 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             return [target.column(name(), "rotor")]
         case _:
             return [target.column(name(), table.kind)]
+
+
+def _presliding(law: str, target: Target, name: str) -> TermColumn:
+    """Dry friction with presliding, before its constants are known."""
+    return target.external(name, UNITS["coulomb"][target.prismatic], Presliding(law, 1.0))
+
+
+def _ripple(
+    table: RippleTerm, target: Target, stem: str, targets: TermTargets, reader: Reader, place: Place
+) -> list[TermColumn]:
+    """Sine and cosine of every harmonic of a torque that repeats with the target's position."""
+    if target.varies or target.what == "cut":
+        found = f"{target.on} has no position that is a combination of the joints'"
+        raise place.error(found, "Name a joint of the tree, or a motor with constant rates.")
+    period = reader.positive(table.period, place.at("period"))
+    joints = [joint.name for joint in targets.joints]
+    motor = "M" if target.what == "motor" and table.prefix is None else ""
+    made = []
+    for n in range(1, table.harmonics + 1):
+        for letter, function in (("S", "sin"), ("C", "cos")):
+            text = f"{function}({2 * np.pi * n / period!r}*({target.position}))"
+            shape = column(text, joints, {}, place)
+            suffix = str(n) if n > 1 else ""
+            made.append(
+                target.external(
+                    f"{stem}{letter}{suffix}{motor}_{target.name}", UNITS["offset"][target.prismatic], shape
+                )
+            )
+    return made
 
 
 def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float, varies: Sequence[bool]) -> Target:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from haptid.device.expressions import RESERVED, column
+from haptid.device.expressions import RESERVED, CustomColumn, column
 from haptid.device.terms.term import Searched, TermColumn
 from haptid.device.toml.schema import CustomTerm, SearchedTable
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from haptid.device.terms.build import Target, TermTargets
     from haptid.device.toml.errors_at import Place
 
-# Unit of a velocity, for a turning and for a sliding coordinate.
-SPEED = ("rad/s", "m/s")
+# Unit of a constant, for a turning and for a sliding coordinate; others have none.
+_UNITS = {"velocity": ("rad/s", "m/s"), "width": ("rad/s", "m/s"), "distance": ("rad", "m"), "time": ("s", "s")}
 # Bounds of a searched constant where the file gives none: its start divided and multiplied by this.
 RANGE = 100.0
 
@@ -39,17 +39,27 @@ def custom_column(table: CustomTerm, target: Target, targets: TermTargets, reade
     return with_constants(made, table.constants, reader, place.at("constants"))
 
 
-def with_constants(term: TermColumn, given: Mapping[str, Any], reader: Reader, place: Place) -> TermColumn:
-    """The term with its constants; those given as a range are nonlinear parameters to estimate."""
+def with_constants(
+    term: TermColumn, given: Mapping[str, Any], reader: Reader, place: Place, nested: bool = True
+) -> TermColumn:
+    """The term with its constants; those given as a range are nonlinear parameters to estimate.
+
+    Args:
+        term: the column.
+        given: constants as they are written.
+        reader: of numbers.
+        place: of the term.
+        nested: whether constants stand in it by name; else the place is that of the only one.
+    """
     searched = []
     for name, value in given.items():
-        here = place.at(name)
+        here = place.at(name) if nested else place
         if isinstance(value, SearchedTable):
             start, made = _searched(term, name, value, reader, here)
             searched.append(made)
         else:
             start = reader.number(value, here)
-        if term.kind != "external":
+        if not isinstance(term.shape, CustomColumn):
             start = reader.positive(start, here) if name != "width" else reader.not_negative(start, here)
         term = term.with_constant(name, start)
     return replace(term, searched=tuple(searched))
@@ -71,7 +81,8 @@ def _searched(
     if not low <= start <= high or low == high:
         found = f"start is {start:g}, low {low:g}, high {high:g}"
         raise place.error(found, "Let low be below high, and start between them.")
-    if term.kind != "external" and low <= 0:
+    own = isinstance(term.shape, CustomColumn)
+    if not own and low <= 0:
         raise place.at("low").error(f"found {low:g}", "Write a number above zero.")
-    unit = {"velocity": SPEED, "width": SPEED}.get(name, ("", ""))[term.unit == "N"] if term.kind != "external" else ""
+    unit = "" if own else _UNITS.get(name, ("", ""))[term.unit == "N"]
     return start, Searched(name, unit, low, high)

@@ -10,7 +10,9 @@ import numpy as np
 from haptid._internal.arrays import Array, read_only
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, PLACES, LoadDependentFriction
+from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.warming import Warming
 from haptid.errors import DeviceError
 
 # Unit of the parameter of each kind, for a revolute and for a prismatic coordinate.
@@ -73,7 +75,7 @@ class TermColumn:
     weights: Array
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shape: Counterbalance | CustomColumn | LoadDependentFriction | None = None
+    shape: Counterbalance | CustomColumn | LoadDependentFriction | Presliding | Warming | None = None
     joint: int | None = None
     searched: tuple[Searched, ...] = ()
 
@@ -82,7 +84,11 @@ class TermColumn:
 
     @property
     def nature(self) -> str:
-        """Physical kind: that of the term which a custom column is part of, else the kind."""
+        """Physical kind: that of the term which a custom column is part of, else the kind; presliding is Coulomb's."""
+        if isinstance(self.shape, Presliding):
+            return "coulomb"
+        if isinstance(self.shape, Warming):
+            return "viscous"
         return (self.shape.nature if isinstance(self.shape, CustomColumn) else "") or self.kind
 
     @property
@@ -93,7 +99,17 @@ class TermColumn:
     @property
     def dry(self) -> bool:
         """Whether it is dry friction: it depends on the sign of a velocity."""
-        return self.kind in DRY or isinstance(self.shape, LoadDependentFriction)
+        return self.signed or isinstance(self.shape, LoadDependentFriction)
+
+    @property
+    def historic(self) -> bool:
+        """Whether its column depends on the motion before or on time, and not on the state alone."""
+        return isinstance(self.shape, Presliding | Warming)
+
+    @property
+    def signed(self) -> bool:
+        """Whether it is dry friction of one magnitude, so that only the sign of its velocity matters while sliding."""
+        return self.kind in DRY or isinstance(self.shape, Presliding)
 
     @property
     def side(self) -> int:
@@ -107,12 +123,18 @@ class TermColumn:
             return self.shape.width
         if isinstance(self.shape, CustomColumn):
             return self.shape.constants[name]
+        if isinstance(self.shape, Presliding | Warming):
+            return float(getattr(self.shape, name))
         return self.settings[PLACES[self.kind][name]]
 
     def with_constant(self, name: str, value: float) -> TermColumn:
         """The same term with another value of a constant."""
         if isinstance(self.shape, LoadDependentFriction):
             return replace(self, shape=replace(self.shape, width=value))
+        if isinstance(self.shape, Presliding):
+            return replace(self, shape=self.shape.with_constant(name, value))
+        if isinstance(self.shape, Warming):
+            return replace(self, shape=Warming(value))
         if isinstance(self.shape, CustomColumn):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
         place = PLACES[self.kind][name]
@@ -134,7 +156,7 @@ def external_columns(
     terms: tuple[TermColumn, ...],
     joints: tuple[str, ...],
     motion: tuple[Array, Array, Array],
-    loads: Mapping[str, Array],
+    given: Mapping[str, Array],
 ) -> Array:
     """Columns that Python computes for the core, (columns, samples).
 
@@ -142,7 +164,7 @@ def external_columns(
         terms: the external ones, in the core's order.
         joints: names of all joints.
         motion: position, velocity and acceleration of all joints, each (joints, samples).
-        loads: columns of load-dependent friction, by name, each (samples,).
+        given: columns of load-dependent friction and of friction with a history, by name, each (samples,).
 
     Raises:
         DeviceError: a column is not finite at some sample.
@@ -153,8 +175,8 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
-        elif isinstance(term.shape, LoadDependentFriction):
-            row[:] = loads[term.name]
+        elif isinstance(term.shape, LoadDependentFriction | Presliding | Warming):
+            row[:] = given[term.name]
         elif term.shape is not None:
             row[:] = term.shape.values(named, samples)
         if not np.isfinite(row).all():

@@ -205,6 +205,44 @@ class StribeckTerm(TermTable):
     width: _Constant = 0.0
 
 
+class DahlTerm(TermTable):
+    """Dahl friction: dry friction that builds up over a distance after a reversal."""
+
+    kind: Literal["dahl"]
+    distance: _Constant
+
+
+class MaxwellSlipTerm(TermTable):
+    """Maxwell-slip elements in parallel: each is a spring up to its distance, and then Coulomb friction."""
+
+    kind: Literal["maxwell-slip"]
+    distances: Annotated[list[_Constant], Field(min_length=1, max_length=8)]
+
+
+class LuGreTerm(TermTable):
+    """LuGre friction: Dahl friction whose force is `breakaway` times larger before it slides."""
+
+    kind: Literal["lugre"]
+    distance: _Constant
+    velocity: _Constant
+    breakaway: _Constant
+
+
+class WarmingTerm(TermTable):
+    """Viscous friction of a cold device in addition: v exp(-t / time), with t since the start of the log, s."""
+
+    kind: Literal["warming"]
+    time: _Constant
+
+
+class RippleTerm(TermTable):
+    """Torque that repeats with the position (cogging, eccentric capstan, gear mesh): its period, rad or m."""
+
+    kind: Literal["ripple"]
+    period: _Quantity
+    harmonics: Annotated[int, Field(ge=1, le=8)] = 1
+
+
 class SpringTerm(TermTable):
     """Spring with a rest position."""
 
@@ -235,7 +273,18 @@ class CustomTerm(TermTable):
 
 
 AnyTerm = Annotated[
-    PlainTerm | CoulombTerm | LoadFrictionTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | CustomTerm,
+    PlainTerm
+    | CoulombTerm
+    | LoadFrictionTerm
+    | StribeckTerm
+    | DahlTerm
+    | MaxwellSlipTerm
+    | LuGreTerm
+    | WarmingTerm
+    | RippleTerm
+    | SpringTerm
+    | CounterbalanceTerm
+    | CustomTerm,
     Field(discriminator="kind"),
 ]
 

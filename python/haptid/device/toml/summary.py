@@ -3,10 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from haptid.device.device import Device, Joint, Motor
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
+
+
+@dataclass(frozen=True)
+class SummaryTable:
+    """A table of texts about a device.
+
+    Attributes:
+        title: what it is about.
+        head: of its columns.
+        rows: with a cell for each column.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def summary_tables(device: Device) -> tuple[SummaryTable, ...]:
+    """Joints, motors and terms of a device."""
+    joints = ("joint", "on", "type", "moves", "link", "limits", "velocity", "torque")
+    motors = ("motor", "coordinate", "gear ratio", "torque constant", "command")
+    found = (
+        SummaryTable("Tree", joints, tuple(_joint_row(device, k, joint) for k, joint in enumerate(device.joints))),
+        SummaryTable("Motors", motors, tuple(_motor_row(device, drive) for drive in device.drives)),
+        SummaryTable("Terms", ("term", "unit", "on", "parameters"), tuple(_terms(device.terms))),
+    )
+    return tuple(table for table in found if table.rows)
 
 
 def summary_lines(device: Device) -> tuple[str, ...]:
@@ -14,19 +42,17 @@ def summary_lines(device: Device) -> tuple[str, ...]:
     lines = [device.name]
     lines += [text for text in (device.description, f"source: {device.source}" if device.source else "") if text]
     gravity = ", ".join(f"{g:g}" for g in device.gravity)
-    lines += [f"gravity [{gravity}] m/s^2, described by {device.convention}", "", "Tree"]
-    lines += _table(
-        ("joint", "on", "type", "moves", "link", "limits", "velocity", "torque"),
-        [_joint_row(device, k, joint) for k, joint in enumerate(device.joints)],
-    )
-    if device.closure.relations:
-        lines += ["", "Loops", *(f"  {text}" for text in device.closure.relations)]
-        if device.closure.cuts:
-            lines.append(f"  closed within {device.closure.error:.1e} m")
-    lines += ["", "Motors"]
-    rows = [_motor_row(device, drive) for drive in device.drives]
-    lines += _table(("motor", "coordinate", "gear ratio", "torque constant", "command"), rows)
-    lines += ["", "Terms", *_terms(device.terms)] if device.terms else []
+    lines += [f"gravity [{gravity}] m/s^2, described by {device.convention}"]
+    for table in summary_tables(device):
+        if table.title == "Motors" and device.closure.relations:
+            lines += ["", "Loops", *(f"  {text}" for text in device.closure.relations)]
+            if device.closure.cuts:
+                lines.append(f"  closed within {device.closure.error:.1e} m")
+        lines += ["", table.title]
+        if table.title == "Terms":
+            lines += [f"  {term} [{unit}] on {on}s: {names}" for term, unit, on, names in table.rows]
+        else:
+            lines += _table(table.head, table.rows)
     parameters = device.parameters
     lines += ["", f"{len(parameters)} standard parameters of {len(parameters.raw)} columns"]
     lines += [f"  {note}" for note in device.notes]
@@ -61,18 +87,16 @@ def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
     return (drive.name, coordinate, f"{drive.gear_ratio:.8g}", f"{drive.torque_constant:.8g}", drive.command_unit)
 
 
-def _terms(terms: Iterable[TermColumn]) -> list[str]:
-    """One line for each run of terms of the same kind and settings."""
-    lines: list[str] = []
-    last: tuple[object, ...] = ()
+def _terms(terms: Iterable[TermColumn]) -> list[tuple[str, str, str, str]]:
+    """One row for each run of terms of the same kind and settings."""
+    rows: list[tuple[str, str, str, str]] = []
     for term in terms:
         key = (_words(term), term.unit, term.on.partition(" ")[0])
-        if key == last:
-            lines[-1] += f" {term.name}"
-            continue
-        last = key
-        lines.append(f"  {_words(term)} [{term.unit}] on {key[-1]}s: {term.name}")
-    return lines
+        if rows and rows[-1][:3] == key:
+            rows[-1] = (*key, f"{rows[-1][3]} {term.name}")
+        else:
+            rows.append((*key, term.name))
+    return rows
 
 
 def _words(term: TermColumn) -> str:

@@ -32,7 +32,7 @@ from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation
-from haptid.simulation import measured_state, smooth
+from haptid.simulation import expect_no_history, measured_state, smooth
 from haptid.simulation.closed_loop import FASTEST
 
 _Figures = tuple[float, ...]
@@ -135,6 +135,7 @@ class Filtering(UnitVarianceRows, ABC):
             SimulationError: the filter diverges, or a mass matrix cannot be inverted.
         """
         model, first = observation.model, estimate(observation, self.start)
+        expect_no_history(model)
         smoothed = smooth(model, observation.motions, self.friction)
         forward = ParametricForwardDynamics(smoothed, base_columns(model))
         p, size = len(observation.base), len(observation.blocks)

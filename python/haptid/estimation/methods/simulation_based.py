@@ -33,7 +33,17 @@ from haptid.observation.filtering import decimate
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk, Rows
-from haptid.simulation import PID, Course, Segments, Sensitivity, Steps, closed_loop, sensitivity, smooth
+from haptid.simulation import (
+    PID,
+    Course,
+    Segments,
+    Sensitivity,
+    Steps,
+    closed_loop,
+    expect_no_history,
+    sensitivity,
+    smooth,
+)
 
 # Number of full Gauss-Newton steps; later ones are halved, because some would oscillate between two points.
 FULL_STEPS = 5
@@ -83,6 +93,7 @@ class SimulationBased(Wrapper, ABC):
         """
         self.check(observation)
         beta, found = None, estimate(observation, self.start)
+        expect_no_history(observation.model)
         smoothed = smooth(observation.model, observation.motions, self.friction)
         for number in range(self.most):
             goal = found.beta if beta is None or number < FULL_STEPS else 0.5 * (beta + found.beta)

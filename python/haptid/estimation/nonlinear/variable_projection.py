@@ -22,7 +22,13 @@ from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.method import Fit, Method, Reduced, expect_weighting
 from haptid.estimation.methods.wls import WLS
-from haptid.estimation.nonlinear.candidate_columns import Candidate, CandidateRows, RowSource, candidate_rows
+from haptid.estimation.nonlinear.candidate_columns import (
+    Candidate,
+    CandidateRows,
+    RowSource,
+    candidate_rows,
+    observed_candidates,
+)
 from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import LEVEL, half_width
 
@@ -211,8 +217,7 @@ def variable_projection(
     expect_weighting("variable projection", weighting)
     _check_searchable(model)
     report = progress or (lambda _: None)
-    start = [model.terms[k].constant(constant.name) for k, constant in model.device.searched]
-    weights = weighting.weights(evaluated(model, motions, np.ones(len(model.device.measured)), start).rows.observation)
+    weights = weighting.weights(observed_candidates(model, motions))  # where a constant may have no effect yet
     values = grid_search(model, motions, weights)
     for many in range(SEARCHES):
         found = search(model, motions, weights, values)
@@ -221,7 +226,7 @@ def variable_projection(
     zero = method.zero(found.rows.observation) if isinstance(method, Reduced) else ()
     fit = fitted(found.rows.observation, weighting, zero)
     inner = intervals or ClusterRobust()
-    constants = tuple(_constant(found, motions, fit, inner, k) for k in range(len(start)))
+    constants = tuple(_constant(found, motions, fit, inner, k) for k in range(len(values)))
     report(1.0)
     joint = _Joint(inner, fit, _own_parameters(found.rows))
     return VariableProjection(found.rows.model, constants, joint, tuple(_notes(constants)))

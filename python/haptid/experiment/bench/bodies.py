@@ -11,6 +11,7 @@ from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
+from haptid.dynamics.static import COULOMB
 from haptid.errors import ExportError, PhysicalConsistencyError
 
 # Relative rounding allowed in the triangle inequality of the principal moments of inertia.
@@ -109,7 +110,7 @@ def effects(model: DynamicModel, chi: Array, made: tuple[SimulatedBody, ...]) ->
     for effect, body in zip(single, made, strict=True):
         effect.armature += body.moved
     for term, value in zip(model.terms, raw[10 * len(model.device.joints) :], strict=True):
-        shares = _shares(model, term)
+        shares = joint_shares(model, term)
         used = np.flatnonzero(shares)
         if value == 0 or not len(used):
             continue
@@ -131,7 +132,13 @@ def effects(model: DynamicModel, chi: Array, made: tuple[SimulatedBody, ...]) ->
     return tuple(found.values())
 
 
-def _shares(model: DynamicModel, term: TermColumn) -> Array:
+def has_counterpart(term: TermColumn) -> bool:
+    """Whether the simulator has a term of this kind of its own."""
+    dry = term.kind in COULOMB and term.settings[0] == 0
+    return dry or term.kind in ("rotor", "viscous", "spring", "offset")
+
+
+def joint_shares(model: DynamicModel, term: TermColumn) -> Array:
     """Coordinate of a term as a combination of all joints, (joints,)."""
     shares = np.zeros(len(model.device.joints))
     what, _, name = term.on.partition(" ")

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.kinematics import handle_motion
@@ -78,6 +77,8 @@ def measure_impedance(
     Raises:
         ExperimentError, SimulationError: one class for each cause.
     """
+    from scipy import signal  # slow to import, and few simulations have code in the loop
+
     stroke = stroke or Stroke()
     given = _Recorded(law) if law is not None else None
     trajectory = _line(setup, pose, direction, stroke)

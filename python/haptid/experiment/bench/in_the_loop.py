@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.kinematics import handle_motion
@@ -144,6 +143,8 @@ def _force_errors(
     hand = (Push(push, frequency_hz=1.3, start=0.25 * seconds, stop=0.85 * seconds),)
     observed: list[Array] = []
     law = replace(_law(setup, code, trajectory, 1.0), report=observed.append)
+    from scipy import signal  # slow to import, and few simulations have code in the loop
+
     made = _tracked(setup, trajectory, law, hand)
     keep = np.exp(-_GAIN * setup.dt)
     model = setup.model

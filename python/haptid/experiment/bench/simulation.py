@@ -16,6 +16,8 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
+from haptid.experiment.bench.bodies import has_counterpart
+from haptid.experiment.bench.held_forces import HeldForces
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
 from haptid.experiment.bench.setup import Push, Recording, Setup
@@ -27,6 +29,8 @@ _FASTEST = 1e3
 WIDEST_GAP = 1e-6
 # Number of progress calls per run.
 PROGRESS_CALLS = 50
+# Control periods whose states are checked together, after the last of them.
+_CHECKED = 64
 Progress = Callable[[float], None]
 
 
@@ -97,8 +101,10 @@ class _Plant:
     def __init__(self, mujoco: ModuleType, setup: Setup, trajectory: Trajectory) -> None:
         model = setup.model
         self.mujoco = mujoco
-        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, setup.chi, setup.physics, setup.payload))
+        own = _with_counterpart(model, setup.chi)
+        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, own, setup.physics, setup.payload))
         self.data: Any = mujoco.MjData(self.mj_model)
+        self.held, self.pushed = HeldForces(model, setup.chi, setup.physics.step), np.zeros(self.mj_model.nv)
         self.order = np.array(depth_first(model))
         self.back = np.argsort(self.order)  # device order to MuJoCo order
         self.active = self.back[list(model.device.active)]
@@ -110,23 +116,34 @@ class _Plant:
         self.lowest, self.highest = np.array(limits).T
         name = mujoco.mjtObj.mjOBJ_SITE
         pairs = [[mujoco.mj_name2id(self.mj_model, name, s) for s in pair] for pair in cut_sites(model)]
-        self.one, self.other = np.array(pairs, dtype=int).reshape(-1, 2).T
+        self.pins = np.array(pairs, dtype=int).reshape(-1, 2)
         self.handle = mujoco.mj_name2id(self.mj_model, name, HANDLE) if model.device.handle is not None else -1
 
     def forward(self) -> None:
         """Evaluate accelerations and site positions at this instant."""
+        if self.held:
+            self._hold(0.0)
         self.mujoco.mj_forward(self.mj_model, self.data)
 
     def step(self, count: int) -> None:
         """Integrate by this number of steps."""
-        self.mujoco.mj_step(self.mj_model, self.data, count)
+        if not self.held:
+            self.mujoco.mj_step(self.mj_model, self.data, count)
+            return
+        for _ in range(count):
+            self._hold(0.5)
+            self.mujoco.mj_step(self.mj_model, self.data, 1)
 
-    def gap(self) -> float:
-        """Largest distance between the two sites of a pin, m."""
-        if not len(self.one):
-            return 0.0
-        at = self.data.site_xpos
-        return float(abs(at[self.one] - at[self.other]).max())
+    def _hold(self, ahead: float) -> None:
+        """Apply the forces of terms that the simulator lacks, as they are this share of a step later."""
+        data = self.data
+        force = self.held(data.time, data.qpos[self.back], data.qvel[self.back], ahead)
+        data.qfrc_applied[:] = self.pushed + force[self.order]
+
+    def gaps(self, sites: Array) -> Array:
+        """Largest distance between the two sites of a pin, (n,), m, from the positions of all sites, (n, sites, 3)."""
+        one, other = sites[:, self.pins[:, 0]], sites[:, self.pins[:, 1]]
+        return np.asarray(abs(one - other).max(axis=(1, 2), initial=0.0))
 
     def push(self, force: Array) -> None:
         """Apply the hand force for the next period, in the base frame, (3,), N."""
@@ -134,6 +151,13 @@ class _Plant:
         data.qfrc_applied[:] = 0.0
         point, body = data.site_xpos[self.handle], self.mj_model.site_bodyid[self.handle]
         self.mujoco.mj_applyFT(self.mj_model, data, force, np.zeros(3), point, body, data.qfrc_applied)
+        self.pushed[:] = data.qfrc_applied
+
+
+def _with_counterpart(model: DynamicModel, chi: Array) -> Array:
+    """The parameters, with those of terms that the simulator lacks at zero, (p,)."""
+    raw = [10 * len(model.device.joints) + k for k, term in enumerate(model.terms) if not has_counterpart(term)]
+    return np.where(model.device.parameters.S[raw].any(axis=0), 0.0, chi)
 
 
 class _Control:
@@ -147,7 +171,8 @@ class _Control:
     def __init__(self, setup: Setup, trajectory: Trajectory, saturation: Array | None) -> None:
         model, settings = setup.model, setup.controller
         motors = [drive.name for drive in model.device.motors]
-        self.driven = model.device.driven
+        # All of them as a slice, which is no copy in every period.
+        self.driven = slice(None) if len(motors) == len(model.device.drives) else model.device.driven
         self.kp, self.kd, self.ki = (
             per_coordinate(name, getattr(settings, name), motors) for name in ("kp", "kd", "ki")
         )
@@ -164,10 +189,11 @@ class _Control:
         elif model.device.redundant:
             self.feedforward[:] = model.device.drive_torque(c, np.zeros_like(c)).T
         self.sharing = _sharing(model, c) if model.device.redundant else None
-        self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
+        self.limit = None if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))
-        self.integral, self.to_active = np.zeros(len(motors)), model.device.active_from_drives
+        self.integral, self.per_period = np.zeros(len(motors)), self.dt * self.ki
+        self.to_active = model.device.active_from_drives
         self.velocity = self.speed[0].copy()
         self.last: Array | None = None
         self.law = setup.law.begin(setup.dt) if setup.law is not None else None
@@ -176,7 +202,7 @@ class _Control:
         """Quantised positions of the drives, (drives,), from all joints'; updates their filtered velocity."""
         c = self.rows @ q
         if self.step is not None:
-            c = self.step * np.round(c / self.step)
+            c = self.step * np.rint(c / self.step)
         if self.last is not None:
             self.velocity = self.keep * self.velocity + (1 - self.keep) / self.dt * (c - self.last)
         self.last = c
@@ -185,7 +211,7 @@ class _Control:
     def torque(self, k: int, c: Array) -> Array:
         """Commanded torque of the motors in period k, (motors,), N m or N."""
         error = (self.target[k] - c)[self.driven]
-        self.integral += self.dt * self.ki * error
+        self.integral += self.per_period * error
         damping = self.kd * (self.speed[k] - self.velocity)[self.driven]
         commanded = self.kp * error + damping + self.integral + self.feedforward[k]
         if self.sharing is not None:
@@ -193,7 +219,9 @@ class _Control:
             commanded = self.sharing[k if len(self.sharing) > 1 else 0] @ feedback + self.feedforward[k]
         if self.law is not None:
             commanded = commanded + self.law(k * self.dt, self.to_active @ c)
-        return np.asarray(np.clip(commanded, -self.limit, self.limit))
+        if self.limit is not None:
+            commanded = np.maximum(np.minimum(commanded, self.limit), -self.limit)
+        return np.asarray(commanded)
 
 
 def _sharing(model: DynamicModel, c: Array) -> Array:
@@ -206,29 +234,26 @@ def _sharing(model: DynamicModel, c: Array) -> Array:
 class _Recorder:
     """Recorded signals, one row per control period."""
 
-    def __init__(self, setup: Setup, trajectory: Trajectory) -> None:
+    def __init__(self, setup: Setup, trajectory: Trajectory, plant: _Plant) -> None:
         model, n, motors = setup.model, len(trajectory), len(setup.model.device.motors)
         self.c, self.cd = np.empty((n, len(model.device.drives))), np.empty((n, len(model.device.drives)))
         self.commanded, self.actual = np.empty((n, motors)), np.empty((n, motors))
         self.exact = np.empty((3, n, len(model.device.joints)))
         self.hand, self.wrench = hand_force(setup.hand, trajectory.t), np.zeros((n, 6))
-        self.gap = 0.0
+        self.sites, self.gap, self.sensor = np.empty((n, *plant.data.site_xpos.shape)), 0.0, setup.sensor
+        self.state = (plant.data.qpos, plant.data.qvel, plant.data.qacc, plant.data.site_xpos)
 
-    def keep(self, k: int, plant: _Plant) -> float:
-        """Record the exact state at the beginning of period k; returns the loop-closure error then, m."""
-        data = plant.data
-        self.exact[0, k], self.exact[1, k], self.exact[2, k] = data.qpos, data.qvel, data.qacc
-        if plant.handle >= 0:
-            self.wrench[k, :3] = data.site_xmat[plant.handle].reshape(3, 3).T @ self.hand[k]
-        gap = plant.gap()
-        self.gap = max(self.gap, gap)
-        return gap
+    def keep(self, k: int, plant: _Plant) -> None:
+        """Record the exact state at the beginning of period k."""
+        self.exact[0, k], self.exact[1, k], self.exact[2, k], self.sites[k] = self.state
+        if self.sensor is not None:
+            self.wrench[k, :3] = plant.data.site_xmat[plant.handle].reshape(3, 3).T @ self.hand[k]
 
     def recording(self, setup: Setup, trajectory: Trajectory, plant: _Plant, rng: np.random.Generator) -> Recording:
         """The recording in the device's joint order, with sensor noise."""
         wrench = None
-        if setup.sensor is not None:
-            std = np.repeat([setup.sensor.force_noise, setup.sensor.moment_noise], 3)
+        if self.sensor is not None:
+            std = np.repeat([self.sensor.force_noise, self.sensor.moment_noise], 3)
             wrench = self.wrench + std * rng.standard_normal(self.wrench.shape)
         joints = setup.model.device.active_from_drives.T
         q, qd, qdd = (np.ascontiguousarray(x[:, plant.back]) for x in self.exact)
@@ -257,28 +282,34 @@ def _run(
     progress: Progress,
 ) -> Recording:
     """The loop over all control periods."""
-    tape, n, data = _Recorder(setup, trajectory), len(trajectory), plant.data
+    tape, n, data = _Recorder(setup, trajectory, plant), len(trajectory), plant.data
     motors = [drive.name for drive in setup.model.device.motors]
     gain = per_coordinate("gain", setup.amplifiers.gain, motors)
     noise = per_coordinate("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
     per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
     whole, rest = divmod(late, per)
-    for k in range(n):
-        tape.c[k] = control.read(data.qpos[plant.back])
-        tape.cd[k] = control.velocity
-        tape.commanded[k] = control.torque(k, tape.c[k])
-        now, before = max(k - whole, 0), max(k - whole - 1, 0)
-        data.ctrl[: plant.motors] = tape.actual[k] = gain * tape.commanded[before if rest else now] + noise[k]
-        if setup.hand:
-            plant.push(tape.hand[k])
-        plant.forward()
-        _check_state(setup, plant, trajectory, k, tape.keep(k, plant))
-        if rest:
-            plant.step(rest)
-            data.ctrl[: plant.motors] = gain * tape.commanded[now] + noise[k]
-        plant.step(per - rest)
-        if k % max(1, n // PROGRESS_CALLS) == 0:
-            progress(k / n)
+    # A control law of the user's own gets no state that is out of bounds.
+    together = _CHECKED if setup.law is None else 1
+    qpos, ctrl, hand = data.qpos, data.ctrl[: plant.motors], bool(setup.hand)
+    with np.errstate(over="ignore", invalid="ignore"):  # states of a simulation that is unstable, before their check
+        for k in range(n):
+            tape.c[k] = c = control.read(qpos[plant.back])
+            tape.cd[k] = control.velocity
+            tape.commanded[k] = control.torque(k, c)
+            now, before = max(k - whole, 0), max(k - whole - 1, 0)
+            ctrl[:] = tape.actual[k] = gain * tape.commanded[before if rest else now] + noise[k]
+            if hand:
+                plant.push(tape.hand[k])
+            plant.forward()
+            tape.keep(k, plant)
+            if (k + 1) % together == 0 or k + 1 == n:
+                _check_states(setup, plant, trajectory, tape, slice(k - k % together, k + 1))
+            if rest:
+                plant.step(rest)
+                ctrl[:] = gain * tape.commanded[now] + noise[k]
+            plant.step(per - rest)
+            if k % max(1, n // PROGRESS_CALLS) == 0:
+                progress(k / n)
     progress(1.0)
     return tape.recording(setup, trajectory, plant, rng)
 
@@ -292,10 +323,21 @@ def hand_force(pushes: tuple[Push, ...], t: Array) -> Array:
     return made
 
 
-def _check_state(setup: Setup, plant: _Plant, trajectory: Trajectory, k: int, gap: float) -> None:
+def _check_states(setup: Setup, plant: _Plant, trajectory: Trajectory, tape: _Recorder, rows: slice) -> None:
+    """Raise the error of the first of some periods whose state is out of bounds."""
+    q, qd, gaps = tape.exact[0, rows], tape.exact[1, rows], plant.gaps(tape.sites[rows])
+    bad = ~(abs(qd).max(axis=1) < _FASTEST) | (gaps > WIDEST_GAP)
+    bad |= abs(q[:, plant.active] - trajectory.q[rows]).max(axis=1) > setup.controller.tracking_limit
+    bad |= ((q < plant.lowest) | (q > plant.highest)).any(axis=1)
+    if bad.any():
+        k = int(np.argmax(bad))
+        _check_state(setup, plant, trajectory, rows.start + k, q[k], qd[k], float(gaps[k]))
+    tape.gap = max(tape.gap, float(gaps.max()))
+
+
+def _check_state(setup: Setup, plant: _Plant, trajectory: Trajectory, k: int, q: Array, qd: Array, gap: float) -> None:
     """Raise the error of an unstable joint, a broken loop, a lost target or a joint limit that is hit."""
-    data, model, time = plant.data, setup.model, k * setup.dt
-    qd, q = data.qvel, data.qpos
+    model, time = setup.model, k * setup.dt
     if not abs(qd).max() < _FASTEST:
         worst = int(np.argmax(np.abs(qd)))
         name = model.device.joint_names[plant.order[worst]]

@@ -16,8 +16,11 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
+from haptid.experiment.excitation.played import PlayedMotion, compare_with_plan, read_motion
+from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
+from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
 from haptid.experiment.excitation.writing import write_experiment
 
 __all__ = [
@@ -28,21 +31,30 @@ __all__ = [
     "Excitation",
     "Family",
     "FourierSeries",
+    "FurtherMotions",
     "Gradients",
     "Information",
     "LargestDeviation",
     "Limits",
+    "LogInformation",
     "MotionBounds",
     "MotionSamples",
+    "PlayedMotion",
+    "PlayerSettings",
     "Quality",
     "RawCondition",
     "ScaledCondition",
     "Scaling",
     "Search",
     "TrianglesWithSines",
+    "compare_with_plan",
     "design_excitation",
+    "next_motions",
     "observed_motion",
+    "of_buffer",
     "quality",
+    "read_motion",
     "write_experiment",
     "write_motion",
+    "write_player",
 ]

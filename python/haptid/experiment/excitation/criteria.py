@@ -232,12 +232,22 @@ class AverageVariance:
 
 @dataclass(frozen=True)
 class LargestDeviation:
-    """Largest relative standard error of all nonzero parameters."""
+    """Largest relative standard error of all nonzero parameters.
+
+    Attributes:
+        weights: factor of each parameter's, 0 for those that do not count; one for all where empty.
+    """
+
+    weights: tuple[float, ...] = ()
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
-        finite = found.relative_se[np.isfinite(found.relative_se)]
+        weighted = found.relative_se * self._factors(len(found.names))
+        finite = weighted[np.isfinite(weighted)]
         return float(np.log(finite.max())) if len(finite) else np.inf
+
+    def _factors(self, many: int) -> Array:
+        return np.array(self.weights) if self.weights else np.ones(many)
 
     def scaling(self, values: Array, noise: Array) -> Scaling:
         """See Criterion."""
@@ -246,10 +256,10 @@ class LargestDeviation:
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
         """A norm of high power of the variances in place of the largest; zero-valued parameters are included."""
         eigenvalues, vectors = _eigen(C)
-        covariance = (vectors / eigenvalues) @ vectors.T
-        variances = np.diag(covariance)
+        covariance, squares = (vectors / eigenvalues) @ vectors.T, self._factors(len(C)) ** 2
+        variances = squares * np.diag(covariance)
         norm = float(np.sum((variances / variances.max()) ** power))
-        weights = (variances / variances.max()) ** (power - 1) / norm / variances.max()
+        weights = squares * (variances / variances.max()) ** (power - 1) / norm / variances.max()
         return float((np.log(variances.max()) + np.log(norm) / power) / 2), -0.5 * (covariance * weights) @ covariance
 
 

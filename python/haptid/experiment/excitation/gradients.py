@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, freeze
+from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Followed
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
 from haptid.experiment.collision import CollisionModel
@@ -33,18 +33,38 @@ class Gradients:
         criterion: to be minimised.
         columns: indices of the base parameters in the criterion, (k,).
         scaling: of their rows.
+        information: of logs that there are already, in units of the scaled rows, (k, k).
+        dt: sampling period of the states, s: of the limits that take several samples.
     """
 
     bounds: MotionBounds
     criterion: Criterion
     columns: tuple[int, ...]
     scaling: Scaling
+    information: Array
+    dt: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "information", read_only(self.information))
+        expect("information", self.information.shape, (len(self.columns),) * 2)
 
     @staticmethod
-    def of(bounds: MotionBounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Gradients:
-        """For base parameters `bounds.beta` and noise, (motors,)."""
-        values = np.abs(bounds.beta[list(columns)])
-        return Gradients(bounds, criterion, columns, criterion.scaling(values, noise))
+    def of(
+        bounds: MotionBounds,
+        criterion: Criterion,
+        columns: tuple[int, ...],
+        noise: Array,
+        information: Array | None = None,
+        dt: float = 0.04,
+    ) -> Gradients:
+        """For base parameters `bounds.beta`, noise, (motors,), information of earlier logs, (p, p), SI, and dt, s."""
+        which = list(columns)
+        scaling = criterion.scaling(np.abs(bounds.beta[which]), noise)
+        there = np.zeros((len(which), len(which)))
+        if information is not None:  # rows are in units of their noise, entries differ by the parameter's alone
+            size = scaling.factors[0] * noise[0]
+            there = information[np.ix_(which, which)] * size[:, None] * size
+        return Gradients(bounds, criterion, columns, scaling, there, dt)
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
         """Cost plus limit penalties, and the gradient by states, (3, active, n): see `Evaluation.slopes`."""
@@ -96,6 +116,11 @@ class Evaluation:
         return np.array([excess for excess, _ in found]), tuple(name for _, name in found)
 
     @cached_property
+    def over_time(self) -> list[tuple[Array, str]]:
+        """Relative violations of the limits that take several samples, and their names."""
+        return self.gradients.bounds.over_time(self.states, self.gradients.dt)
+
+    @cached_property
     def flatness(self) -> Array:
         """Relative violation of the least distance from flat loops, (n,)."""
         return self.gradients.bounds.flatness(self.states[0])
@@ -105,6 +130,7 @@ class Evaluation:
         """Largest relative violation of each limit, at most 0 where it is met, and the name of the limit."""
         values, names = self.violations
         made = [(float(worst), name) for worst, name in zip(values.max(axis=1), names, strict=True)]
+        made += [(float(excess.max()), name) for excess, name in self.over_time]
         made.append((float(self.flatness.max()), FLAT_LOOPS))
         if self.nearest is not None and len(self.nearest.distance):
             collision, k = self._collision, int(np.argmin(self.nearest.distance))
@@ -152,7 +178,7 @@ class Evaluation:
         of = self.gradients
         model, (columns, S) = of.bounds.model, of.selection
         made = model.mechanism.inner_products(*self.channels.motion, self.channels.own, columns, self.channels.loops)
-        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S
+        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S + of.information
         lengths = np.where(of.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return lengths, C / lengths / lengths[:, None]
@@ -196,6 +222,10 @@ class Evaluation:
         if violated.any():
             by_state[0][:, violated] += 2 / n * flat[violated] * self._flat_slopes(violated)
         near, by_distance = self._collisions()
+        lasting = [np.maximum(excess + WITHIN, 0.0) for excess, _ in self.over_time]
+        if any(x.any() for x in lasting):
+            by_state += bounds.over_time_gradients(states, self.gradients.dt, [2 / len(x) * x for x in lasting])
+        near += sum(float((x**2).mean()) for x in lasting)
         cost = (float((over**2).sum()) + float((flat**2).sum())) / n + near
         return weight * cost, weight * (by_state + by_distance)
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device import CollisionShape, Joint
-from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.errors import IncompleteDeviceError, SettingError
 from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
 from haptid.experiment.collision import CollisionModel
+from haptid.experiment.excitation.actuation import Actuation
 
 T = TypeVar("T")
 # Planned distance from flat loops, relative to the minimum of the bench.
@@ -49,6 +49,12 @@ class Limits:
         speed: maximum of each active joint, rad/s or m/s; one for all or one for each.
         acceleration: maximum of each active joint, rad/s^2 or m/s^2; unlimited by default.
         torque: maximum of each torque row, N m or N, computed from base parameters; unlimited by default.
+        jerk: maximum of each active joint, rad/s^3 or m/s^3.
+        rms_torque: maximum root mean square of each torque row over the motion, N m or N: what heats the motors.
+        power: maximum of |torque times velocity| of each torque row, W.
+        handle_force: maximum force at the handle that the motors' torques are equivalent to, N.
+        torque_confidence: probability with which torques keep their maximum, at every sample, given the covariance of
+            the base parameters; None takes the parameters as exact.
         couplings: limits of combinations of active joints.
         conditioning: minimum distance of a loop from its singular configuration: see `bench.loop_conditioning`.
         clearance: minimum distance between the collision shapes of the device, and from those of the world, m.
@@ -59,12 +65,23 @@ class Limits:
     speed: Figures | None = None
     acceleration: Figures | None = None
     torque: Figures | None = None
+    jerk: Figures | None = None
+    rms_torque: Figures | None = None
+    power: Figures | None = None
+    handle_force: float | None = None
+    torque_confidence: float | None = None
     couplings: tuple[Coupling, ...] = ()
     conditioning: float = _MARGIN * FLAT
     clearance: float = 0.01
     world: tuple[CollisionShape, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.torque_confidence is not None and not 0.5 <= self.torque_confidence < 1:
+            raise SettingError(
+                f"Limits: torque_confidence is {self.torque_confidence!r}; write a probability from 0.5 to below 1.",
+                where="torque_confidence",
+                found=self.torque_confidence,
+            )
         if not 0 <= self.clearance < np.inf:
             raise SettingError(
                 f"Limits: clearance is {self.clearance!r}; write a distance in m, 0 or more.",
@@ -82,21 +99,23 @@ class MotionBounds:
         position: lowest and highest of each active joint, (active, 2), rad or m.
         speed: maximum, (active,).
         acceleration: maximum, (active,); infinite where there is no limit.
-        torque: maximum of each row, (rows,); infinite where there is no limit.
         limits: the limits they come from, with couplings and conditioning.
         beta: base parameters for the torques, (p,), SI.
+        jerk: maximum, (active,); infinite where there is no limit.
+        actuation: limits of torques, powers and the force at the handle.
     """
 
     model: DynamicModel
     position: Array
     speed: Array
     acceleration: Array
-    torque: Array
     limits: Limits
     beta: Array
+    jerk: Array
+    actuation: Actuation
 
     def __post_init__(self) -> None:
-        for name in ("position", "speed", "acceleration", "torque", "beta"):
+        for name in ("position", "speed", "acceleration", "jerk", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         expect("position", self.position.shape, (len(self.model.device.active), 2))
         expect("beta", self.beta.shape, (len(self.model.base),))
@@ -107,10 +126,17 @@ class MotionBounds:
         return [self.model.device.joints[j].name for j in self.model.device.active]
 
     @staticmethod
-    def of(model: DynamicModel, limits: Limits, beta: Array) -> MotionBounds:
+    def of(model: DynamicModel, limits: Limits, beta: Array, covariance: Array | None = None) -> MotionBounds:
         """Limits as given, else those of the device.
 
+        Args:
+            model: the dynamic model.
+            limits: as given.
+            beta: base parameters, (p,), SI.
+            covariance: of their errors, (p, p); with `torque_confidence` the prior's where None.
+
         Raises:
+            SettingError: a confidence of torques without their maximum, or without a covariance.
             IncompleteDeviceError: a joint has no range of positions or no maximum speed in either.
             ExperimentError: not one value for all joints or one for each.
         """
@@ -126,9 +152,19 @@ class MotionBounds:
             np.array(position, dtype=float),
             per_coordinate("speed", speed, names),
             per_coordinate("acceleration", limits.acceleration or (np.inf,), names),
-            per_coordinate("torque", limits.torque or (np.inf,), list(model.device.row_names)),
             limits,
             beta,
+            per_coordinate("jerk", limits.jerk or (np.inf,), names),
+            Actuation.of(
+                model,
+                beta,
+                torque=limits.torque,
+                rms_torque=limits.rms_torque,
+                power=limits.power,
+                handle_force=limits.handle_force,
+                confidence=limits.torque_confidence,
+                covariance=covariance,
+            ),
         )
 
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
@@ -146,10 +182,7 @@ class MotionBounds:
         for c in self.limits.couplings:
             yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
         yield from self._passive(states)
-        if np.isfinite(self.torque).any():
-            tau = inverse_dynamics(self.model, self.beta, *(np.ascontiguousarray(x) for x in states))
-            for label, most, x in zip(self.model.device.row_labels, self.torque, tau, strict=True):
-                yield np.abs(x) / most - 1, f"the torque of {label}"
+        yield from self.actuation.by_sample(states)
 
     def gradients(self, states: Array, weights: Array) -> Array:
         """Gradient by states, (3, active, n), of the weighted sum of all violations of `by_sample`.
@@ -167,9 +200,28 @@ class MotionBounds:
         for c in self.limits.couplings:
             made[0] += np.outer(c.weights, next(rest) * _outwards(np.array(c.weights) @ states[0], c.low, c.high))
         self._passive_slopes(states, rest, made)
-        if np.isfinite(self.torque).any():
-            made += self._torque_slopes(states, np.array(list(rest)))
-        return made
+        return made + self.actuation.gradients(states, rest)
+
+    def over_time(self, states: Array, dt: float) -> list[tuple[Array, str]]:
+        """Relative violations that take several samples: jerk between samples, (n - 1,), and rms torques, (1,).
+
+        Args:
+            states: as for `by_sample`.
+            dt: sampling period, s.
+        """
+        jerk = np.diff(states[2], axis=1) / dt
+        limited = [j for j, most in enumerate(self.jerk) if np.isfinite(most)]
+        made = [(np.abs(jerk[j]) / self.jerk[j] - 1, f"the jerk of joint {self.names[j]}") for j in limited]
+        return made + self.actuation.over_time(states)
+
+    def over_time_gradients(self, states: Array, dt: float, weights: list[Array]) -> Array:
+        """Gradient by states, (3, active, n), of the weighted sum of all violations of `over_time`."""
+        made, rest = np.zeros_like(states), iter(weights)
+        for j in np.flatnonzero(np.isfinite(self.jerk)).tolist():
+            slope = next(rest) * np.sign(np.diff(states[2, j])) / (dt * self.jerk[j])
+            made[2, j, 1:] += slope
+            made[2, j, :-1] -= slope
+        return made + self.actuation.over_time_gradients(states, rest)
 
     def _passive_slopes(self, states: Array, rest: Iterator[Array], made: Array) -> None:
         """Add the gradient of passive joints' violations; a rate changes with a coordinate as along the motion."""
@@ -186,14 +238,6 @@ class MotionBounds:
                 by_rate = next(rest) * np.sign(qd[k]) / joint.velocity_limit
                 made[0] += Gd[k] * by_rate
                 made[1] += G[k] * by_rate
-
-    def _torque_slopes(self, states: Array, weights: Array) -> Array:
-        """The same for torques."""
-        model = self.model
-        by = self.channels(states).torque_slopes(raw_parameters(model, self.beta))
-        tau = inverse_dynamics(model, self.beta, *(np.ascontiguousarray(x) for x in states))
-        by_motion = np.einsum("rn,rscn->scn", weights * np.sign(tau) / self.torque[:, None], by)
-        return np.asarray(model.device.row_map.T @ by_motion)
 
     def channels(self, states: Array) -> CoreChannels:
         """Input channels of the core for states of the active joints, (3, active, n)."""

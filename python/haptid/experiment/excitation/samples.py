@@ -124,7 +124,7 @@ def _ros(path: Path, made: MotionSamples) -> None:
         for k, row in enumerate(zip(made.q, made.qd, made.qdd, strict=True)):
             nanoseconds = round(1e9 * k / made.rate_hz)
             for mark, name, values in zip("-  ", ("positions", "velocities", "accelerations"), row, strict=True):
-                yield f"{mark} {name}: [{_row(values)}]"
+                yield f"{mark} {name}: [{literal_row(values)}]"
             yield f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}"
 
     _write(path, lines())
@@ -146,7 +146,7 @@ def _c(path: Path, made: MotionSamples) -> None:
         yield f"#define {upper}_RATE_HZ {made.rate_hz!r}"
         for key in ("q", "qd", "qdd"):
             yield f"static const double {name}_{key}[{upper}_SAMPLES][{upper}_JOINTS] = {{"
-            yield from (f"  {{{_row(values)}}}," for values in getattr(made, key))
+            yield from (f"  {{{literal_row(values)}}}," for values in getattr(made, key))
             yield "};"
         yield "#endif"
 
@@ -161,7 +161,7 @@ def _matlab(path: Path, made: MotionSamples) -> None:
         yield f"t = (0:{len(made.q) - 1})' / {made.rate_hz!r};"
         for key in ("q", "qd", "qdd"):
             yield f"{key} = ["
-            yield from (_row(values).replace(",", "") + ";" for values in getattr(made, key))
+            yield from (literal_row(values).replace(",", "") + ";" for values in getattr(made, key))
             yield "];"
             yield f"{key} = timeseries({key}, t, 'Name', '{key}');"
 
@@ -175,7 +175,8 @@ def _lerobot(path: Path, made: MotionSamples) -> None:
     path.write_text(json.dumps({"fps": made.rate_hz, "actions": actions}, indent=0), encoding="utf-8")
 
 
-def _row(values: Array) -> str:
+def literal_row(values: Array) -> str:
+    """Numbers with commas between them, as C and MATLAB read them."""
     return ", ".join(f"{value:{_DIGITS}}" for value in values.tolist())
 
 

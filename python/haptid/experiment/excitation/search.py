@@ -102,6 +102,12 @@ class Excitation:
         return plan(self.kind, self.model, dt, phases(self.seed))
 
     @cached_property
+    def seconds(self) -> float:
+        """Duration, s."""
+        motion = self.after.observation.motions[0]
+        return (len(motion) - 1) * motion.dt
+
+    @cached_property
     def predicted(self) -> dict[str, float]:
         """Predicted relative standard error of each parameter by name, per cent of its value, for white noise."""
         return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
@@ -133,6 +139,8 @@ def design_excitation(
     beta: Array | None = None,
     noise: Figures = (0.01,),
     search: Search | None = None,
+    information: Array | None = None,
+    covariance: Array | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Excitation:
     """Optimal excitation: search a family of motions for the one of least cost within limits.
@@ -150,10 +158,13 @@ def design_excitation(
             parameters without one.
         noise: standard deviation of a torque row, N m or N; one for all motors or one for each.
         search: number of evaluations and seed.
+        information: of logs that there are already, rows in units of their noise, (p, p), SI: the criterion is that of
+            them and the motion together. For criteria in units of the noise: not the condition numbers.
+        covariance: of the base parameters' errors, (p, p), SI, for `Limits.torque_confidence`; default: the prior's.
         progress: called with the share of the search done, 0 to 1, and the least cost so far.
 
     Raises:
-        SettingError: the rows of the search are too few for the harmonics.
+        SettingError: the rows of the search are too few for the harmonics, or a condition number with `information`.
         IncompleteDeviceError: a joint has no limits.
         UnknownNameError: no base parameter of that name.
         TrajectoryError: no motion within the limits was found, or the start pose is outside them.
@@ -169,29 +180,35 @@ def design_excitation(
             limit=2.5 * family.highest_hz,
             advice="Raise the rows per second, or take fewer harmonics or a lower fundamental frequency.",
         )
+    if information is not None and isinstance(criterion or ScaledCondition(), ScaledCondition):
+        raise SettingError(
+            "the condition number has no unit of noise, so that it does not continue earlier logs.",
+            where="criterion",
+            advice="Take LargestDeviation(), Information() or AverageVariance().",
+        )
     beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
     picked = indices(model.base.names, columns if columns is not None else model.base.names)
     motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
     state = _Search(
-        MotionBounds.of(model, limits or Limits(), beta),
+        MotionBounds.of(model, limits or Limits(), beta, covariance),
         family,
         criterion or ScaledCondition(),
         picked,
         per_coordinate("noise", noise, motors),
         search,
         progress,
+        information,
     )
     if isinstance(family, FourierSeries) and family.start_pose is not None:
         _check_start(state.bounds, per_coordinate("start_pose", family.start_pose, state.bounds.names))
     state.run()
     if not state.kept or state.first is None:
         raise TrajectoryError(
-            f"none of {state.tried} motions is within all limits; the best exceeds {state.nearest[1]} by "
-            f"{100 * state.nearest[0]:.3g} %.",
-            where=state.nearest[1],
-            found=state.nearest[0],
+            f"none of {state.tried} motions is within all limits; the best exceeds {state.exceeded}.",
+            where=state.nearest[0][1],
+            found=state.nearest[0][0],
             limit=0.0,
-            advice="Widen that limit, move the range of positions, or evaluate more motions.",
+            advice="Widen what is exceeded, move the range of positions, or evaluate more motions.",
         )
     best, clearance = state.checked()
     kind, before, after = family.kind(best.x, state.bounds), state.found(state.first), state.found(best)
@@ -242,13 +259,13 @@ class _Search:
     """State of a search: evaluations so far and the best feasible motion.
 
     Attributes:
-        bounds, family, criterion, columns, noise, search, progress: of the search.
+        bounds, family, criterion, columns, noise, search, progress, information: of the search.
         tried: number of motions evaluated so far.
         first: the first feasible motion; None before there is one.
         kept: feasible motions, each better than those before it.
         least: its cost.
         history: number of motions evaluated, and least cost, at each improvement.
-        nearest: least violation of the limits, and the limit.
+        nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
     """
 
     bounds: MotionBounds
@@ -258,11 +275,12 @@ class _Search:
     noise: Array
     search: Search
     progress: Callable[[float, float], None] | None
+    information: Array | None = None
     tried: int = 0
     first: _Start | None = None
     kept: list[_Start] = field(default_factory=list)
     least: float = np.inf
-    nearest: tuple[float, str] = (np.inf, "a limit")
+    nearest: tuple[tuple[float, str], ...] = ((np.inf, "a limit"),)
     history: list[tuple[int, float]] = field(default_factory=list)
 
     def run(self) -> None:
@@ -280,7 +298,9 @@ class _Search:
     @cached_property
     def gradients(self) -> Gradients:
         """Gradients of the criterion and the limits."""
-        return Gradients.of(self.bounds, self.criterion, self.columns, self.noise)
+        return Gradients.of(
+            self.bounds, self.criterion, self.columns, self.noise, self.information, 1 / self.search.rows_hz
+        )
 
     @cached_property
     def basis(self) -> Basis | None:
@@ -371,26 +391,39 @@ class _Search:
             raise _EvaluationsUsedError
         self.tried += 1
         made = self.gradients.at(self._states(x, seed))
-        worst = max(made.excesses, key=lambda excess: excess[0])
-        if worst[0] <= 0:
-            worst = self._keep(made, _Start(x.copy(), seed))
-        self.nearest = min(self.nearest, worst)
+        exceeded = _sorted(made.excesses)
+        if exceeded[0][0] <= 0:
+            exceeded = self._keep(made, _Start(x.copy(), seed))
+        if exceeded[0][0] < self.nearest[0][0]:
+            self.nearest = exceeded
         if self.progress:
             self.progress(self.tried / self.search.tries, self.least)
         return made
 
-    def _keep(self, made: Evaluation, start: _Start) -> tuple[float, str]:
-        """Keep a motion if it is the best, and is feasible between its rows too; the limit that it is nearest to."""
+    def _keep(self, made: Evaluation, start: _Start) -> tuple[tuple[float, str], ...]:
+        """Keep a motion if it is the best, and is feasible between its rows too; the limits that it exceeds there."""
         cost = min(made.cost(), _WORST)
         if cost >= self.least:
-            return (0.0, "a limit")
+            return ((0.0, "a limit"),)
         kind, rate = self.family.kind(start.x, self.bounds), max(_DENSE_HZ, self.search.rows_hz)
         dense = plan(kind, self.bounds.model, 1.0 / rate, phases(start.seed))
         states = np.array([dense.q.T, dense.qd.T, dense.qdd.T])
-        worst = max((float(excess.max()), what) for excess, what in self.bounds.by_sample(states))
-        if worst[0] <= -_INSIDE:  # clearances and flat loops change slowly: their rows are dense enough
+        found = (*self.bounds.by_sample(states), *self.bounds.over_time(states, dense.dt))
+        worst = _sorted([(float(excess.max()) + _INSIDE, what) for excess, what in found])
+        if worst[0][0] <= 0:  # clearances and flat loops change slowly: their rows are dense enough
             self.first = self.first or start
             self.least = cost
             self.kept.append(start)
             self.history.append((self.tried, cost))
-        return worst[0] + _INSIDE, worst[1]
+        return worst
+
+    @property
+    def exceeded(self) -> str:
+        """The limits that the best motion exceeds, and by how much."""
+        return ", ".join(f"{what} by {100 * excess:.3g} %" for excess, what in self.nearest if excess > 0) or "a limit"
+
+
+def _sorted(excesses: list[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
+    """Those above zero, the largest first; at least one."""
+    found = sorted(excesses, key=lambda one: -one[0])
+    return tuple(one for one in found if one[0] > 0) or (found[0],)

@@ -9,8 +9,10 @@ import numpy as np
 
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, LoadDependentFriction
+from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
+from haptid.device.terms.warming import Warming
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.export.expressions.graph import Expr, Graph
@@ -53,6 +55,10 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
         return x - term.settings[0]
     if term.kind in DRY:
         return _dry(term, graph, v, speed)
+    if isinstance(term.shape, Warming):
+        return graph.number(0.0)  # the code is for a warm device
+    if isinstance(term.shape, Presliding):
+        return _sliding(term.shape, graph, v, speed)
     joints = [
         combined(row, q) + float(offset)
         for row, offset in zip(model.device.rates, model.device.closure.offset, strict=True)
@@ -76,6 +82,15 @@ def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
     velocity, exponent, _ = term.settings
     slow = graph.power(graph.apply("fabs", v) * (1.0 / velocity), graph.number(exponent))
     return sign * graph.apply("exp", -slow)
+
+
+def _sliding(shape: Presliding, graph: Graph, v: Expr, speed: float) -> Expr:
+    """Friction with presliding as it is in steady sliding: code without states has no history."""
+    sign = graph.apply("tanh", v * (1.0 / max(shape.width, speed)))
+    if shape.law != "lugre":
+        return sign
+    slow = v * (1.0 / shape.velocity)
+    return sign * (1.0 + (shape.breakaway - 1.0) * graph.apply("exp", -(slow * slow)))
 
 
 def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:

@@ -17,6 +17,7 @@ from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
 from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
+from haptid.inference.diagnosis.rigid_range import FrequencyRange, frequency_ranges, rigid_range
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
@@ -37,12 +38,14 @@ class Diagnosis:
         validation: its errors on unseen rows; on those of the fit where none was given.
         findings: one for each diagnostic.
         left_out: sentences on diagnostics that these rows do not permit, and on the subsample of a long log.
+        ranges: measured over predicted torque by frequency, of every motor; none where the rows are too few.
     """
 
     estimate: Estimate
     validation: Validation
     findings: tuple[Finding, ...]
     left_out: tuple[str, ...]
+    ranges: tuple[FrequencyRange, ...] = ()
 
     def __getitem__(self, name: str) -> Finding:
         """The finding of that name; an `UnknownNameError` where there is none."""
@@ -95,14 +98,17 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     part = subsample(estimate)
     # A long log is not simulated as a whole.
     by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
-    findings = (*motion, *_on_rows(part, by), influence(estimate), parameter_drift(estimate))
+    left = residuals(part)
+    ranges = frequency_ranges(part, left)
+    on_rows = (*_on_rows(part, by, left), rigid_range(ranges))
+    findings = (*motion, *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)))
+    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)), ranges)
 
 
-def _on_rows(estimate: Estimate, by: Instruments) -> Iterator[Finding]:
-    """Findings that must compute the rows again."""
-    left, rows = residuals(estimate), device_rows(estimate)
+def _on_rows(estimate: Estimate, by: Instruments, left: Residuals) -> Iterator[Finding]:
+    """Findings on single rows."""
+    rows = device_rows(estimate)
     yield whiteness(estimate, left)
     yield normality(left)
     yield heteroscedasticity(left, left.velocity[rows])
@@ -137,7 +143,11 @@ def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> It
     if "errors" in groups:
         yield exogeneity.exogeneity(augmented, which["errors"], labels, by)
     known = bodies and groups.get("bodies")
-    scales = plausibility.torque_scales(augmented, which["bodies"], bodies, labels) if bodies and known else ()
+    outside = plausibility.moved_from_outside(augmented, which["bodies"], bodies, labels) if bodies and known else None
+    if outside:
+        yield outside
+    compared = bodies if known and not outside else None
+    scales = plausibility.torque_scales(augmented, which["bodies"], compared, labels) if compared else ()
     yield plausibility.units_and_signs(estimate, scales)
 
 

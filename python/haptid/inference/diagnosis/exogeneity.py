@@ -127,7 +127,7 @@ def unexplained_columns(
     @lru_cache(maxsize=1)  # torque is computed for all rows at once
     def differences(context: ResidualContext) -> Array:
         own = coordinates(model.device, of[id(context.plan.motion)], context.low, context.high)
-        return np.array([context.torque(part) - torque_of(model, part, *own) for part in parts])
+        return np.array([context.torque(part) - torque_of(model, part, *own, context.history) for part in parts])
 
     units = np.eye(len(model.device.active))
     return tuple(

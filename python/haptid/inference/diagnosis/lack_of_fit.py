@@ -55,6 +55,36 @@ def friction_coordinates(model: DynamicModel, rows: Sequence[int]) -> tuple[Fric
     return tuple(found)
 
 
+def coupled_coordinates(
+    model: DynamicModel, rows: Sequence[int], known: Sequence[FrictionCoordinate]
+) -> tuple[FrictionCoordinate, ...]:
+    """Joints and motors that move as none of the known coordinates do, of devices whose motors are coupled.
+
+    Friction acts in bearings of joints as well as in motors. Joints whose rates vary with the pose are left out.
+    """
+    device = model.device
+    joints = [
+        (f"joint {joint.name}", rate)
+        for joint, rate, varies in zip(device.joints, device.rates, device.varying, strict=True)
+        if not varies.any()
+    ]
+    motors = [
+        (f"motor {drive.name}", rate)
+        for drive, rate, varies in zip(device.drives, device.drive_rates, device.drive_varies, strict=True)
+        if drive.motorised and not varies.any()
+    ]
+    found = list(known)
+    for label, weights in [*motors, *joints]:
+        if weights[list(rows)].any() and not any(_parallel(weights, one.weights) for one in found):
+            found.append(FrictionCoordinate(label, weights))
+    return tuple(found[len(known) :])
+
+
+def _parallel(a: Array, b: Array) -> bool:
+    """Whether one combination is a multiple of the other."""
+    return bool(abs(a @ b) > (1 - 1e-9) * np.linalg.norm(a) * np.linalg.norm(b))
+
+
 @dataclass(frozen=True, eq=False)
 class LocalMotion:
     """Motion of a friction coordinate.

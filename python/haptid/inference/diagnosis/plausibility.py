@@ -36,6 +36,8 @@ _NAMED, GOOD = 0.15, 2.0
 IDENTIFIABLE = 0.25
 # Columns of each motor: inertial torque, gravity, a rotor; torque over that of the bodies that no rotor causes.
 _OF_A_MOTOR, _NO_ROTOR = 3, 100.0
+# Share of the inertial torque below which a motor does not move its bodies.
+_NOT_MOVED = 0.25
 # Parameters that cannot be negative, by kind.
 _POSITIVE = ("FV", "FC", "IA")
 
@@ -130,6 +132,38 @@ def torque_scales(
                 made.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
                 break
     return tuple(made)
+
+
+def moved_from_outside(
+    augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
+) -> Finding | None:
+    """Motors whose torque holds the weight of the prior bodies and does not accelerate them; None where there are none.
+
+    Something else moved the device then, such as the hand that guides it while gravity is compensated: no sign and no
+    unit is wrong, and inertia and friction cannot be identified from the log.
+    """
+    figures: dict[str, float] = {}
+    found: list[str] = []
+    for m, label in enumerate(labels):
+        motion, weight, _ = which[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
+        test = augmented.test((motion, weight), bodies.inertial, motor=m)
+        if test is None:
+            continue
+        (moved, held), (se, own) = test.values[:2], test.se[:2]
+        carries = 1 / GOOD < held < GOOD and own < IDENTIFIABLE * held  # masses of descriptions are not exact
+        if abs(moved) + half_width(float(se), test.dof) < _NOT_MOVED and carries:
+            figures |= {f"inertial {label}": float(moved), f"weight {label}": float(held)}
+            found.append(label)
+    if not found:
+        return None
+    held, moved = figures[f"weight {found[0]}"], figures[f"inertial {found[0]}"]
+    return Finding(
+        "moved from outside",
+        "bad",
+        figures,
+        f"The torque of {joined_names(found)} holds the weight of the device file's bodies ({held:.3g} of it) and does "
+        f"not accelerate them ({moved:.2g} of it): something else moved the device.",
+    )
 
 
 def unit_error(factor: float, gears: Sequence[float]) -> str | None:

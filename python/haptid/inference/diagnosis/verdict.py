@@ -18,6 +18,7 @@ QUOTABLE = 10.0
 MEANING: Mapping[str, str] = MappingProxyType(
     {
         "units and signs": "the torque disagrees in size or sign with the device file's bodies",
+        "moved from outside": "the torque holds the weight but does not move the bodies: a hand, or another, moves it",
         "time delay": "torque and motion are not synchronous",
         "influence": "a single block of the log determines a parameter",
         "drift": "parameters change along the log",
@@ -35,7 +36,7 @@ MEANING: Mapping[str, str] = MappingProxyType(
     }
 )
 # Findings that matter for each use.
-PREDICTION = ("units and signs", "time delay", "influence", "drift")
+PREDICTION = ("units and signs", "moved from outside", "time delay", "influence", "drift")
 COMPENSATION = (
     "friction near standstill",
     "friction by direction",

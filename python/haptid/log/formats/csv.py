@@ -9,11 +9,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import date
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
@@ -32,6 +34,13 @@ BLOCK_BYTES = 2**19
 BLOCK_ROWS = 2**14
 COMMENT = re.compile(r"\s*[#%]")
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+# ISO 8601, and a time of day alone.
+_DATE = re.compile(
+    r"(?:(?P<date>\d{4}[-/]\d\d[-/]\d\d)[T ])?(?P<hours>\d\d?):(?P<minutes>[0-5]\d):(?P<seconds>[0-5]\d)"
+    r"(?:[.,](?P<part>\d{1,9})\d*)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?",
+    re.ASCII,
+)
+_DAY = 86_400 * 10**9
 _UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
 _RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 # Cells without a number, as pyarrow takes them.
@@ -52,6 +61,7 @@ class _Dialect:
         start: byte at which the rows start.
         units: of each column, as stated in the header or below it; empty where there is none.
         stated: what was found that is not usual, one sentence each.
+        dated: numbers of the columns whose first cell is a date and time, or a time of day.
     """
 
     separator: str
@@ -61,6 +71,7 @@ class _Dialect:
     start: int
     units: tuple[str, ...] = ()
     stated: tuple[str, ...] = ()
+    dated: frozenset[int] = frozenset()
 
 
 def units(path: Path) -> dict[str, str]:
@@ -73,11 +84,13 @@ def units(path: Path) -> dict[str, str]:
 def names(path: Path) -> list[str]:
     """Names of the columns."""
     with opened_file(path, _KIND):
-        return list(dict.fromkeys(_dialect(path).names))
+        return list(_dialect(path).names)
 
 
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
+
+    Dates and times are seconds since the first of them, which is noted.
 
     The dialect is noted where it is not the usual one: commas, points and a header. A last line with too few cells, as
     of a recorder that was stopped, is dropped with a note.
@@ -90,27 +103,67 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         dialect = _dialect(path)
     check_members(path, len(dialect.names), "columns")
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
-    for name in indices:
-        if dialect.names.count(name) > 1:
-            raise repeated_name(path, name)
+    for name in wanted:
+        if name not in indices and f"{name} (1)" in dialect.names:
+            raise repeated_name(path, name, f"Give one of them: {name} (1), {name} (2), ...")
     if not indices:
         return {}
     request.notes.extend(dialect.stated)
     bound = _row_bound(path, dialect)
     out = dict(zip(indices, np.empty((len(indices), bound)), strict=True))
     row, (stop, cells) = 0, _end(path, dialect)
+    clocks = {name: _Clock() for name, k in indices.items() if k in dialect.dated}
+    request.notes.extend(f"{name} holds dates or times of day: read as seconds since the first one" for name in clocks)
     if cells:
         request.notes.append(
             f"the last line has {cells} cells of {len(dialect.names)}, as where a recording was stopped: dropped"
         )
     try:
         for batch in _batches(path, dialect, [str(k) for k in indices.values()], stop):
-            for column, part in zip(out.values(), batch, strict=True):
-                column[row : row + len(part)] = part
+            for (name, column), part in zip(out.items(), batch, strict=True):
+                column[row : row + len(part)] = clocks[name].seconds(part) if name in clocks else part
             row += len(batch[0])
     except ValueError as error:  # pyarrow's own are of this class too
         raise _fault(path, dialect, indices) or corrupt(path, _KIND, str(error)) from error
     return {name: column[:row] for name, column in out.items()}
+
+
+class _Clock:
+    """Seconds since the first of a column's dates; times of day run on past midnight."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self.last = 0
+
+    def seconds(self, cells: NDArray[Any]) -> Array:
+        """Of the cells of a block, (n,), s.
+
+        Raises:
+            ValueError: a cell is no date.
+        """
+        made = np.full(len(cells), np.nan)
+        for k, cell in enumerate(cells):
+            if cell is None or cell in MISSING:
+                continue
+            now = _nanoseconds(cell.strip())
+            while now < self.last - _DAY // 2 and now < _DAY * 10_000:  # no date
+                now += _DAY
+            self.first = now if self.first is None else self.first
+            self.last = now
+            made[k] = (now - self.first) * 1e-9
+        return made
+
+
+def _nanoseconds(cell: str) -> int:
+    """Of a date and time since the year 1, or of a time of day since midnight."""
+    found = _DATE.fullmatch(cell)
+    if found is None:
+        raise ValueError(f"{cell} is no date and time")
+    days = date(*(int(n) for n in re.split("[-/]", found["date"]))).toordinal() if found["date"] else 0
+    zone = found["zone"] or "Z"
+    offset = 0 if zone == "Z" else int(zone[0] + "1") * (int(zone[1:3]) * 60 + int(zone[-2:]))
+    minutes = (days * 24 + int(found["hours"])) * 60 + int(found["minutes"]) - offset
+    return (minutes * 60 + int(found["seconds"])) * 10**9 + int((found["part"] or "0").ljust(9, "0"))
 
 
 def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
@@ -168,7 +221,7 @@ def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> It
             ),
             parse_options=arrow.ParseOptions(delimiter=dialect.separator),
             convert_options=arrow.ConvertOptions(
-                column_types=dict.fromkeys(include, pa.float64()),
+                column_types={k: pa.string() if int(k) in dialect.dated else pa.float64() for k in include},
                 include_columns=include,
                 decimal_point=dialect.decimal,
                 check_utf8=False,
@@ -189,7 +242,10 @@ def _plain_batches(source: IO[bytes], dialect: _Dialect, include: list[int]) -> 
         while block := list(islice(rows, BLOCK_ROWS)):
             if any(len(row) != len(dialect.names) for row in block):
                 raise ValueError("a line has another number of cells than the header")
-            yield [np.array([_value(row[k], dialect.decimal) for row in block]) for k in include]
+            yield [
+                np.array([row[k] if k in dialect.dated else _value(row[k], dialect.decimal) for row in block])
+                for k in include
+            ]
     finally:
         lines.detach()  # the caller closes the file
 
@@ -238,8 +294,23 @@ def _dialect(path: Path) -> _Dialect:
         stated.append(
             f"cells are separated by {words[separator]}, with decimal {'commas' * (decimal == ',') or 'points'}"
         )
-    named = tuple(cell or f"column {k}" for k, cell in enumerate(header, 1))
-    return _Dialect(separator, decimal, named, start, offset + sum(map(len, lines[:start])), units, tuple(stated))
+    named = _numbered([cell or f"column {k}" for k, cell in enumerate(header, 1)], stated)
+    dated = frozenset(k for k, cell in enumerate(rows[first] if first < len(rows) else []) if _DATE.fullmatch(cell))
+    begin = offset + sum(map(len, lines[:start]))
+    return _Dialect(separator, decimal, named, start, begin, units, tuple(stated), dated)
+
+
+def _numbered(names: list[str], stated: list[str]) -> tuple[str, ...]:
+    """Names, those that several columns have with a number each."""
+    repeated = {name: 0 for name, count in Counter(names).items() if count > 1}
+    stated.extend(f"{names.count(name)} columns are named {name}: they are {name} (1) and on" for name in repeated)
+    made = []
+    for name in names:
+        if name in repeated:
+            repeated[name] += 1
+            name = f"{name} ({repeated[name]})"
+        made.append(name)
+    return tuple(made)
 
 
 def _without_header(
@@ -381,9 +452,11 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError |
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
-                if cell not in MISSING and not _NUMBER.fullmatch(number):
+                right = _DATE.fullmatch(cell) if k in dialect.dated else _NUMBER.fullmatch(number)
+                if cell not in MISSING and not right:
+                    what = "date and time" if k in dialect.dated else "number"
                     return LogFileError(
-                        f"{path}, line {line}: {name} is `{cell[:40]}`, not a number.",
+                        f"{path}, line {line}: {name} is `{cell[:40]}`, not a {what}.",
                         where=(line, name),
                         found=cell,
                         advice="Correct the cell, or end the log before it; decimal commas require semicolons or tabs "

@@ -168,9 +168,9 @@ def not_numeric(path: Path, name: str, found: str) -> LogFileError:
     )
 
 
-def repeated_name(path: Path, name: str) -> LogFileError:
+def repeated_name(path: Path, name: str, advice: str = "Rename one of them.") -> LogFileError:
     """Error of two columns with one name."""
-    return LogFileError(f"{path}: two columns are named {name!r}.", where=name, advice="Rename one of them.")
+    return LogFileError(f"{path}: two columns are named {name!r}.", where=name, advice=advice)
 
 
 def channel_list(names: Sequence[str], most: int = 24) -> str:

@@ -45,21 +45,37 @@ class MechanismSection(Section):
         return cls.drawn(source.estimate.model, source.identification.use.beta, poses_of(source))
 
     @classmethod
-    def drawn(cls, model: DynamicModel, beta: Array, qa: Array) -> MechanismSection:
+    def undriven(cls, model: DynamicModel) -> MechanismSection:
+        """The section of a device of which nothing was identified: no masses, and the reach of the sliders is its own.
+
+        A joint without limits moves by half a turn, or 0.2 m, either way from the pose at which the loops close.
+        """
+        joints = [model.device.joints[k] for k in model.device.active]
+        closure = model.device.closure
+        at = closure.at if isinstance(closure, NewtonClosure) else np.zeros(len(joints))
+        qa = np.empty((len(joints), 3))
+        for row, joint, middle in zip(qa, joints, at, strict=True):
+            reach = 0.2 if joint.prismatic else np.pi
+            low, high = joint.position_limits or (middle - reach, middle + reach)
+            row[:] = low, np.clip(middle, low, high), high
+        return cls.drawn(model, None, qa)
+
+    @classmethod
+    def drawn(cls, model: DynamicModel, beta: Array | None, qa: Array) -> MechanismSection:
         """The section of any device.
 
         Args:
             model: the dynamic model.
-            beta: its base parameters, (p,), SI.
+            beta: its base parameters, (p,), SI; None where they are unknown, and no mass is shown.
             qa: a motion of its active joints, (active, samples), rad or m, for the ranges of the sliders.
         """
-        sliders = sliders_of(model, qa)
+        sliders = sliders_of(model, qa, _MARGIN if beta is not None else 0.0)
         return cls(
             charts=(scene(model, beta, qa, sliders),),
             joints=sliders,
             relations=list(model.device.closure.relations) if isinstance(model.device.closure, Closure) else [],
             source_of_geometry=model.device.source,
-            apparent_mass=model.device.handle is not None and model.device.handle.link >= 0,
+            apparent_mass=beta is not None and model.device.handle is not None and model.device.handle.link >= 0,
         )
 
 
@@ -68,16 +84,16 @@ def poses_of(source: ReportSource) -> Array:
     return np.linalg.inv(source.estimate.model.device.row_map) @ source.tracks[0].trail
 
 
-def sliders_of(model: DynamicModel, qa: Array) -> list[dict[str, Any]]:
+def sliders_of(model: DynamicModel, qa: Array, margin: float = _MARGIN) -> list[dict[str, Any]]:
     """One slider for each active joint, from its positions along a motion, (active, samples)."""
-    return [_slider(model, k, q) for k, q in enumerate(qa)]
+    return [_slider(model, k, q, margin) for k, q in enumerate(qa)]
 
 
-def _slider(model: DynamicModel, k: int, q: Array) -> dict[str, Any]:
+def _slider(model: DynamicModel, k: int, q: Array, margin: float) -> dict[str, Any]:
     joint = model.device.joints[model.device.active[k]]
     low, high = float(q.min()), float(q.max())
     reach = max(high - low, 0.1 if joint.prismatic else 0.5)
-    ends = joint.position_limits or (low - _MARGIN * reach, high + _MARGIN * reach)
+    ends = joint.position_limits or (low - margin * reach, high + margin * reach)
     ends = (min(ends[0], low), max(ends[1], high))
     return {
         "name": joint.name,
@@ -87,11 +103,11 @@ def _slider(model: DynamicModel, k: int, q: Array) -> dict[str, Any]:
         "start": float(q[len(q) // 2]),
         "limits": "at the limits of the device file"
         if joint.position_limits
-        else "slightly beyond the motion of the log",
+        else ("slightly beyond the motion of the log" if margin else "half a turn or 0.2 m from the start pose"),
     }
 
 
-def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
+def scene(model: DynamicModel, beta: Array | None, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
     """Data for the page's script: kinematics, and the inertia for the apparent mass at the handle."""
     drawing = {
         "kind": "scene",
@@ -113,8 +129,8 @@ def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, A
             for cut in model.device.closure.cuts
         ],
         "handle": None if model.device.handle is None else _frame(model.device.handle),
-        "trail": _trail(model, qa),
-        "mass": _mass(model, beta),
+        "trail": None if beta is None else _trail(model, qa),
+        "mass": None if beta is None else _mass(model, beta),
         "height": 420,
     }
     moving = ", ".join(slider["name"] for slider in sliders)

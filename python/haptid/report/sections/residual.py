@@ -9,6 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.signals import hann_window, welch
+from haptid.inference.diagnosis import FrequencyRange
 from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
@@ -27,11 +28,13 @@ class ResidualSection(Section):
 
     Attributes:
         logs: for each log its name, which rows, and the indices of its charts.
+        ranges: indices of the charts of measured over predicted torque by frequency.
     """
 
     key: ClassVar[str] = "residual"
     title: ClassVar[str] = "Residuals"
     logs: list[dict[str, Any]]
+    ranges: list[int]
 
     @classmethod
     def of(cls, source: ReportSource) -> ResidualSection:
@@ -42,7 +45,10 @@ class ResidualSection(Section):
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own
-        return cls(charts=tuple(charts), logs=logs)
+        told = [one for one in source.diagnosis.ranges if one.tells.sum() > 1]  # a curve
+        ranges = list(range(len(charts), len(charts) + len(told)))
+        charts += [frequency_response(one) for one in told]
+        return cls(charts=tuple(charts), logs=logs, ranges=ranges)
 
 
 def _charts(track: Track, k: int, motor: int) -> tuple[Chart, Chart, Chart]:
@@ -108,6 +114,25 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
         axis("frequency", "Hz", log=True, low=low), axis("density", f"{unit}/\u221aHz", log=True), curves, height=200
     )
     return Chart(f"spectrum-{k}-{motor}", f"{label}: spectrum", alt, caption, drawing)
+
+
+def frequency_response(one: FrequencyRange) -> Chart:
+    """Measured over predicted torque of a motor by frequency, with its 95 % band."""
+    told = one.tells
+    f, interval = np.sqrt(one.low * one.high)[told], one.conf_int[told]
+    curves = [
+        chart_series("95 % band", "band", "sky", x=packed(f), low=packed(interval[:, 0]), high=packed(interval[:, 1])),
+        chart_series("measured / predicted", "line", RESIDUAL, x=packed(f), y=packed(one.ratio[told]), width=2.2),
+        chart_series("rigid model", "line", MEASURED, x=packed(f), y=packed(np.ones_like(f))),
+    ]
+    worst = int(np.argmax(np.abs(one.ratio[told] - 1)))
+    caption = (
+        f"Farthest from one: {figure(float(one.ratio[told][worst]))} at {figure(float(f[worst]))} Hz. Bands that are "
+        "not excited, or spoiled by encoder noise or the position filter, are not drawn."
+    )
+    alt = f"Measured over predicted torque of {one.label} against frequency, rows of the fit, with its 95 % band."
+    drawing = plot(axis("frequency", "Hz", log=True, low=float(f[0])), axis("ratio", ""), curves, height=200)
+    return Chart(f"ratio-{one.label.replace(' ', '-')}", f"{one.label}: frequency response", alt, caption, drawing)
 
 
 def density(y: Array, step: float) -> tuple[Array, Array]:

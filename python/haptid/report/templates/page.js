@@ -1,37 +1,11 @@
-// Draws every chart, and again when the width changes, a folded part opens, or for print.
-
-const KINDS = { plot: Plot, heat: Heat, bars: Bars, intervals: Intervals, scene: Scene };
+// The page of a report: all its charts, its colours, print, and the list of its sections.
 
 function start() {
+  startTables(document);
   const drawings = JSON.parse(document.getElementById("drawings").textContent);
-  const charts = new Map();
-  const draw = (holder) => {
-    if (!charts.has(holder)) charts.set(holder, new KINDS[drawings[holder.id].kind](holder, drawings[holder.id]));
-    charts.get(holder).draw();
-    holder.dataset.drawn = "";
-  };
-  const holders = [...document.querySelectorAll(".chart[id]")];
-  const visible = () => holders.filter((holder) => holder.clientWidth);
-  startTables();
-  const queue = visible();
-  const next = () => {
-    const until = performance.now() + 40;
-    while (queue.length && performance.now() < until) draw(queue.shift());
-    if (queue.length) requestAnimationFrame(next);
-    else document.body.dataset.ready = "";
-  };
-  next();
-  document.querySelectorAll("details").forEach((part) => {
-    part.addEventListener("toggle", () => { if (part.open) part.querySelectorAll(".chart[id]").forEach(draw); });
-  });
-  let width = window.innerWidth;
-  window.addEventListener("resize", () => {
-    if (window.innerWidth === width) return;
-    width = window.innerWidth;
-    visible().forEach(draw);
-  });
-  themes(() => visible().forEach(draw));
-  onPaper(() => visible().forEach(draw));
+  const redraw = drawAll(document, drawings, () => { document.body.dataset.ready = ""; });
+  themes(redraw);
+  onPaper(redraw);
   unfolding();
   follow();
 }

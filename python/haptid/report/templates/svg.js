@@ -20,9 +20,13 @@ function svg(name, attributes = {}, parent = null, text = "") {
   return made;
 }
 
+// A style is set as a property: as an attribute a content security policy would refuse it.
 function html(name, attributes = {}, parent = null, text = "") {
   const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key === "style") made.style.cssText = value;
+    else made.setAttribute(key, value);
+  }
   if (text) made.textContent = text;
   if (parent) parent.append(made);
   return made;

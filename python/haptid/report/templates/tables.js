@@ -101,12 +101,12 @@ function hinted(table) {
   }).observe(holder);
 }
 
-function startTables() {
-  document.querySelectorAll(".wide > table").forEach((table) => {
+function startTables(root) {
+  root.querySelectorAll(".wide > table").forEach((table) => {
     sortable(table);
     hinted(table);
   });
-  document.querySelectorAll("button[data-copy-text]").forEach((press) => {
+  root.querySelectorAll("button[data-copy-text]").forEach((press) => {
     press.addEventListener("click", () => copied(press, document.getElementById(press.dataset.copyText).textContent));
   });
 }

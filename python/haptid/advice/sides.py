@@ -1,0 +1,149 @@
+"""`other_side`: whether channels are of the motors that the study says are of the joints, or the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.advice.edits import Edit
+from haptid.advice.rows import TrialRows, trial_rows
+from haptid.advice.search import finer, large_enough, unseen_percent, weights_of
+from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
+from haptid.inference.diagnosis.subsample import MOST_SAMPLES
+from haptid.log.log import Log, Side
+from haptid.motion.treatment import Motion, treat
+
+# Share of the error that has to be left at most: a wrong side is no matter of a few per cent.
+_MOST_LEFT = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class OtherSide:
+    """Sides of positions and torques with a lower error on unseen blocks.
+
+    Attributes:
+        position, torque: whose they are; None where that of the study stays.
+        gain: of squared relative errors, the mean of the motors.
+        before, after, se: unseen errors, per cent, and the paired standard error of their difference.
+        blocks: unseen time blocks.
+    """
+
+    position: Side | None
+    torque: Side | None
+    gain: Gain
+    before: float
+    after: float
+    se: float
+    blocks: int
+
+    @property
+    def words(self) -> str:
+        """What is whose."""
+        sides = {"positions": self.position, "torques": self.torque}
+        wanted = {side for side in sides.values() if side}
+        return " and ".join(
+            f"the {joined_names([name for name, own in sides.items() if own == side])} as those of the {side}s"
+            for side in sorted(wanted)
+        )
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """Of the study."""
+        sides = {"position": self.position, "torque": self.torque}
+        return tuple(Edit("study", "set", ("channels", key, "side"), side) for key, side in sides.items() if side)
+
+
+def other_side(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int]) -> OtherSide | None:
+    """The sides of the largest proven gain; None where none is proven, or sides are the same for this device.
+
+    Args:
+        model: the dynamic model.
+        motions: treated signals of the fit.
+        beta: base parameters, (p,), SI.
+        zero: those parameters that are fixed at zero.
+    """
+    if any(m.log is None for m in motions) or sum(map(len, motions)) > MOST_SAMPLES or not _differ(model):
+        return None
+    now = tuple(finer(motion) for motion in motions)
+    rows = trial_rows(model, now, beta)
+    tried = [one for sides in _others(now[0].log) if (one := _tried(model, now, rows, beta, zero, *sides)) is not None]
+    held = [
+        one
+        for one in tried
+        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < _MOST_LEFT * one.before
+    ]
+    return max(held, key=lambda one: one.gain.share, default=None)
+
+
+def _differ(model: DynamicModel) -> bool:
+    """Whether motors couple joints, or have gears: joint and motor side are then different quantities."""
+    drives = [drive for drive in model.device.drives if drive.motorised]
+    single = all(np.count_nonzero(drive.row) == 1 and drive.row.max() == 1.0 for drive in drives)
+    return not (single and all(drive.gear_ratio == 1.0 for drive in drives))
+
+
+def _others(log: Log | None) -> Iterator[tuple[Side | None, Side | None]]:
+    """Sides other than the log's: of positions and torques, None where it stays."""
+    assert log is not None  # as the caller has checked
+    now = log.channels.position.side, log.channels.torque.side
+    sides: tuple[Side, ...] = ("joint", "motor")
+    for position, torque in product(sides, sides):
+        if (position, torque) != now:
+            yield position if position != now[0] else None, torque if torque != now[1] else None
+
+
+def _tried(
+    model: DynamicModel,
+    now: Sequence[Motion],
+    rows: TrialRows,
+    beta: Array,
+    zero: Sequence[int],
+    position: Side | None,
+    torque: Side | None,
+) -> OtherSide | None:
+    """Other sides on the same times; None where the device or the units do not permit them."""
+    try:
+        made = [treat(_of(m.log, position, torque), m.treatment) for m in now if m.log is not None]
+        there = trial_rows(model, made, beta, (), now)
+    except HaptidError:
+        return None
+    if there.used.shape != rows.used.shape:
+        return None
+    both = rows.used & there.used
+    kept = np.array([k for k in range(len(beta)) if k not in zero])
+    same = np.eye(len(rows.y))
+    trials: list[Trial] = []
+    errors: list[float] = []
+    for one in (rows, there):
+        weights = weights_of(one, len(beta), beta)
+        bench = Bench({"used": one.grams(both)}, len(beta), kept, weights, same)
+        trial = bench.run(Setting(), test=False)
+        errors.append(unseen_percent(model, bench, trial))
+        trials.append(_relative(bench, trial))
+    size = gain(*trials)
+    difference = (trials[0].errors - trials[1].errors).sum(axis=1)
+    se = 1e2 * float(np.sqrt(len(difference)) * difference.std(ddof=1)) / max(sum(errors) / 100, 1e-300)
+    return OtherSide(position, torque, size, errors[0], errors[1], se, len(difference))
+
+
+def _relative(bench: Bench, trial: Trial) -> Trial:
+    """Errors over each motor's squared torque, over the number of motors: torques of other sides have other sizes."""
+    own = np.maximum(bench.squares(trial.setting).sum(axis=0), np.finfo(float).tiny)
+    return replace(trial, errors=trial.errors / bench.weights**2 / own / bench.motors)
+
+
+def _of(log: Log, position: Side | None, torque: Side | None) -> Log:
+    """The log with other sides."""
+    channels = log.channels
+    if position:
+        channels = replace(channels, position=replace(channels.position, side=position))
+    if torque:
+        channels = replace(channels, torque=replace(channels.torque, side=torque))
+    return replace(log, channels=channels)

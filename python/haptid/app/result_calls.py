@@ -1,0 +1,149 @@
+"""Calls of the pages of results and of their use: the report's sections, comparison, drift, exports."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from starlette.requests import Request as HttpRequest
+from starlette.responses import FileResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from haptid.app.answers import Asked, refusing
+from haptid.app.workspace import EXPORTS, RESULTS
+from haptid.errors import HaptidError, WorkbenchError
+
+if TYPE_CHECKING:
+    from haptid.app.pages import Session
+
+_Calls = dict[str, Callable[[Asked], Any]]
+# Of an exported file in the preview, characters.
+_PREVIEW = 60_000
+_SECONDS_IN_DAY = 86400.0
+
+
+def result_reads(session: Session) -> _Calls:
+    """Calls that change nothing."""
+    space = session.workspace
+
+    def shown(asked: Asked) -> dict[str, Any]:
+        """The sections of a result's report, made of the data beside it."""
+        from dataclasses import asdict
+
+        from haptid.report import read_report
+        from haptid.report.page import page_parts
+
+        name = asked.text("path")
+        folder = space.inside(name, RESULTS)
+        report, entry = read_report(folder), session.index.get(name)
+        files = sorted(path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+        return {
+            "name": report.name,
+            "about": f"{report.model}, {report.made}, haptid {report.haptid}",
+            "files": files,
+            "entry": entry and asdict(entry),
+            "command": shlex.join(["haptid", "report", name]),
+            **page_parts(tuple(report.sections.values())),
+        }
+
+    def compared(asked: Asked) -> dict[str, Any]:
+        """Each result against the first, and with dates the drift of the parameters."""
+        from haptid.inference.comparison import compare
+        from haptid.inference.drift import drift
+        from haptid.report.compared import names_of
+        from haptid.report.page import page_parts
+        from haptid.report.sections.comparison import ComparisonSection
+        from haptid.report.sections.drift import drift_section
+        from haptid.results.result import Result
+
+        names, times = asked.texts("paths"), asked.text("times", "")
+        if len(names) < 2:
+            raise WorkbenchError(f"{len(names)} results are chosen; two or more are compared.", limit=2)
+        folders = [space.inside(name, RESULTS) for name in names]
+        found, labels = [Result.load(folder) for folder in folders], names_of(folders)
+        sections: list[Any] = [ComparisonSection.between(found, labels)]
+        command = ["haptid", "report", *names, "--out", "comparison.html"]
+        if times:
+            when = [_day(part) for part in times.split(",")]
+            sections.append(drift_section(drift(compare(*found, labels=labels), when), times.split(",")))
+            command = ["haptid", "compare", *names, "--times", times]
+        return {"command": shlex.join(command), **page_parts(sections)}
+
+    def formats(_: Asked) -> list[str]:
+        from haptid.export.all_formats import EXPORTERS
+
+        return list(EXPORTERS)
+
+    def preview(asked: Asked) -> dict[str, Any]:
+        """What an export would write, made in a folder that is removed again."""
+        name, to = asked.text("path"), asked.text("to")
+        with tempfile.TemporaryDirectory(prefix="haptid-export-") as made:
+            written = _exported(space.inside(name, RESULTS), Path(made), [to])[to]
+            texts = [_preview(written.folder / file) | {"name": file} for file in written.files]
+        command = shlex.join(["haptid", "export", name, "--to", to, "--out", f"{EXPORTS}/{Path(name).name}"])
+        return {"files": texts, "verdict": written.verdict, "command": command}
+
+    return {"result": shown, "compare": compared, "formats": formats, "export": preview}
+
+
+def result_changes(session: Session) -> _Calls:
+    """Calls that write."""
+    space = session.workspace
+
+    def write(asked: Asked) -> dict[str, Any]:
+        name, formats = asked.text("path"), asked.texts("to")
+        out = space.inside(f"{EXPORTS}/{Path(name).name}", EXPORTS)
+        out.parent.mkdir(exist_ok=True)
+        made = _exported(space.inside(name, RESULTS), out, formats)
+        return {"folders": [space.name_of(one.folder) for one in made.values()]}
+
+    return {"export": write}
+
+
+def result_streams(session: Session) -> list[BaseRoute]:
+    """A file of a result as it is, to save."""
+
+    def file(request: HttpRequest) -> Response:
+        try:
+            path = session.workspace.inside(request.query_params.get("path", ""), RESULTS, EXPORTS)
+        except HaptidError as error:
+            return refusing(error, 404)
+        if not path.is_file():
+            return Response("There is no such file.\n", 404)
+        return FileResponse(path, filename=path.name, content_disposition_type="attachment")
+
+    return [Route("/api/download", file)]
+
+
+def _exported(result: Path, folder: Path, formats: list[str]) -> dict[str, Any]:
+    from haptid.export import export_model
+    from haptid.results.result import Result
+
+    return dict(export_model(Result.load(result), folder, formats))
+
+
+def _preview(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        return {"text": "", "bytes": len(content), "cut": False}
+    return {"text": text[:_PREVIEW], "bytes": len(content), "cut": len(text) > _PREVIEW}
+
+
+def _day(text: str) -> float:
+    """A date as days since 1970; without a time zone it is UTC.
+
+    Raises:
+        WorkbenchError: it is no date.
+    """
+    from datetime import UTC, datetime
+
+    try:
+        date = datetime.fromisoformat(text.strip())
+    except ValueError as error:
+        raise WorkbenchError(f"{text!r} is no date.", where=text, advice="Write dates such as 2026-03-02.") from error
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp() / _SECONDS_IN_DAY

@@ -1,0 +1,124 @@
+"""A weak prior on torque, for logs that leave directions of the parameters open: `Anchored`, `AnchoredConsistent`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import rows
+from haptid.estimation.least_squares import Knowledge, Solution
+from haptid.estimation.method import Method, Wrapper, expect_weighting
+from haptid.estimation.methods.constrained import Constrained, PhysicallyConsistent
+from haptid.estimation.methods.wls import WLS
+from haptid.motion.channels import state
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
+
+# States of the reference motion, and their seed.
+_STATES, _SEED = 200, 0
+# Samples of a motion from which its speed is taken.
+_SAMPLES = 1 << 16
+
+
+@dataclass(frozen=True)
+class Anchored(Wrapper):
+    """Another method with a weak prior: torque differs from that of the prior bodies by as much as was measured.
+
+    In a reference motion, all poses at speeds and accelerations as of the fastest coordinate of the log, torque of
+    each motor has the prior standard deviation of its root mean square in the log, about that of the device file's
+    bodies, or about zero where there are none. A direction of the parameters that the log determines has a thousand
+    times this information and is not changed; one that it leaves open, as the friction of a joint that rests, stays
+    near the prior, where least squares would magnify noise without limit. It depends neither on units nor on frames.
+
+    Source: Zellner (1986), On assessing prior distributions with g-prior distributions, for a prior covariance in
+    proportion to that of a design.
+
+    Attributes:
+        weighting: how rows are weighted; its rows must have unit variance.
+    """
+
+    weighting: Method = field(default_factory=WLS)
+
+    def __post_init__(self) -> None:
+        expect_weighting(type(self).__name__, self.weighting)
+
+    @property
+    def name(self) -> str:
+        return f"{self.weighting.name}, weak prior on torque"
+
+    def knowledge(self, observation: Observation) -> Knowledge:
+        """The prior, one row of unit variance for each direction."""
+        A = reference_torque(observation)
+        prior = [0.0 if known is None else known[0] for known in observation.model.base_prior]
+        return Knowledge(A, A @ np.array(prior), np.ones(len(A)))
+
+
+@dataclass(frozen=True)
+class AnchoredConsistent(Anchored):
+    """The same, physically consistent: see `PhysicallyConsistent`."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.weighting.name}, weak prior on torque, physically consistent"
+
+    def constrain(self, observation: Observation, free: Solution) -> Constrained:
+        """The nearest feasible parameters to the fit with the prior, as `PhysicallyConsistent.constrain`."""
+        return PhysicallyConsistent(self.weighting).constrain(observation, free)
+
+
+def reference_torque(observation: Observation) -> Array:
+    """R factor of the base parameters' torque in a reference motion, in units of the measured torque, (p, p).
+
+    The norm of its product with a vector of base parameters is the root of the sum over motors of the mean square
+    torque that they exert, each in units of the motor's root mean square torque in the log.
+    """
+    model, rng = observation.model, np.random.default_rng(_SEED)
+    c = model.device.row_map @ model.device.closure.draw(rng, _STATES)
+    speed, acceleration = _scales(model, observation.motions)
+    cd, cdd = speed[:, None] * rng.standard_normal(c.shape), acceleration[:, None] * rng.standard_normal(c.shape)
+    columns, selection = model.needed
+    Y = rows(model, c, cd, cdd)[list(model.measured_rows)][:, list(columns)]
+    level = np.array([motor.norm / np.sqrt(max(int(motor.rows.sum()), 1)) for motor in observation.motors])
+    level = np.where(level > 0, level, level.max())
+    W = (Y / level[:, None, None]).transpose(0, 2, 1).reshape(-1, len(columns)) @ selection / np.sqrt(_STATES)
+    return np.asarray(triangle(np.column_stack([W, np.zeros(len(W))]))[:-1, :-1])
+
+
+def open_parameters(observation: Observation, A: Array, *covariances: Array) -> tuple[str, ...]:
+    """Base parameters that the log leaves open, those with the most torque first.
+
+    There are some where torque of the reference motion has, in a direction, a variance above that of the weak prior:
+    the prior says more than the log. Of the parameters those are named whose own does.
+
+    Args:
+        observation: the rows.
+        A: of `reference_torque`, (p, p).
+        covariances: of the base parameters, (p, p) each; the largest variance counts.
+    """
+    if all(np.linalg.eigvalsh(A @ covariance @ A.T)[-1] <= 1 for covariance in covariances):
+        return ()
+    own = np.max([np.diag(covariance) for covariance in covariances], axis=0) * (A**2).sum(axis=0)
+    order = np.argsort(-own)
+    found = [observation.base.names[k] for k in order if own[k] > 1]
+    return tuple(found or [observation.base.names[order[0]]])
+
+
+def _scales(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Array]:
+    """Speed and acceleration of the fastest coordinate with the same unit of torque, (coordinates,) each."""
+    speed, acceleration = np.zeros(len(model.device.row_names)), np.zeros(len(model.device.row_names))
+    for motion in motions:
+        low, high = motion.usable
+        _, cd = state(model.device, motion, low, min(high, low + _SAMPLES))
+        speed = np.maximum(speed, np.sqrt((cd**2).mean(axis=1)))
+        cdd = np.gradient(cd, motion.dt, axis=1) if cd.shape[1] > 1 else np.zeros_like(cd)
+        acceleration = np.maximum(acceleration, np.sqrt((cdd**2).mean(axis=1)))
+    units = np.array(model.device.torque_units)
+    for unit in set(model.device.torque_units):
+        same = units == unit
+        speed[same], acceleration[same] = speed[same].max(), acceleration[same].max()
+    return speed, acceleration

@@ -1,0 +1,187 @@
+"""`Content`: which columns of a table without names are positions, their rates and torques, by how they move.
+
+A velocity is known by its integral, which is the position but for a straight line: noise and quantisation hardly matter
+there. Torques are what is left. All of it is a guess for a person to check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Columns and rows that are looked at.
+_MOST, _ROWS = 64, 20_000
+# Least correlation of a column with the integral of its rate, and of two copies of one signal.
+_INTEGRAL, _COPY = 0.98, 0.98
+# The same of a velocity with the integral of noisy accelerations; share by which the sampling period of these differs.
+_NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
+# Correlation by which two copies of a position differ as integrals of one rate.
+_EQUAL = 0.01
+# Share by which the sizes of two copies differ at most.
+_SIZE = 0.1
+# Greatest share by which the steps of a column of times differ, in the median.
+_REGULAR = 0.5
+# Ratio of the roughness of two copies above which the rougher one is measured and the other one planned.
+_ROUGHER = 2.0
+
+
+@dataclass(frozen=True)
+class Content:
+    """Columns by what they are.
+
+    Attributes:
+        time: a column that grows evenly; empty where there is none.
+        positions: in the order of the table.
+        rates: of each position.
+        torques: as many, of what is left; empty where there are not enough.
+        others: further groups of the same size that torques may be.
+        dt: sampling period by which the rates are those of the positions, s; 0 where no two are.
+    """
+
+    time: str = ""
+    positions: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+    torques: tuple[str, ...] = ()
+    others: tuple[tuple[str, ...], ...] = ()
+    dt: float = 0.0
+
+    @staticmethod
+    def of(columns: Mapping[str, NDArray[np.generic]]) -> Content:
+        """From all columns, in the order of the table; those of unequal length or that are no numbers are left out."""
+        names = list(columns)[:_MOST]
+        size = max((columns[name].size for name in names), default=0)
+        names = [name for name in names if columns[name].size == size]
+        if size < 100 or not names:
+            return Content()
+        start = max(0, (size - _ROWS) // 2)
+        rows = np.array([columns[name][start : start + _ROWS] for name in names], dtype=np.float64)
+        good = np.flatnonzero(np.isfinite(rows).all(axis=1))
+        names, rows = [names[k] for k in good], rows[good]
+        steady = [_steady(row) for row in rows]
+        moving = [k for k, row in enumerate(rows) if not steady[k] and np.ptp(row) > 0]
+        if len(moving) < 2:
+            return Content()
+        time = next((k for k in range(len(names)) if steady[k] and not _counts(rows[k])), None)
+        found = _chains(rows[moving])
+        first = next(k for k in range(len(names)) if not steady[k])
+        at = _whole_block({moving[i]: moving[j] for i, j in found.items()}, first, len(names))
+        heads = _measured(rows, sorted(i for i in at if i not in set(at.values())))
+        used = {*at, *at.values()}
+        step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
+        heads = _filled(heads, rows, used)
+        left = [k for k in range(len(names)) if k in moving and k not in used and not _copied(rows, k, used)]
+        groups = [left[k : k + len(heads)] for k in range(0, len(left), len(heads) or 1)] if heads else []
+        groups = [_filled(group, rows, used) for group in groups]
+        groups = [group for group in groups if len(group) == len(heads)]
+        groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
+
+        def named(group: list[int]) -> tuple[str, ...]:
+            return tuple(names[k] for k in group)
+
+        return Content(
+            names[time] if time is not None else "",
+            named(heads),
+            tuple(names[at[k]] for k in heads if k in at),
+            named(groups[0]) if groups else (),
+            tuple(map(named, groups[1:])),
+            step,
+        )
+
+
+def _steady(row: NDArray[np.float64]) -> bool:
+    """Whether a column grows evenly, as times and row numbers do."""
+    steps = np.diff(row)
+    middle = float(np.median(steps))
+    return middle > 0 and bool((steps >= 0).all()) and float(np.median(np.abs(steps - middle))) < _REGULAR * middle
+
+
+def _counts(row: NDArray[np.float64]) -> bool:
+    """Whether a column numbers the rows: by ones, from 0 or 1."""
+    return bool(np.array_equal(np.diff(row), np.ones(len(row) - 1)))
+
+
+def _straightened(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows without their straight lines, of unit norm; zero where nothing is left."""
+    line = np.linspace(-1.0, 1.0, rows.shape[1])
+    base = np.linalg.qr(np.stack([np.ones_like(line), line], axis=1))[0]
+    made = rows - rows.mean(axis=1, keepdims=True)
+    made -= (made @ base) @ base.T
+    norm = np.linalg.norm(made, axis=1, keepdims=True)
+    return np.asarray(made / np.where(norm > 1e-9 * np.abs(rows).max(axis=1, keepdims=True), norm, np.inf))
+
+
+def _chains(rows: NDArray[np.float64]) -> dict[int, int]:
+    """The rate of every row that has one: the best one, of which no other row is a better integral."""
+    integrals = np.cumsum(rows - rows.mean(axis=1, keepdims=True), axis=1)
+    r = _straightened(rows) @ _straightened(integrals).T
+    np.fill_diagonal(r, 0.0)
+    made = {}
+    for i in range(len(rows)):
+        j = int(np.argmax(r[i]))
+        if r[i, j] > _INTEGRAL and r[i, j] > r[:, j].max() - _EQUAL:
+            made[i] = j
+    return made
+
+
+def _whole_block(at: dict[int, int], first: int, size: int) -> dict[int, int]:
+    """The pairs with those of joints that hardly moved, where positions come first and then, as many, their rates."""
+    apart = [j - i for i, j in at.items() if j > i]
+    usual = max(apart, key=apart.count, default=0)
+    block = range(first, first + usual)
+    if usual < 2 or first + 2 * usual > size or not any(i in block and j == i + usual for i, j in at.items()):
+        return at
+    rates = range(first + usual, first + 2 * usual)
+    return {i: j for i, j in at.items() if i not in block and j not in rates} | {k: k + usual for k in block}
+
+
+def _measured(rows: NDArray[np.float64], heads: list[int]) -> list[int]:
+    """Positions without their planned copies, which are smoother; the first ones where none is rougher."""
+    z = _straightened(rows[heads]) if heads else rows
+    rough = [float(np.std(np.diff(rows[k], 4)) / max(np.std(rows[k]), np.finfo(float).tiny)) for k in heads]
+    gone: set[int] = set()
+    for a in range(len(heads)):
+        for b in range(a + 1, len(heads)):
+            if a not in gone and b not in gone and z[a] @ z[b] > _COPY:
+                gone.add(a if rough[b] > _ROUGHER * rough[a] else b)
+    return [k for a, k in enumerate(heads) if a not in gone]
+
+
+def _copied(rows: NDArray[np.float64], k: int, used: set[int]) -> bool:
+    """Whether a column is one of those that are in use, planned or filtered: of the same size too."""
+    z, size = _straightened(rows[[k, *sorted(used)]]), np.std(rows[sorted(used)], axis=1) / np.std(rows[k])
+    return bool(((z[1:] @ z[0] > _COPY) & (np.abs(size - 1.0) < _SIZE)).any())
+
+
+def _filled(group: list[int], rows: NDArray[np.float64], used: set[int]) -> list[int]:
+    """A group with the constant columns inside it: a joint that did not move."""
+    if not group:
+        return group
+    inside = range(min(group), max(group) + 1)
+    return [k for k in inside if k in group or (np.ptp(rows[k]) == 0 and k not in used)]
+
+
+def _accelerations(rows: NDArray[np.float64], group: list[int], rates: list[int | None], step: float) -> bool:
+    """Whether columns are the rates of the rates, noisy as they are, at the same sampling period."""
+    pairs = [(i, j) for i, j in zip(rates, group, strict=True) if i is not None and np.ptp(rows[j]) > 0]
+    if not pairs or not step:
+        return False
+    alike = [
+        float(_straightened(rows[[i]])[0] @ _straightened(np.cumsum(rows[[j]] - rows[j].mean(), axis=1))[0])
+        for i, j in pairs
+    ]
+    return min(alike) > _NOISY_INTEGRAL and abs(_period(rows, pairs) / step - 1.0) < _SAME_PERIOD
+
+
+def _period(rows: NDArray[np.float64], pairs: list[tuple[int, int]]) -> float:
+    """Sampling period at which the second of each pair is the rate of the first, s; median."""
+    found = []
+    for i, j in pairs:
+        integral = np.cumsum(rows[j] - rows[j].mean())
+        x, c = rows[i] - rows[i].mean(), integral - integral.mean()
+        line = np.linspace(-1.0, 1.0, len(x))
+        x, c = x - line * (x @ line) / (line @ line), c - line * (c @ line) / (line @ line)
+        found.append(float(x @ c) / float(c @ c))
+    return float(np.median(found)) if found else 0.0

@@ -1,0 +1,103 @@
+"""The page of exciting motions: each over time within its limits, and what is known of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.experiment.excitation import Excitation, FurtherMotions
+from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
+from haptid.report.document import DocumentSection, TextTable, panels
+from haptid.report.page import page
+
+# Samples of each curve.
+_SAMPLES = 800
+
+
+def motion_page(motions: Sequence[Excitation], further: FurtherMotions | None = None) -> str:
+    """An HTML document: positions, velocities, accelerations and torques of each motion within their limits.
+
+    Args:
+        motions: at least one, of one device.
+        further: the campaign that they belong to; without one, the first motion of the search is compared with the one
+            that was found.
+    """
+    sections = [section for k, found in enumerate(motions) for section in _motion(found, k, len(motions))]
+    device = motions[0].model.device
+    about = f"{len(motions)} exciting motion{'s' if len(motions) > 1 else ''} of {device.name}"
+    return page(f"Exciting motion: {device.name}", about, [_information(motions[0], further), *sections])
+
+
+def _information(found: Excitation, further: FurtherMotions | None) -> DocumentSection:
+    """What is known of each parameter before and after."""
+    if further is None:
+        names, before, after = found.after.names, found.before.relative_se, found.after.relative_se
+        heads = ("parameter", "first motion within the limits", "motion found")
+        text: tuple[str, ...] = ("Relative standard error of each parameter, white noise, per cent of its value.",)
+        label = "relative standard error"
+    else:
+        rows = further.table()
+        names = tuple(name for name, _, _ in rows)
+        before, after = (np.array([row[k] for row in rows]) for k in (1, 2))
+        heads = ("parameter", "logs so far", "with the motion")
+        text = ("Half width of the 95 % interval of each parameter, per cent of its value.", *further.sentences)
+        label = "half width of the interval"
+    order = np.argsort(-np.nan_to_num(after, posinf=1e300), kind="stable")
+    cells = [heads, *((names[k], *(figure(float(x[k])) for x in (before, after))) for k in order.tolist())]
+    place = np.arange(1, len(names) + 1, dtype=float)
+    drawn = [
+        chart_series(name, "points", colour, x=packed(place), y=packed(np.where(x[order] > 0, x[order], np.nan)))
+        for name, colour, x in ((heads[1], "vermillion", before), (heads[2], "blue", after))
+    ]
+    drawing = plot(axis("parameter, in the order of the table"), axis(label, "%", log=True), drawn, height=240)
+    caption = f"Largest: {heads[1]} {figure(float(np.max(before)))} %, {heads[2]} {figure(float(np.max(after)))} %."
+    alt = f"{label} of each parameter, {heads[1]} and {heads[2]}."
+    chart = Chart("information", "Information on each parameter", alt, caption, drawing)
+    return DocumentSection("information", "Information", text, (TextTable("", cells),), (chart,))
+
+
+def _motion(found: Excitation, k: int, many: int) -> Iterator[DocumentSection]:
+    """One motion over time."""
+    bounds, device = found.bounds, found.model.device
+    made = found.trajectory(found.seconds / _SAMPLES)
+    joints = [device.joints[j] for j in device.active]
+    labels = [f"joint {joint.name}" for joint in joints]
+    units = ["m" if joint.prismatic else "rad" for joint in joints]
+    tau = inverse_dynamics(found.model, bounds.beta, *(np.ascontiguousarray(x.T) for x in (made.q, made.qd, made.qdd)))
+    charts: list[Chart] = []
+    for key, title, values, limits, per in (
+        ("q", "Position", made.q.T, bounds.position, ""),
+        ("qd", "Velocity", made.qd.T, _both(bounds.speed), "/s"),
+        ("qdd", "Acceleration", made.qdd.T, _both(bounds.acceleration), "/s^2"),
+    ):
+        for j, label in enumerate(labels):
+            charts += _panel(f"{key}-{k}-{j}", title, label, f"{units[j]}{per}", made.t, values[j], limits[j])
+    for j, (label, unit) in enumerate(zip(device.row_labels, device.torque_units, strict=True)):
+        limit = _both(bounds.actuation.torque)[j]
+        charts += _panel(f"tau-{k}-{j}", "Torque", label, unit, made.t, tau[j], limit)
+    raw, scaled = found.after.raw, found.after.scaled
+    text = [
+        f"{found.seconds:.4g} s, {found.tried} motions evaluated, condition number {raw:.4g}, "
+        f"{scaled:.4g} with unit columns."
+    ]
+    if found.clearance is not None:
+        text.append(f"{found.clearance}.")
+    title = "The motion" if many == 1 else f"Motion {k + 1}"
+    yield DocumentSection(f"motion-{k + 1}", title, tuple(text), (), tuple(charts))
+
+
+def _both(most: Array) -> Array:
+    """Lower and upper limits, (n, 2)."""
+    return np.column_stack([-most, most])
+
+
+def _panel(key: str, title: str, label: str, unit: str, t: Array, values: Array, limits: Array) -> list[Chart]:
+    """A curve with its limits, where it has some."""
+    curves = {"planned": ("blue", values[None])}
+    for name, limit in zip(("lower limit", "upper limit"), limits.tolist(), strict=True):
+        if np.isfinite(limit):
+            curves[name] = ("vermillion", np.full((1, len(t)), limit))
+    return panels(key, title, [label], unit, t, curves)

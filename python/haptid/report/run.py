@@ -1,0 +1,68 @@
+"""`write_identification`: carry out a study and write its result folder; the command line and the workbench call it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+from haptid._internal.atomic_folder import check_writable, publishing
+from haptid.executors import Executor
+from haptid.observation.cache import RFactorCache
+from haptid.observation.plan import Plan
+from haptid.report.report import report_of
+from haptid.report.source import ReportSource
+from haptid.results.result import Result
+from haptid.study import Study
+from haptid.study.identify import identify
+from haptid.validation.prediction import predictions
+
+
+def write_identification(
+    study: Study,
+    data: Path | None,
+    out: Path,
+    *,
+    command: str,
+    progress: Callable[[str, float], None],
+    workers: Executor,
+    cache: RFactorCache,
+) -> tuple[Result, ReportSource]:
+    """Carry out a study, and write result, report and pictures into a folder, all or none.
+
+    Without matplotlib there are no pictures.
+
+    Args:
+        study: to carry out.
+        data: folder of its relative log paths; that of the study where None.
+        out: folder for the results.
+        command: the command line, for the report.
+        progress: called with the name of a step and the share of it done.
+        workers: that reduce the logs.
+        cache: of an interrupted run, forgotten at the end.
+
+    Raises:
+        OutputFolderError: the folder cannot be written.
+    """
+    check_writable(out)
+    with publishing(out) as folder:
+        found = identify(study, data, progress, workers, cache)
+        progress("writing the report", 0.0)
+        source = ReportSource(found, command)
+        result = Result.of(found, source.diagnosis.verdict, source.advice)
+        result.write_into(folder)
+        report_of(source).write_into(folder)
+        progress("writing the report", 1.0)
+        for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
+            from haptid.report.plots import plot_torque
+
+            name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
+            progress(f"drawing {name}", 0.0)
+            kind = "rows of the fit" if run.fit_errors else "unseen"
+            title = f"{study.name}: {run.entry.path} ({kind})"
+            plot_torque(
+                predictions(found.use.estimate, run.motion), Plan.of(found.model, run.motion).rows, title, folder / name
+            )
+            progress(f"drawing {name}", 1.0)
+    cache.forget()
+    return result, source

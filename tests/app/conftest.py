@@ -1,0 +1,138 @@
+"""A workbench in a process of its own on a folder of the test, its pages in a browser, and its calls without one."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from browser import Page, page
+from once import made_once, run_folder
+from small_study import DEVICE, STUDY, columns
+
+
+@dataclass
+class Bench:
+    """A running workbench: its folder, its printed address, and its process."""
+
+    folder: Path
+    address: str
+    process: subprocess.Popen[str]
+    cookie: str = field(default="")
+
+    @property
+    def port(self) -> int:
+        return urlsplit(self.address).port or 0
+
+    @property
+    def origin(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    def enter(self) -> None:
+        """Take the cookie."""
+        answer = self.raw("GET", self.address.removeprefix(self.origin))
+        assert answer.status == 303
+        self.cookie = (answer.getheader("set-cookie") or "").split(";")[0]
+
+    def raw(self, method: str, path: str, body: Any = None, **headers: str) -> http.client.HTTPResponse:
+        """A request with exactly these headers, and Host; its answer is read."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.putrequest(method, path, skip_host="host" in headers, skip_accept_encoding=True)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        if isinstance(body, bytes):
+            connection.putheader("content-length", str(len(body)))
+        connection.endheaders(body if isinstance(body, bytes) else None)
+        answer = connection.getresponse()
+        answer.content = answer.read()  # type: ignore[attr-defined]
+        connection.close()
+        return answer
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        """A request of a page of this workbench: status and JSON."""
+        given = {"cookie": self.cookie, "origin": self.origin} | headers
+        content = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+        answer = self.raw(method, path, content, **given)
+        text = answer.content  # type: ignore[attr-defined]
+        return answer.status, json.loads(text) if text[:1] in b"[{" else text
+
+
+def started(folder: Path, *options: str) -> Bench:
+    """A workbench on a folder, as soon as it answers."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "haptid", "app", str(folder), "--no-browser", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    found = re.search(r"http://\S+", line)
+    made = Bench(folder, found[0] if found else "", process)
+    if not found:
+        ended(made)
+        raise AssertionError(line)
+    made.enter()
+    return made
+
+
+def ended(bench: Bench) -> None:
+    bench.process.terminate()
+    bench.process.communicate(timeout=20)
+
+
+def write_folder(folder: Path) -> None:
+    """Two links, two logs and a study, in the layout of the workbench."""
+    import pyarrow as pa
+    import pyarrow.csv
+
+    for name in ("devices", "studies", "logs"):
+        (folder / name).mkdir(parents=True)
+    (folder / "devices" / "two-links.toml").write_text("# As built in 2026.\n" + DEVICE.lstrip())
+    text = STUDY.replace('"device.toml"', '"../devices/two-links.toml"')
+    text = text.replace('"log.csv"', '"../logs/sweep.csv"').replace('"check.csv"', '"../logs/check.csv"')
+    (folder / "studies" / "two-links.toml").write_text(text.lstrip())
+    for seed, name in ((1, "sweep.csv"), (2, "check.csv")):
+        pyarrow.csv.write_csv(pa.table(columns(seed)), folder / "logs" / name)
+
+
+@pytest.fixture(scope="session")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder as it is before anything was done in it; it is copied, and not changed."""
+    return made_once(run_folder(tmp_path_factory) / "workbench-folder", write_folder)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, plain: Path) -> Path:
+    """A folder of the module's own."""
+    made = tmp_path_factory.mktemp("bench") / "lab"
+    shutil.copytree(plain, made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def bench(folder: Path) -> Iterator[Bench]:
+    """The workbench of the module's folder."""
+    made = started(folder)
+    yield made
+    ended(made)
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory, bench: Bench) -> Iterator[Page]:
+    """A tab of a browser, at home in the workbench."""
+    with page(tmp_path_factory.mktemp("profile")) as opened:
+        opened.go(bench.address, 1280)
+        yield opened

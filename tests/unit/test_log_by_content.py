@@ -1,0 +1,156 @@
+"""Tables without telling names: what their columns are is told by how they move."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+import small_study
+from haptid.device import read_device
+from haptid.log.by_content import Content
+from haptid.log.survey import survey
+from haptid.study.draft import draft_study
+from motions import multisine, truth
+
+JOINTS = 3
+RNG = np.random.default_rng(5)
+DT = 0.004
+
+
+def signals(seed: int = 2) -> dict[str, np.ndarray]:
+    """Measured motion with an encoder's steps and a noisy rate, its plan, and torques, (samples, joints) each."""
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    q, qd, qdd = multisine(JOINTS, 12.0, DT, seed)
+    tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
+    noisy = qd + 0.05 * np.std(qd) * RNG.standard_normal(qd.shape)
+    return {
+        "q": np.round(q / 1e-3).T * 1e-3,
+        "qd": noisy.T,
+        "qdd": qdd.T,
+        "plan": q.T + 1e-3,
+        "tau": tau.T,
+        "t": DT * np.arange(q.shape[1])[:, None],
+        "row": np.arange(q.shape[1], dtype=float)[:, None],
+    }
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        ("q", "qd", "tau"),
+        ("t", "q", "qd", "tau"),
+        ("row", "t", "tau", "q", "qd"),
+        ("t", "q", "qd", "qdd", "tau"),
+        ("q", "qd", "plan", "tau"),
+        ("plan", "t", "q", "qd", "tau"),
+    ],
+)
+def test_groups_of_columns_are_recognised(layout: tuple[str, ...]) -> None:
+    parts = signals()
+    names = [f"{what}{k}" for what in layout for k in range(parts[what].shape[1])]
+    table = np.hstack([parts[what] for what in layout])
+    found = Content.of(dict(zip(names, table.T, strict=True)))
+    assert found.positions == ("q0", "q1", "q2")
+    assert found.rates == ("qd0", "qd1", "qd2")
+    assert found.torques == ("tau0", "tau1", "tau2")
+    assert found.time == ("t0" if "t" in layout else "")
+    assert found.dt == pytest.approx(DT, rel=0.01)
+
+
+def test_columns_by_joint() -> None:
+    parts = signals()
+    table = {f"{what}{k}": parts[what][:, k] for k in range(JOINTS) for what in ("q", "qd", "tau")}
+    found = Content.of(table)
+    assert (found.positions, found.torques) == (("q0", "q1", "q2"), ("tau0", "tau1", "tau2"))
+
+
+def test_a_joint_that_does_not_move_keeps_its_place() -> None:
+    parts = signals()
+    for what in ("q", "qd", "tau"):
+        parts[what][:, 1] = 0.25
+    found = Content.of({f"{what}{k}": parts[what][:, k] for what in ("q", "qd", "tau") for k in range(JOINTS)})
+    assert (found.positions, found.torques) == (("q0", "q1", "q2"), ("tau0", "tau1", "tau2"))
+
+
+def test_nothing_is_recognised_in_noise_and_in_short_tables() -> None:
+    noise = {f"c{k}": RNG.standard_normal(2000) for k in range(12)}
+    assert Content.of(noise) == Content()
+    assert Content.of({"a": np.arange(5.0), "b": np.ones(5)}) == Content()
+    assert Content.of({}) == Content()
+
+
+def test_a_table_without_a_header_becomes_a_study(tmp_path: Path) -> None:
+    """Positions, rates and torques of two links: the draft names them and the rate, and is identified as it is."""
+    log = small_study.columns(1, seconds=8.0)
+    rates = [np.gradient(log[name], 2e-3) for name in ("q1", "q2")]
+    table = np.column_stack([log["q1"], log["q2"], *rates, log["tau1"], log["tau2"]])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",")
+    (tmp_path / "device.toml").write_text(small_study.DEVICE)
+    device = read_device(tmp_path / "device.toml")
+    text, _ = draft_study([tmp_path / "log.csv"], device, str(tmp_path / "device.toml"), tmp_path)
+    made = tomllib.loads(text)["channels"]
+    assert made["rate_hz"] == 500
+    (tmp_path / "study.toml").write_text(text + "\n[treatment]\ncutoff_hz = 30\ndecimation = 5\n")
+    found = haptid.identify(haptid.read_study(tmp_path / "study.toml"))
+    assert found.unseen[0].relative < 3.0
+    assert found.estimate["FC1"].value == pytest.approx(0.1, abs=0.05)
+
+
+def test_measured_torques_are_drafted_before_commands_which_are_named(tmp_path: Path) -> None:
+    log = small_study.columns(1)
+    columns = {"t": log["t"], "q1": log["q1"], "q2": log["q2"]}
+    columns |= {f"tau_con{k}": np.round(log[f"tau{k}"], 1) for k in (1, 2)}
+    columns |= {f"tau_meas{k}": log[f"tau{k}"] for k in (1, 2)}
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(columns), comments="")
+    (tmp_path / "device.toml").write_text(small_study.DEVICE)
+    text, _ = draft_study([tmp_path / "log.csv"], read_device(tmp_path / "device.toml"), "device.toml", tmp_path)
+    assert tomllib.loads(text)["channels"]["torque"]["channels"] == ["tau_meas1", "tau_meas2"]
+    assert "# also there: tau_con1, tau_con2" in text
+
+
+def test_no_rate_is_made_up(tmp_path: Path) -> None:
+    """A study with a rate that nobody wrote would be wrong without a word: the key is left to be written."""
+    parts = signals()
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.hstack([parts["q"], parts["tau"]]), delimiter=",", header="q1,q2,q3,u1,u2,u3", comments="")
+    assert "# rate_hz = ..." in survey(path).table
+
+
+def test_the_rate_of_a_log_without_times_is_drafted_from_velocities(tmp_path: Path) -> None:
+    parts = signals()
+    path = tmp_path / "log.csv"
+    head = ",".join(f"{name}{k}" for name in ("q", "qd", "tau") for k in (1, 2, 3))
+    table = np.hstack([parts[name] for name in ("q", "qd", "tau")])
+    np.savetxt(path, table, delimiter=",", header=head, comments="")
+    assert "rate_hz = 250 " in survey(path).table
+
+
+def test_nothing_is_said_of_columns_without_rates() -> None:
+    parts = signals()
+    assert not Content.of({f"c{k}": x for k, x in enumerate(np.hstack([parts["q"], parts["tau"]]).T)}).positions
+
+
+def test_noisy_accelerations_are_no_torques() -> None:
+    """Those of a recorder that differentiates: they stand before the torques, or there are no torques."""
+    parts = signals()
+    parts["qdd"] = parts["qdd"] + np.std(parts["qdd"]) * RNG.standard_normal(parts["qdd"].shape)
+    for layout, torques in ((("q", "qd", "qdd", "tau"), ("tau0", "tau1", "tau2")), (("q", "qd", "qdd"), ())):
+        columns = {f"{name}{k}": parts[name][:, k] for name in layout for k in range(JOINTS)}
+        assert Content.of(columns).torques == torques
+
+
+def test_a_file_without_a_header_is_drafted_in_degrees(tmp_path: Path) -> None:
+    parts = signals()
+    large = [np.degrees(parts[name] * 40) for name in ("q", "qd")]
+    path = tmp_path / "log.txt"
+    np.savetxt(path, np.hstack([parts["t"], *large, parts["tau"], parts["tau"] + 1e-3]))
+    drafted = survey(path, [(str(k),) for k in range(3)]).table
+    assert 'time = "column[1]"' in drafted
+    assert 'joints = [2, 3, 4], unit = "deg" }' in drafted
+    assert "joints = [8, 9, 10]" in drafted
+    assert "or column[11] to column[13]" in drafted
