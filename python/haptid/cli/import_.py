@@ -72,8 +72,9 @@ def import_(
     if as_json:
         sys.stdout.write(json.dumps(made.to_dict(), indent=1) + "\n")
     else:
-        active = len(made.device.active)
-        out.print(f"{to}: {many} joint{"s" if many > 1 else ""}, {active} active", soft_wrap=True, highlight=False)
+        joints, active = len(made.device.joints), len(made.device.active)
+        what = "1 joint" if joints == 1 else f"{joints} joints"
+        out.print(f"{to}: {what}, {active} active", soft_wrap=True, highlight=False)
         for note in made.notes:
             out.print(f"  {note}", soft_wrap=True, highlight=False)
         others = "".join(f", from {name} {size:.1e}" for name, size in made.check.others.items())
