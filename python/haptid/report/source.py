@@ -218,7 +218,7 @@ def criterion(found: Identification) -> str:
     if len(motors) > 1:
         largest = max(motors, key=lambda motor: motor.relative)
         text += f" of all motors together, {largest.relative:.2g} % of {largest.label}, the largest"
-    text += "; all rows, behind the reference filter." if worst.reference is not None else "."
+    text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
     if found.meets_criteria is None:
         return text
     limit = found.study.largest_error

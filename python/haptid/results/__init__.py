@@ -3,8 +3,7 @@
 May import study and all before it; reports, exports and commands read results from here.
 """
 
-from haptid.results.information import log_information
 from haptid.results.result import Result, result_schema
 from haptid.results.schema import ResultLog, ResultUse
 
-__all__ = ["Result", "ResultLog", "ResultUse", "log_information", "result_schema"]
+__all__ = ["Result", "ResultLog", "ResultUse", "result_schema"]

@@ -316,7 +316,7 @@ class ErrorTable(ResultTable):
 
     log: str
     rows: Literal["fit", "unseen", "reference"] = Field(
-        description="in the sample of the fit, held out, or held out with all rows behind the reference filter"
+        description="in the sample of the fit, held out, or held out and in motion, behind the reference filter"
     )
     motor: str = Field(description="name of the motor, or all")
     relative_error_percent: Number

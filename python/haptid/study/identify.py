@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
@@ -12,6 +12,7 @@ from pathlib import Path
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
+from haptid.errors import NoRowsError
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
@@ -106,7 +107,7 @@ class Identification:
     def _shown(self) -> Overview:
         shown = self.estimate._shown()
         errors = [
-            f"{run.entry.path}, unseen: {v.comparable.relative:.2f} %{' of all rows' if v.reference else ''}"
+            f"{run.entry.path}, unseen: {v.comparable.relative:.2f} %{' of all rows in motion' if v.reference else ''}"
             for run in self.runs
             for v in run.unseen
         ]
@@ -153,7 +154,7 @@ def identify(
     final = estimate(reduce(add, fitted), study.method, intervals)
     final = with_treatment_uncertainty(final, proposal)
     final = calibration.with_uncertainty(final) if calibration else final
-    all_rows = observe_all(model, [treat(log, proposal.reference) for log in logs], workers, cache)
+    all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
     use = model_for_use(final, reduce(add, seen), study.use)
     runs = []
@@ -170,6 +171,18 @@ def identify(
     return Identification(
         study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
     )
+
+
+def _reference_rows(
+    model: DynamicModel, logs: Sequence[Log], reference: Treatment, workers: Executor | None, cache: RFactorCache | None
+) -> tuple[Observation, ...]:
+    """All rows of each log but those at rest; with these where a log is slower throughout than rest of the others."""
+    try:
+        return observe_all(model, [treat(log, reference) for log in logs], workers, cache)
+    except NoRowsError:
+        if len(logs) == 1:
+            return observe_all(model, [treat(logs[0], replace(reference, rest_speed=0.0))], workers, cache)
+    return tuple(one for log in logs for one in _reference_rows(model, [log], reference, workers, cache))
 
 
 def check_kind(study: Study) -> None:

@@ -81,7 +81,8 @@ class Proposal:
     Attributes:
         treatment: the settings that were given, and the others as proposed.
         reasons: a sentence for each proposed setting.
-        reference: the treatment behind which errors are compared: it depends on the motion alone, and keeps all rows.
+        reference: the treatment behind which errors are compared: it depends on the motion alone, and keeps all rows
+            but those at rest.
         delays: of the torque channels as estimated; None where they were given or could not be estimated.
         bandwidth_hz: of the motion.
         effects: standard errors of the parameters by the encoders' noise and by the position filter, (1, p) each.
@@ -462,8 +463,7 @@ class _Filters:
             return ()
         left = ", ".join(f"{100 * share:.0f}" for share in shares)
         return (
-            f"Errors on all rows leave out rest, where friction is anything up to dry friction: {left} % of the "
-            f"motors' rows.",
+            f"Rows at rest, where friction is anything up to dry friction, are in no error: {left} % of the motors' rows.",
         )
 
 

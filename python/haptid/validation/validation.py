@@ -83,7 +83,7 @@ class Validation:
         if self.reference is None:
             return made
         each = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
-        return f"{made}\n  on all rows, behind the reference filter: {self.reference.relative:.2f} % ({each})"
+        return f"{made}\n  on all rows in motion, behind the reference filter: {self.reference.relative:.2f} % ({each})"
 
     def _shown(self) -> Overview:
         kind = "rows of the fit" if self.seen else "unseen rows"
@@ -93,7 +93,7 @@ class Validation:
             for m in self.motors
         ]
         title = f"Validation: {self.relative:.2f} % relative error over all motors, on {kind}"
-        return Overview(title, ("", "error, %", "all rows, %", "RMSE", "rows"), rows)
+        return Overview(title, ("", "error, %", "in motion, %", "RMSE", "rows"), rows)
 
 
 def validate(

@@ -146,7 +146,7 @@ def _size(errors: Validation) -> Reason:
     kind = (
         "on the rows of the fit, which proves little"
         if errors.seen
-        else "on unseen motion, all rows"
+        else "on unseen rows, all in motion"
         if errors.reference
         else "on unseen rows"
     )
