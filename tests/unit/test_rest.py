@@ -78,9 +78,9 @@ def test_rest_before_and_after_the_motion_is_no_error_of_the_model(model):
 
 def test_rest_is_reported_and_continuous_motion_is_not(model):
     resting, _, _ = fitted(model, recorded(model, moving=((0.2, 0.85), (0.2, 0.85))))
-    assert any("leave out rest" in reason for reason in resting.reasons)
+    assert any("at rest" in reason for reason in resting.reasons)
     steady, _, _ = fitted(model, recorded(model, moving=((-1.0, 2.0), (-1.0, 2.0))))
-    assert not any("leave out rest" in reason for reason in steady.reasons)
+    assert not any("at rest" in reason for reason in steady.reasons)
 
 
 def test_one_joint_after_the_other_identifies_both(model):

@@ -463,7 +463,7 @@ class _Filters:
             return ()
         left = ", ".join(f"{100 * share:.0f}" for share in shares)
         return (
-            f"Rows at rest, where friction is anything up to dry friction, are in no error: {left} % of the motors' rows.",
+            f"Rows at rest, where friction is anything up to dry friction, are in no error: {left} % of each motor's.",
         )
 
 
