@@ -46,7 +46,7 @@ def test_a_saved_table_has_a_line_for_each_row(report):
     report.wait("window.saved.length === 1")
     lines = report.ask("window.saved")[0].splitlines()
     assert lines[0].startswith('log,rows,"all, %"')
-    assert [row[1] for row in csv.reader(lines[1:])] == ["of the fit", "unseen", "unseen, all in motion"]
+    assert [row[1] for row in csv.reader(lines[1:])] == ["of the fit", "unseen", "unseen, moving"]
 
 
 def test_a_table_wider_than_the_phone_says_so(tab, folder):

@@ -170,7 +170,7 @@ def error_table(runs: tuple[Run, ...], row: str) -> Table:
 def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text]]:
     """Kind of the rows, error of all motors and of each; then the same on all rows behind the reference filter."""
     own = "of the fit" if validation.seen else "unseen"
-    for kind, found in ((Text(own), validation), (Text("unseen, all in motion", style="bold"), validation.reference)):
+    for kind, found in ((Text(own), validation), (Text("unseen, moving", style="bold"), validation.reference)):
         if found is not None:
             each = [f"{m.relative:.2f}" if m.rows else "-" for m in found.motors] if motors > 1 else []
             yield [kind, f"{found.relative:.2f}", *each]
