@@ -50,7 +50,7 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
 
   --rehearsal   OUT-rehearsal.csv: the same path at a share of the speed, such as 0.2
 
-  --motions     so many motions, each found given those before it: OUT-1.toml, OUT-2.toml, ..
+  --motions     number of motions, each designed given those before it: OUT-1.toml, OUT-2.toml, ..
 
   --buffer      each motion with its start and stop fits so many samples at --rate-hz
 

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.toml_text import basic_string
 from haptid.errors import LogFileError
 from haptid.log.by_content import Content
 from haptid.log.formats.messages.containers import Topic, containers
@@ -578,8 +579,3 @@ def _signal_line(key: str, family: _Family) -> str:
     commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or _words(family.array) <= _COMMAND)
     side = ', side = "motor"' if commanded else ""
     return f"{key} = {{ {where}, unit = {basic_string(unit)}{side} }}  # guess: {reason}"
-
-
-def basic_string(text: str) -> str:
-    """A TOML string."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from haptid._internal.toml_text import basic_string
 from haptid.device import Device
-from haptid.log.survey import Survey, basic_string, survey
+from haptid.log.survey import Survey, survey
 
 
 def draft_study(
