@@ -163,6 +163,7 @@ def test_the_same_study_gives_the_same_result_bit_for_bit_and_quietly(phantom, r
         (1e-7, 3e-10, "1e-07"),
         (0.0, 0.0, "0"),
         (-0.00226491, 2e-6, "-0.0022649"),
+        (-1e-6, 0.01, "0.000"),
     ],
 )
 def test_digits_follow_the_deviation(value, se, shown):

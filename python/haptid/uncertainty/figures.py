@@ -18,4 +18,4 @@ def with_digits(value: float, se: float) -> str:
     if not (np.isfinite(se) and np.isfinite(value) and abs(value) < 1e6 and se > 1e-9):
         return f"{value:.6g}"
     decimals = 1 - math.floor(math.log10(se))
-    return f"{round(value, decimals):.{max(decimals, 0)}f}" if decimals <= 12 else f"{value:.6g}"
+    return f"{round(value, decimals):z.{max(decimals, 0)}f}" if decimals <= 12 else f"{value:.6g}"
