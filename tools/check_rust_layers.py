@@ -14,6 +14,7 @@ LAYERS = (
     "error",
     "simd",
     "memory",
+    "exact",
     "linalg",
     "mechanism",
     "batch",

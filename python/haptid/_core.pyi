@@ -6,12 +6,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Residues = NDArray[np.int64]
 CutFrame = tuple[int, Sequence[float], Sequence[float]]
 
 __version__: str
 
 def backends() -> list[str]:
     """Names of the instruction sets this machine can run, fastest first."""
+
+def echelon(matrices: Residues, candidates: int, prime: int) -> tuple[Residues, list[int]] | None:
+    """Reduced row echelon forms modulo a prime, (n, rows, columns), and the pivots' columns, at most `candidates`.
+
+    Rows after the pivots are undefined. None where the matrices differ in their pivots.
+    """
+
+def exact_rows(
+    parent: Sequence[int],
+    prismatic: Sequence[bool],
+    placements: Residues,
+    motion: Residues,
+    rates: Residues,
+    base: Residues,
+    samples: int,
+    prime: int,
+) -> Residues:
+    """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of all links, (states, active, 10 links).
+
+    Placements are (joints, sets, 4, 4), each for `samples` states in a row; cosine, sine, slide, velocity and
+    acceleration (5, joints, states); rates by active joint (joints, states, active); acceleration of the base less
+    gravity (states, 3). All are residues of the prime.
+    """
 
 def triangles(rows: Array) -> Array:
     """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
@@ -58,9 +82,10 @@ def apparent_mass(
 class Loops:
     """A tree and the joints cut out of its loops.
 
-    A cut is (prismatic, frame, twin), each frame (link, -1 for the base; rotation row by row; translation). Gaps of a
-    turning joint are the distance of the origins and `size` times the difference of the z axes; of a sliding one the
-    distance along the twin's x and y, and `size` times the differences of the x and z axes, by component.
+    A cut is (kind, frame, twin), each frame (link, -1 for the base; rotation row by row; translation). Gaps of a
+    "revolute" joint are the distance of the origins and `size` times the difference of the z axes; of a "prismatic" one
+    the distance along the twin's x and y, and `size` times the differences of the x and z axes, by component; of a
+    "spherical" one the distance of the origins.
     """
 
     def __new__(
@@ -69,7 +94,7 @@ class Loops:
         rotation: Array,
         translation: Array,
         prismatic: Sequence[bool],
-        cuts: Sequence[tuple[bool, CutFrame, CutFrame]],
+        cuts: Sequence[tuple[str, CutFrame, CutFrame]],
         size: float,
     ) -> Loops:
         """Joints as for a mechanism. ValueError where the parts do not fit."""
@@ -80,7 +105,7 @@ class Loops:
     def close(self, q: Array, unknown: Sequence[int], steps: int, settled: float) -> Array:
         """The unknown joints moved until the cuts are as closed as they can be, (samples, joints).
 
-        Damped Gauss-Newton steps, at most so many, until one is no longer than `settled`.
+        Damped Gauss-Newton steps, at most so many (10 000 may be asked for), until one is no longer than `settled`.
         """
 
 class Branch:

@@ -11,7 +11,7 @@
 //! Arrays of samples are channel major: the samples of one coordinate are contiguous. Units are SI: rad or m, N m or N,
 //! kg. Everything works on plain slices; nothing here depends on Python, files or clocks.
 //!
-//! Modules form layers, in this order: error, simd, memory, linalg, mechanism, batch, regressor, dynamics, reduction,
+//! Modules form layers, in this order: error, simd, memory, exact, linalg, mechanism, batch, regressor, dynamics, reduction,
 //! loops, end_effector. Each uses only those before it.
 
 #![deny(missing_docs, unreachable_pub, clippy::undocumented_unsafe_blocks)]
@@ -20,6 +20,7 @@ mod batch;
 mod dynamics;
 mod end_effector;
 mod error;
+mod exact;
 mod linalg;
 mod loops;
 mod mechanism;
@@ -33,10 +34,12 @@ pub use dynamics::rnea::inverse_dynamics;
 pub use end_effector::apparent_mass::{ApparentMassQuery, apparent_mass};
 pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effector_dynamics};
 pub use error::Error;
+pub use exact::echelon::echelon;
+pub use exact::rows::{ExactStates, exact_rows};
 pub use loops::assembly::{
     ActiveTrajectory, AssemblyMode, ClosureTolerances, ContinuationStop, JointTrajectory, LinearClosure,
 };
-pub use loops::cut::{CutJoint, Frame, LoopClosure};
+pub use loops::cut::{CutJoint, CutKind, Frame, LoopClosure};
 pub use mechanism::closure::Closure;
 pub use mechanism::layout::structural_nonzeros;
 pub use mechanism::motion::Motion;

@@ -6,6 +6,7 @@
 mod arguments;
 mod arrays;
 mod end_effector;
+mod exact;
 mod loops;
 mod mechanism;
 mod threads;
@@ -54,6 +55,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
+    module.add_function(wrap_pyfunction!(exact::echelon, module)?)?;
+    module.add_function(wrap_pyfunction!(exact::exact_rows, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::end_effector_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::apparent_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))

@@ -4,7 +4,7 @@ use crate::arrays::row_major;
 use crate::threads::detached;
 use crate::to_python;
 use haptid_core::{
-    ActiveTrajectory, AssemblyMode, ClosureTolerances, CutJoint, Frame, Joint, JointTrajectory, LinearClosure,
+    ActiveTrajectory, AssemblyMode, ClosureTolerances, CutJoint, CutKind, Frame, Joint, JointTrajectory, LinearClosure,
     LoopClosure,
 };
 use numpy::{
@@ -59,12 +59,20 @@ impl PyLoops {
         rotation: PyReadonlyArray3<'_, f64>,
         translation: PyReadonlyArray2<'_, f64>,
         prismatic: Vec<bool>,
-        cuts: Vec<(bool, FrameArguments, FrameArguments)>,
+        cuts: Vec<(String, FrameArguments, FrameArguments)>,
         size: f64,
     ) -> PyResult<Self> {
         let joints = joints(&parent, &rotation, &translation, &prismatic)?;
-        let cut = |(prismatic, one, other)| CutJoint { prismatic, frame_a: frame(one), frame_b: frame(other) };
-        let cuts: Vec<CutJoint> = cuts.into_iter().map(cut).collect();
+        let cut = |(kind, one, other): (String, _, _)| {
+            let kind = match kind.as_str() {
+                "revolute" => CutKind::Revolute,
+                "prismatic" => CutKind::Prismatic,
+                "spherical" => CutKind::Spherical,
+                _ => return Err(PyValueError::new_err(format!("{kind} is no kind of cut"))),
+            };
+            Ok(CutJoint { kind, frame_a: frame(one), frame_b: frame(other) })
+        };
+        let cuts = cuts.into_iter().map(cut).collect::<PyResult<Vec<CutJoint>>>()?;
         LoopClosure::new(&joints, &cuts, size).map(PyLoops).map_err(to_python)
     }
 

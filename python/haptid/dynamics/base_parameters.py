@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import linalg
 
-from haptid._internal.arrays import Array, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.regressor import rows
 from haptid.errors import IdentifiabilityError
 
@@ -63,7 +62,7 @@ class BaseParameters:
     gap: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "regrouping", read_only(self.regrouping))
+        freeze_fields(self, "regrouping")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -106,7 +105,6 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
     active joints before those of passive joints.
 
     Args:
-        model: the dynamic model.
         seed: of the random states; the result does not depend on it.
     """
     return base_parameters_of(model, random_regressor(model, seed), model.device.base_tolerance)
@@ -116,7 +114,6 @@ def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseP
     """Base parameters of some rows of a regressor.
 
     Args:
-        model: the dynamic model.
         W: regressor of the standard parameters, (rows, standard parameters).
         tolerance: relative length below which a column counts as a combination of those before it.
     """
@@ -213,7 +210,7 @@ def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array
     lengths = np.linalg.norm(W, axis=0)
     scale = lengths[kept][:, None]
     R = Q.T @ (W[:, kept] / scale.T)  # of unit columns: parameters of small effect do not spoil its condition
-    coefficients = np.asarray(linalg.solve(R, Q.T @ W)) / scale if kept else np.zeros((0, W.shape[1]))
+    coefficients = np.linalg.solve(R, Q.T @ W) / scale if kept else np.zeros((0, W.shape[1]))
     # What a coefficient changes in a column, relative to that column: below ROUNDING it is noise.
     share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
     coefficients[share < _ROUNDING] = 0.0

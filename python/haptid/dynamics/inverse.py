@@ -14,7 +14,6 @@ def inverse_dynamics(model: DynamicModel, beta: ArrayLike, qa: Array, qda: Array
     """Joint-side torque of every row (motor or joint, as the device defines), (rows, samples), N m or N.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         qa: positions of the active joints, (active, samples), rad or m.
         qda: their velocities.
@@ -34,7 +33,6 @@ def mass_matrix(model: DynamicModel, beta: ArrayLike, qa: ArrayLike) -> Array:
     identifiable only as far as measured rows contain them.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         qa: positions of the active joints, (active, samples), rad or m.
 
@@ -71,7 +69,6 @@ def momentum(model: DynamicModel, chi: Array, c: Array, cd: Array) -> tuple[Arra
     Both without accelerations: row k of C' cd is the derivative of the kinetic energy along coordinate k.
 
     Args:
-        model: the dynamic model.
         chi: parameters of the core's columns, (r,), SI; only those of bodies and rotors count.
         c: positions of the torque rows' coordinates, (active, samples).
         cd: their velocities.
@@ -107,7 +104,6 @@ def core_mass(model: DynamicModel, chi: Array, c: Array) -> Array:
     """Mass matrix from parameters of the core's columns, (samples, rows, rows), kg m^2 (or kg, kg m).
 
     Args:
-        model: the dynamic model.
         chi: parameters of the core's columns, (r,) or several sets (sets, r), SI; only those of bodies and rotors
             count.
         c: positions of the torque rows' coordinates, (active, samples), of the first set, then of the second, ...

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid.device import Handle, poses
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
@@ -22,7 +22,6 @@ class HandleMotion:
     its frame. Its transpose maps a wrench at the handle's origin to torques of the active joints.
 
     Attributes:
-        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
         position: of the handle's origin in the base frame, (samples, 3), m.
         rotation: of its frame in the base frame, (samples, 3, 3).
@@ -36,12 +35,8 @@ class HandleMotion:
     jacobian: Array
 
     def __post_init__(self) -> None:
-        for name in ("qa", "position", "rotation", "jacobian"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
         samples, active = self.qa.shape[1], len(self.model.device.active)
-        expect("position", self.position.shape, (samples, 3))
-        expect("rotation", self.rotation.shape, (samples, 3, 3))
-        expect("jacobian", self.jacobian.shape, (samples, 6, active))
+        freeze_fields(self, "qa", position=(samples, 3), rotation=(samples, 3, 3), jacobian=(samples, 6, active))
 
     @cached_property
     def jacobian_in_handle(self) -> Array:
@@ -61,7 +56,6 @@ def link_poses(model: DynamicModel, qa: ArrayLike) -> Array:
     """Poses of all links' frames (normal form, z along the joint axis) in the base frame, (samples, joints, 4, 4), m.
 
     Args:
-        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:
@@ -77,7 +71,6 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
     2009, eq. 3.30), where joint j carries the handle; the loop constraints then project it: J = J_tree G.
 
     Args:
-        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:

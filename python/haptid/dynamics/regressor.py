@@ -25,7 +25,6 @@ class CoreChannels:
     """The core's input channels for a motion, (channels, n) each.
 
     Attributes:
-        model: the dynamic model.
         motion: positions, velocities and accelerations of the torque rows' coordinates, (3, rows, n).
         own: the columns that Python computes, (externals, n).
         loops: inputs for joints whose rates vary; no channels where there are none.

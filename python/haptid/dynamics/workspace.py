@@ -9,7 +9,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, WorkspaceError
@@ -43,7 +43,6 @@ class Workspace:
     """Poses of a device inside all of its limits; see `workspace`.
 
     Attributes:
-        model: the dynamic model.
         limits: of every active joint, (active, 2), rad or m.
         coupled: indices of the passive joints that have limits.
         ranges: of their positions, (couplings, 2), rad or m.
@@ -57,10 +56,7 @@ class Workspace:
     box: Box | None
 
     def __post_init__(self) -> None:
-        for name in ("limits", "ranges"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("limits", self.limits.shape, (len(self.model.device.active), 2))
-        expect("ranges", self.ranges.shape, (len(self.coupled), 2))
+        freeze_fields(self, limits=(len(self.model.device.active), 2), ranges=(len(self.coupled), 2))
         if self.box is not None:
             handle_of(self.model)
 
@@ -122,7 +118,6 @@ def workspace(
     """The workspace of a device: the limits of its file, some of them replaced.
 
     Args:
-        model: the dynamic model.
         limits: of joints by name, active or passive, rad or m; None for no limit. Limits of a passive joint are limits
             of a combination of active ones, such as a parallelogram's coupling.
         box: of the handle's origin, if any.

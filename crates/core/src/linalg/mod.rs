@@ -2,6 +2,8 @@
 //! three-vectors.
 
 pub(crate) mod jacobi_svd;
+pub(crate) mod lane_gram;
+pub(crate) mod preconditioned_gram;
 pub(crate) mod small_qr;
 pub(crate) mod tsqr;
 pub(crate) mod vector;

@@ -100,7 +100,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -160,7 +160,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -184,7 +184,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -207,7 +207,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -231,7 +231,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -273,7 +273,7 @@ impl AssemblyMode {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
     /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
     /// # let mut start = [1., -0.3, 1.5];
     /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
@@ -388,7 +388,7 @@ impl AssemblyMode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::loops::cut::{CutJoint, Frame};
+    use crate::loops::cut::{CutJoint, CutKind, Frame};
     use crate::mechanism::Joint;
 
     const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
@@ -398,7 +398,7 @@ mod tests {
     fn four_bar(reach: f64) -> AssemblyMode {
         let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
         let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-        let cut = CutJoint { prismatic: false, frame_a: tip(1, reach), frame_b: tip(2, 0.3) };
+        let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, reach), frame_b: tip(2, 0.3) };
         let loops =
             LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4).expect("four bars");
         let mut start = [1.0, -0.3, 1.5];

@@ -2,7 +2,7 @@
 //!
 //! The gaps of a cut joint are those of the two frames that it brings together: of a revolute joint the distance of the
 //! origins and the difference of the z axes; of a prismatic one the distance perpendicular to the second frame's z, and
-//! the differences of the x and z axes. Directions are weighted by the length scale, so that all gaps are lengths. A
+//! the differences of the x and z axes; of a spherical one the distance of the origins alone. Directions are weighted by the length scale, so that all gaps are lengths. A
 //! joint j that carries a frame moves its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and zero if
 //! it is prismatic.
 
@@ -24,11 +24,22 @@ pub struct Frame {
     pub translation: [f64; 3],
 }
 
+/// Kind of a cut joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CutKind {
+    /// The origins and z axes of both frames coincide.
+    Revolute,
+    /// The z axes are one line, and the orientations are equal.
+    Prismatic,
+    /// The origins coincide.
+    Spherical,
+}
+
 /// A cut joint: the two frames that it brings together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutJoint {
-    /// Whether the joint is prismatic; otherwise it is revolute.
-    pub prismatic: bool,
+    /// What it leaves free.
+    pub kind: CutKind,
     /// Frame on one side of the cut.
     pub frame_a: Frame,
     /// Frame on the other side, along whose axes the gaps of a prismatic joint are measured.
@@ -37,7 +48,11 @@ pub struct CutJoint {
 
 impl CutJoint {
     pub(crate) fn gaps(&self) -> usize {
-        if self.prismatic { 8 } else { 6 }
+        match self.kind {
+            CutKind::Revolute => 6,
+            CutKind::Prismatic => 8,
+            CutKind::Spherical => 3,
+        }
     }
 }
 
@@ -73,7 +88,7 @@ impl LoopClosure {
     /// const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     /// let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
     /// # Ok::<(), haptid_core::Error>(())
     /// ```
@@ -139,7 +154,7 @@ impl LoopClosure {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
     /// // One cut revolute joint: three distances, three differences of directions.
     /// assert_eq!(loops.gaps(), 6);
@@ -158,7 +173,7 @@ impl LoopClosure {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
     /// assert_eq!(loops.joints(), 2);
     /// # Ok::<(), haptid_core::Error>(())

@@ -1,7 +1,7 @@
 //! Gaps of cut joints, and their Jacobian with respect to all joints.
 
 use crate::error::{Error, expect_length};
-use crate::loops::cut::{LoopClosure, SHARE};
+use crate::loops::cut::{CutKind, LoopClosure, SHARE};
 use crate::loops::pose::{Placement, Pose, Vector, dot, sub};
 use crate::simd::real::Number;
 use rayon::prelude::*;
@@ -41,10 +41,10 @@ impl LoopClosure {
         self.place(q, state);
         let mut first = 0;
         for (k, cut) in self.cuts.iter().enumerate() {
-            if cut.prismatic {
-                self.measure_cut::<N, PrismaticCut>(k, first, state);
-            } else {
-                self.measure_cut::<N, RevoluteCut>(k, first, state);
+            match cut.kind {
+                CutKind::Revolute => self.measure_cut::<N, RevoluteCut>(k, first, state),
+                CutKind::Prismatic => self.measure_cut::<N, PrismaticCut>(k, first, state),
+                CutKind::Spherical => self.measure_cut::<N, SphericalCut>(k, first, state),
             }
             first += cut.gaps();
         }
@@ -58,25 +58,12 @@ impl LoopClosure {
         for (k, cut) in self.cuts.iter().enumerate() {
             let [frame_a, frame_b] = self.frames(k, state);
             let difference = FrameDifference::between(&frame_a, &frame_b);
+            let (size, axes, none) = (self.length_scale, &difference.axes_b, [N::constant(0.0); 3]);
             let gaps = &mut state.gaps[first..];
-            if cut.prismatic {
-                PrismaticCut::entries(
-                    self.length_scale,
-                    &difference.axes_b,
-                    [N::constant(0.0); 3],
-                    &difference,
-                    gaps,
-                    1,
-                );
-            } else {
-                RevoluteCut::entries(
-                    self.length_scale,
-                    &difference.axes_b,
-                    [N::constant(0.0); 3],
-                    &difference,
-                    gaps,
-                    1,
-                );
+            match cut.kind {
+                CutKind::Revolute => RevoluteCut::entries(size, axes, none, &difference, gaps, 1),
+                CutKind::Prismatic => PrismaticCut::entries(size, axes, none, &difference, gaps, 1),
+                CutKind::Spherical => SphericalCut::entries(size, axes, none, &difference, gaps, 1),
             }
             first += cut.gaps();
         }
@@ -99,7 +86,7 @@ impl LoopClosure {
 
     /// Gaps of cut joint k, from `first` on, and their Jacobian.
     #[inline(always)]
-    fn measure_cut<N: Number, K: CutKind>(&self, k: usize, first: usize, state: &mut LoopState<N>) {
+    fn measure_cut<N: Number, K: GapEquations>(&self, k: usize, first: usize, state: &mut LoopState<N>) {
         let (n, [frame_a, frame_b]) = (self.joints.len(), self.frames(k, state));
         let whole = FrameDifference::between(&frame_a, &frame_b);
         K::entries(self.length_scale, &frame_b.axes, [N::constant(0.0); 3], &whole, &mut state.gaps[first..], 1);
@@ -129,7 +116,7 @@ impl LoopClosure {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
     /// // Two bars of 0.5 and 0.4 m, 0.6 m apart, that point at each other.
     /// let (mut gaps, mut jacobian) = ([0.; 6], [0.; 12]);
@@ -173,7 +160,7 @@ impl<N: Number> FrameDifference<N> {
 
 /// Gaps of a cut joint as a function of the frames' difference, in which they are linear but for the axes along which a
 /// distance is measured.
-trait CutKind {
+trait GapEquations {
     /// Write the gaps, `after` numbers apart. In a derivative, the rates of the axes are multiplied by `distance`.
     fn entries<N: Number>(
         size: f64,
@@ -191,7 +178,26 @@ struct RevoluteCut;
 /// Cut prismatic joint.
 struct PrismaticCut;
 
-impl CutKind for RevoluteCut {
+/// Cut spherical joint.
+struct SphericalCut;
+
+impl GapEquations for SphericalCut {
+    #[inline(always)]
+    fn entries<N: Number>(
+        _: f64,
+        _: &[Vector<N>; 3],
+        _: Vector<N>,
+        difference: &FrameDifference<N>,
+        out: &mut [N],
+        after: usize,
+    ) {
+        for e in 0..3 {
+            out[e * after] = difference.distance[e];
+        }
+    }
+}
+
+impl GapEquations for RevoluteCut {
     #[inline(always)]
     fn entries<N: Number>(
         size: f64,
@@ -208,7 +214,7 @@ impl CutKind for RevoluteCut {
     }
 }
 
-impl CutKind for PrismaticCut {
+impl GapEquations for PrismaticCut {
     #[inline(always)]
     fn entries<N: Number>(
         size: f64,
@@ -234,7 +240,7 @@ mod tests {
     use crate::mechanism::Joint;
     use crate::simd::real::Dual;
 
-    /// Four bars in a plane, the last joint cut, and a prismatic loop in addition.
+    /// Four bars in a plane, the last joint cut, and a prismatic and a spherical loop in addition.
     fn bars() -> LoopClosure {
         let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let aside = [0., 0., 1., 1., 0., 0., 0., 1., 0.];
@@ -242,8 +248,9 @@ mod tests {
         let slider = Joint { parent: Some(2), rotation: aside, translation: [0.2, 0.0, 0.1], prismatic: true };
         let frame = |link, x| Frame { link, rotation: aside, translation: [x, 0.0, 0.3] };
         let cuts = [
-            CutJoint { prismatic: false, frame_a: frame(Some(1), 0.5), frame_b: frame(Some(2), 0.4) },
-            CutJoint { prismatic: true, frame_a: frame(Some(3), 0.1), frame_b: frame(Some(0), 0.2) },
+            CutJoint { kind: CutKind::Revolute, frame_a: frame(Some(1), 0.5), frame_b: frame(Some(2), 0.4) },
+            CutJoint { kind: CutKind::Prismatic, frame_a: frame(Some(3), 0.1), frame_b: frame(Some(0), 0.2) },
+            CutJoint { kind: CutKind::Spherical, frame_a: frame(Some(3), 0.2), frame_b: frame(Some(1), -0.1) },
         ];
         LoopClosure::new(&[bar(None, 0.0), bar(Some(0), 0.3), bar(None, 0.6), slider], &cuts, 0.6).expect("four bars")
     }

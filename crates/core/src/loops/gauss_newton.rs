@@ -9,6 +9,8 @@ use rayon::prelude::*;
 const MAX_STEP: f64 = 0.7;
 /// Damping relative to the trace: far below what would slow the convergence of the last steps.
 const DAMPING: f64 = 1e-13;
+/// Most steps that may be asked for: each takes a fixed time, and what is not closed after these never will be.
+const MOST_STEPS: usize = 10_000;
 
 impl LoopClosure {
     /// Move the unknown joints at every sample (samples x joints) until the gaps are as small as they can be: damped
@@ -22,7 +24,7 @@ impl LoopClosure {
     /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
     /// // Two bars of 0.5 and 0.4 m, 0.6 m apart, meet as the law of cosines says.
     /// let mut q = [0.5, 2.0];
@@ -35,6 +37,9 @@ impl LoopClosure {
         expect_length("q", q.len(), q.len().checked_div(n).unwrap_or(0) * n)?;
         if let Some(&got) = unknown.iter().find(|&&j| j >= n) {
             return Err(Error::Index { name: "unknown joint", got, limit: n });
+        }
+        if steps > MOST_STEPS {
+            return Err(Error::Index { name: "number of steps", got: steps, limit: MOST_STEPS + 1 });
         }
         q.par_chunks_mut(SHARE * n.max(1)).for_each(|q| {
             let (mut state, mut system) = (self.state::<f64>(), NormalEquations::new(unknown.len()));

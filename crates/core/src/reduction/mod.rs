@@ -3,3 +3,4 @@
 pub(crate) mod dense;
 pub(crate) mod fir;
 pub(crate) mod reduce;
+mod reducer;

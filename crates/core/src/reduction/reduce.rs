@@ -1,30 +1,22 @@
 //! Reduction: rows are computed, filtered, decimated and folded into one triangle per motor and time block, in one
 //! pass.
 
-use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
-use crate::linalg::tsqr::{CompactPanel, fold, merge};
+use crate::linalg::preconditioned_gram::Preconditioner;
+use crate::linalg::tsqr::merge;
 use crate::mechanism::Mechanism;
-use crate::mechanism::layout::{EntryMap, check_columns, structural_nonzeros};
+use crate::mechanism::layout::{check_columns, structural_nonzeros};
 use crate::mechanism::motion::Motion;
-use crate::memory::aligned::Aligned;
 use crate::reduction::fir::FirFilter;
-use crate::regressor::rows::{Workspace, rows};
-use crate::simd::lane::MAX_WIDTH;
+use crate::reduction::reducer::{Reducer, Task};
+use crate::regressor::rows::Workspace;
 use rayon::prelude::*;
-use std::mem::take;
 use std::ops::Range;
 
-/// Samples computed at a time, and rows folded at a time.
-const CHUNK: usize = 256;
-const FOLD: usize = CHUNK;
 /// Starting threads costs more than the work on this many samples.
 const SINGLE_THREAD: usize = 2000;
 /// Rows of a long block that are reduced as one task; the triangles of a block's tasks are merged.
 const PIECE: usize = 2048;
-/// Padding of runs, so that their distance is no multiple of 4 KiB.
-const PAD: usize = MAX_WIDTH;
-
 /// What to reduce, and into which blocks.
 #[derive(Debug, Clone, Copy)]
 pub struct Reduction<'a> {
@@ -99,59 +91,137 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
     let filter = check(mechanism, motion, reduction)?;
     let nonzero = structural_nonzeros(mechanism, reduction.columns)?;
     let p = reduction.columns.len();
-    let nonzero_of: Vec<Vec<usize>> =
+    let nonzero: Vec<Vec<usize>> =
         (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| nonzero[a * p + c]).collect()).collect();
-    let pieces = pieces(reduction);
-    let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
+    let task = Task { mechanism, motion, reduction, filter: &filter, nonzero: &nonzero };
+    let mut blocks = (0..reduction.rows)
+        .step_by(reduction.block)
+        .map(|begin| {
+            let rows = begin..begin.saturating_add(reduction.block).min(reduction.rows);
+            Ok(Block { routes: routes(task, &rows)?, rows, factors: Vec::new() })
+        })
+        .collect::<Result<Vec<Block>, Error>>()?;
+    reduce_blocks(task, blocks.iter_mut().collect());
+    // What a Gram matrix lost is computed again, by reflections.
+    let mut lost = Vec::new();
+    for block in blocks.iter_mut().filter(|block| block.factors.iter().any(Option::is_none)) {
+        block.routes.clear();
+        lost.push(block);
+    }
+    reduce_blocks(task, lost);
+    let factors = |a: usize, columns: &Vec<usize>| {
+        let of_block = |block: &Block| block.factors[a].as_ref().map(|r| transpose(r, columns.len() + 1));
+        RFactors { columns: columns.clone(), blocks: blocks.iter().filter_map(of_block).collect() }
+    };
+    Ok(nonzero.iter().enumerate().map(|(a, columns)| factors(a, columns)).collect())
+}
+
+/// A time block: its rows, how each motor's are reduced (by reflections where there is no preconditioner), and the R
+/// factors, column-major; `None` where the Gram matrix lost too much.
+struct Block {
+    rows: Range<usize>,
+    routes: Vec<Option<Preconditioner>>,
+    factors: Vec<Option<Vec<f64>>>,
+}
+
+/// Compute the factors of some blocks.
+fn reduce_blocks(task: Task, mut blocks: Vec<&mut Block>) {
+    // Long blocks are several tasks, so that they are divided among threads too.
+    let tasks = |block: &Block| {
+        let (end, of_block) = (block.rows.end, block.rows.clone().step_by(PIECE));
+        of_block.map(move |from| from..end.min(from + PIECE)).collect::<Vec<_>>()
+    };
+    let pieces: Vec<(usize, Range<usize>)> =
+        blocks.iter().enumerate().flat_map(|(b, block)| tasks(block).into_iter().map(move |rows| (b, rows))).collect();
+    let samples = task.reduction.decimation * pieces.iter().map(|(_, rows)| rows.len()).sum::<usize>();
+    let threads = if samples < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
     // Several parts per thread balance the load; each part reads one window more than its own samples.
     let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
-    let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
     let run = |k: usize| {
-        Workspace::with(mechanism, |workspace| {
-            let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &nonzero_of, workspace);
-            part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
+        Workspace::with(task.mechanism, |workspace| {
+            let mut reducer = Reducer::new(task, workspace);
+            let part = &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
+            part.iter().map(|(b, rows)| reducer.piece(rows.clone(), &blocks[*b].routes)).collect::<Vec<_>>()
         })
     };
     let done: Vec<Vec<Vec<Vec<f64>>>> =
         if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
-    let factors: Vec<Vec<Vec<f64>>> = done.into_iter().flatten().collect();
-    Ok(nonzero_of
-        .into_iter()
-        .enumerate()
-        .map(|(a, columns)| gather(mechanism, reduction, &pieces, &factors, a, columns))
-        .collect())
-}
-
-/// Rows of every block in tasks of limited length, so that long blocks are divided among threads too.
-fn pieces(reduction: &Reduction) -> Vec<Range<usize>> {
-    let Reduction { rows, block, .. } = *reduction;
-    let of_block = |begin: usize| {
-        let end = begin.saturating_add(block).min(rows);
-        (begin..end).step_by(PIECE).map(move |from| from..end.min(from + PIECE))
-    };
-    (0..rows).step_by(block).flat_map(of_block).collect()
-}
-
-/// One motor's factors, row-major, after merging the tasks of each block.
-fn gather(
-    mechanism: &Mechanism,
-    reduction: &Reduction,
-    pieces: &[Range<usize>],
-    factors: &[Vec<Vec<f64>>],
-    a: usize,
-    columns: Vec<usize>,
-) -> RFactors {
-    let (size, mut rows) = (columns.len() + 1, Vec::new());
-    let mut blocks: Vec<Vec<f64>> = Vec::new();
-    for (piece, factors) in pieces.iter().zip(factors) {
-        match blocks.last_mut() {
-            Some(block) if !piece.start.is_multiple_of(reduction.block) => {
-                merge(mechanism.backend, block, &factors[a], size, &mut rows)
-            }
-            _ => blocks.push(factors[a].clone()),
-        }
+    let mut parts: Vec<Vec<Vec<Vec<f64>>>> = vec![Vec::new(); blocks.len()];
+    for ((b, _), factors) in pieces.iter().zip(done.into_iter().flatten()) {
+        parts[*b].push(factors);
     }
-    RFactors { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
+    for (block, parts) in blocks.iter_mut().zip(parts) {
+        block.factors = (0..task.nonzero.len())
+            .map(|a| {
+                let own = parts.iter().map(|part| &part[a]);
+                match block.routes.get(a).and_then(Option::as_ref) {
+                    Some(preconditioner) => preconditioner.r_factor(&sum(own)),
+                    None => Some(merged(task, own, task.nonzero[a].len() + 1)),
+                }
+            })
+            .collect();
+    }
+}
+
+/// The sum of matrices of one size, in order.
+fn sum<'a>(matrices: impl Iterator<Item = &'a Vec<f64>>) -> Vec<f64> {
+    let add = |mut total: Vec<f64>, one: &Vec<f64>| {
+        total.iter_mut().zip(one).for_each(|(total, x)| *total += x);
+        total
+    };
+    let mut matrices = matrices;
+    let first = matrices.next().cloned().unwrap_or_default();
+    matrices.fold(first, add)
+}
+
+/// One triangle from several of this size, in order.
+fn merged<'a>(task: Task, triangles: impl Iterator<Item = &'a Vec<f64>>, size: usize) -> Vec<f64> {
+    let (mut triangles, mut rows) = (triangles, Vec::new());
+    let mut first = triangles.next().cloned().unwrap_or_default();
+    triangles.for_each(|other| merge(task.mechanism.backend, &mut first, other, size, &mut rows));
+    first
+}
+
+/// Rows by which a preconditioner is chosen, for each column, and at least; a block is worth one if it is longer than
+/// `WORTH` times these.
+const FEW: usize = 3;
+const LEAST_FEW: usize = 128;
+const WORTH: usize = 8;
+
+/// How each motor's rows of a block are reduced: by a preconditioned Gram matrix where the block is long, nothing is
+/// filtered, and a few of its rows tell a preconditioner.
+fn routes(task: Task, block: &Range<usize>) -> Result<Vec<Option<Preconditioner>>, Error> {
+    let Task { mechanism, motion, reduction, filter, nonzero } = task;
+    let few = LEAST_FEW.max(FEW * nonzero.iter().map(|columns| columns.len() + 1).max().unwrap_or(0));
+    if !filter.is_identity() || block.len() < WORTH * few {
+        return Ok(Vec::new());
+    }
+    // Multiples of the golden section spread over the block, and are in step with no period of the motion.
+    let spread = |k: usize| block.start + ((k as f64 * 0.618_033_988_749_895).fract() * block.len() as f64) as usize;
+    let mut at: Vec<usize> = (0..few).map(spread).collect();
+    at.sort_unstable();
+    let samples: Vec<usize> = at.iter().map(|row| reduction.first + row).collect();
+    let picked = |channels: &[f64], length: usize, at: &[usize]| -> Vec<f64> {
+        channels.chunks_exact(length.max(1)).flat_map(|channel| at.iter().map(|&k| channel[k])).collect()
+    };
+    let of_motion = |channels: &[f64]| picked(channels, motion.samples, &samples);
+    let (position, velocity) = (of_motion(motion.position), of_motion(motion.velocity));
+    let (acceleration, external) = (motion.acceleration.map(of_motion), of_motion(motion.external));
+    let (loops, torque) = (of_motion(motion.loops), of_motion(reduction.torque));
+    let weights = picked(reduction.weights, reduction.rows, &at);
+    let some = Motion {
+        samples: few,
+        position: &position,
+        velocity: &velocity,
+        acceleration: acceleration.as_deref(),
+        external: &external,
+        loops: &loops,
+    };
+    let short = Reduction { torque: &torque, weights: &weights, first: 0, rows: few, block: few, ..*reduction };
+    let of_motor = |motor: RFactors| {
+        Preconditioner::new(&transpose(&motor.blocks[0], motor.columns.len() + 1), motor.columns.len() + 1)
+    };
+    Ok(reduce(mechanism, &some, &short)?.into_iter().map(of_motor).collect())
 }
 
 fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<FirFilter, Error> {
@@ -176,213 +246,6 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
         return Err(Error::Window { first, rows, half, decimation, samples: motion.samples });
     }
     Ok(filter)
-}
-
-/// Buffers of one thread: raw columns under the filter's window, and decimated rows.
-struct Reducer<'a> {
-    mechanism: &'a Mechanism,
-    motion: &'a Motion<'a>,
-    reduction: &'a Reduction<'a>,
-    filter: &'a FirFilter,
-    nonzero: &'a [Vec<usize>],
-    workspace: &'a mut Workspace,
-    raw: RawRows,
-    /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
-    decimated: Aligned,
-    panels: Vec<CompactPanel>,
-}
-
-/// Raw columns, one run per entry (motor, nonzero column or torque), with samples `from..from + stored`; without
-/// accelerations the momenta of these entries follow in runs of their own.
-struct RawRows {
-    numbers: Aligned,
-    run: usize,
-    from: usize,
-    stored: usize,
-    sets: Vec<EntryMap>,
-    /// First run of each motor, and one past the last.
-    motors: Vec<usize>,
-    /// Entries whose momenta follow, in this order.
-    with_momentum: Vec<usize>,
-}
-
-impl RawRows {
-    fn new(
-        mechanism: &Mechanism,
-        sets: usize,
-        columns: &[usize],
-        nonzero: &[Vec<usize>],
-        filter: &FirFilter,
-        mut numbers: Aligned,
-    ) -> RawRows {
-        let (na, all) = (mechanism.coordinates(), mechanism.columns());
-        let longest = filter.padded_length() + CHUNK;
-        let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
-        let entries = 1 + nonzero.iter().map(|nonzero| nonzero.len() + 1).sum::<usize>();
-        let mut place = vec![None; sets * na * all];
-        let (mut motors, mut with_momentum) = (vec![1], Vec::new());
-        for (a, nonzero) in nonzero.iter().enumerate() {
-            for (entry, &c) in (motors[a]..).zip(nonzero) {
-                let column = columns[c];
-                // Of two sets the first holds the momenta.
-                place[((sets - 1) * na + a) * all + column] = Some(entry);
-                if sets == 2 && mechanism.has_momentum(column) {
-                    place[a * all + column] = Some(entries + with_momentum.len());
-                    with_momentum.push(entry);
-                }
-            }
-            motors.push(motors[a] + nonzero.len() + 1);
-        }
-        let sets = (0..sets).map(|set| EntryMap::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
-        numbers.clear((entries + with_momentum.len()) * run);
-        RawRows { numbers, run, from: 0, stored: 0, sets, motors, with_momentum }
-    }
-
-    fn entry(&self, entry: usize) -> &[f64] {
-        &self.numbers[entry * self.run..][..self.run]
-    }
-
-    /// Drop the samples before `from`.
-    fn drop_before(&mut self, from: usize) {
-        let gone = from.saturating_sub(self.from).min(self.stored);
-        if gone > 0 {
-            let left = self.stored - gone;
-            for run in self.numbers.chunks_exact_mut(self.run) {
-                run.copy_within(gone..gone + left, 0);
-            }
-            self.stored = left;
-        }
-        self.from = if self.stored == 0 { from } else { self.from + gone };
-    }
-
-    /// Append the next samples, at most a chunk of them and none from `end` on.
-    fn extend(&mut self, reducer: (&Mechanism, &Motion, &Reduction), end: usize, workspace: &mut Workspace) {
-        let (mechanism, motion, reduction) = reducer;
-        let next = self.from + self.stored;
-        let count = CHUNK.min(end - next);
-        // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane; `numbers` is borrowed by
-        // nobody else.
-        unsafe {
-            let out = EntryRuns { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.stored);
-            rows(mechanism, motion, next, count, &self.sets, out, workspace);
-        }
-        for (a, motor) in self.motors.windows(2).enumerate() {
-            let torque = &reduction.torque[a * motion.samples + next..][..count];
-            self.numbers[(motor[1] - 1) * self.run + self.stored..][..count].copy_from_slice(torque);
-        }
-        self.stored += count;
-    }
-}
-
-impl<'a> Reducer<'a> {
-    fn new(
-        mechanism: &'a Mechanism,
-        motion: &'a Motion<'a>,
-        reduction: &'a Reduction<'a>,
-        filter: &'a FirFilter,
-        nonzero: &'a [Vec<usize>],
-        workspace: &'a mut Workspace,
-    ) -> Reducer<'a> {
-        let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
-        let raw = RawRows::new(mechanism, motion.sets(), reduction.columns, nonzero, filter, numbers);
-        decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
-        Reducer { mechanism, motion, reduction, filter, nonzero, workspace, raw, decimated, panels: Vec::new() }
-    }
-
-    /// Triangles of some rows, one per motor, column-major.
-    fn piece(&mut self, piece: Range<usize>) -> Vec<Vec<f64>> {
-        let mut triangles: Vec<Vec<f64>> = self.nonzero.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
-        for from in piece.clone().step_by(FOLD) {
-            let to = piece.end.min(from + FOLD);
-            self.decimate(from, to);
-            self.weigh(from, to);
-            for (a, triangle) in triangles.iter_mut().enumerate() {
-                let motor = self.raw.motors[a] * (FOLD + PAD)..self.raw.motors[a + 1] * (FOLD + PAD);
-                let columns = self.nonzero[a].len() + 1;
-                let rows = (&mut self.decimated[motor], to - from, FOLD + PAD);
-                fold(self.mechanism.backend, triangle, columns, rows, &mut self.panels);
-            }
-        }
-        triangles
-    }
-
-    /// Filter rows `from..to` into `decimated`, with zeros after them up to a whole lane.
-    fn decimate(&mut self, from: usize, to: usize) {
-        if self.filter.is_identity() {
-            self.copy(from, to)
-        } else {
-            self.filter(from, to)
-        }
-        for decimated in self.decimated.chunks_exact_mut(FOLD + PAD) {
-            decimated[to - from..(to - from).next_multiple_of(MAX_WIDTH)].fill(0.0);
-        }
-    }
-
-    /// Without a filter the raw columns are the rows; they are exchanged, not copied.
-    fn copy(&mut self, from: usize, to: usize) {
-        (self.raw.from, self.raw.stored) = (self.reduction.first + from, 0);
-        let reducer = (self.mechanism, self.motion, self.reduction);
-        self.raw.extend(reducer, self.reduction.first + to, self.workspace);
-        std::mem::swap(&mut self.raw.numbers, &mut self.decimated);
-    }
-
-    fn filter(&mut self, from: usize, to: usize) {
-        let Reduction { first, .. } = *self.reduction;
-        let (d, half) = (self.filter.decimation, self.filter.half());
-        let centre = |row: usize| first + row * d;
-        let samples = centre(to - 1) + half + 1;
-        let mut row = from;
-        while row < to {
-            self.raw.drop_before(centre(row) - half);
-            let reducer = (self.mechanism, self.motion, self.reduction);
-            self.raw.extend(reducer, samples, self.workspace);
-            let seen = self.raw.from + self.raw.stored;
-            let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
-            let ready = ready.clamp(row, to);
-            let start = centre(row) - half - self.raw.from;
-            self.add(start, row - from..ready - from);
-            row = ready;
-        }
-    }
-
-    /// Filter columns and torques into some of the decimated rows, and add the derivatives of the momenta.
-    fn add(&mut self, start: usize, rows: Range<usize>) {
-        let (backend, filter, raw) = (self.mechanism.backend, self.filter, &self.raw);
-        for (entry, decimated) in self.decimated.chunks_exact_mut(FOLD + PAD).enumerate().skip(1) {
-            decimated[rows.clone()].fill(0.0);
-            filter.add(backend, &filter.taps, raw.entry(entry), start, &mut decimated[rows.clone()]);
-        }
-        let entries = raw.motors[raw.motors.len() - 1];
-        for (momentum, &entry) in (entries..).zip(&raw.with_momentum) {
-            let decimated = &mut self.decimated[entry * (FOLD + PAD)..][rows.clone()];
-            filter.add(backend, &filter.derivative_taps, raw.entry(momentum), start, decimated);
-        }
-    }
-
-    fn weigh(&mut self, from: usize, to: usize) {
-        if self.reduction.weights.is_empty() {
-            return;
-        }
-        for (a, motor) in self.raw.motors.windows(2).enumerate() {
-            let weights = &self.reduction.weights[a * self.reduction.rows..][from..to];
-            if weights.iter().all(|&w| w == 1.0) {
-                continue;
-            }
-            for run in motor[0]..motor[1] {
-                let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
-                // Selected, not multiplied: a row that is dropped may hold NaN.
-                column.iter_mut().zip(weights).for_each(|(x, &w)| *x = if w == 0.0 { 0.0 } else { *x * w });
-            }
-        }
-    }
-}
-
-impl Drop for Reducer<'_> {
-    /// Return the buffers to the thread's workspace.
-    fn drop(&mut self) {
-        self.workspace.raw = take(&mut self.raw.numbers);
-        self.workspace.decimated = take(&mut self.decimated);
-    }
 }
 
 /// A column-major matrix as row-major.

@@ -1,7 +1,7 @@
 //! Assembly and continuation of a four-bar linkage.
 
 use haptid_core::{
-    ActiveTrajectory, AssemblyMode, Backend, ClosureTolerances, ContinuationStop, CutJoint, Frame, Joint,
+    ActiveTrajectory, AssemblyMode, Backend, ClosureTolerances, ContinuationStop, CutJoint, CutKind, Frame, Joint,
     JointTrajectory, LinearClosure, LoopClosure,
 };
 
@@ -12,7 +12,7 @@ const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
 fn four_bar(reach: f64) -> AssemblyMode {
     let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
     let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
-    let cut = CutJoint { prismatic: false, frame_a: tip(1, reach), frame_b: tip(2, 0.3) };
+    let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(1, reach), frame_b: tip(2, 0.3) };
     let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4).expect("four bars");
     let mut start = [1.0, -0.3, 1.5];
     loops.close(&mut start, &[1, 2], 60, 1e-12).expect("shapes");
@@ -104,10 +104,11 @@ fn two_bars_meet_where_the_law_of_cosines_says() {
     let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
     let bar = |x| Joint { parent: None, rotation: eye, translation: [x, 0., 0.], prismatic: false };
     let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
-    let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    let cut = CutJoint { kind: CutKind::Revolute, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
     let loops = LoopClosure::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
     let mut q = [0.5, 2.0].repeat(300);
     loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
+    assert!(loops.close(&mut q, &[0, 1], usize::MAX, 1e-12).is_err(), "as many steps would never end");
     let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);
     for q in q.chunks_exact(2) {
         assert!((q[0].cos() - first).abs() < 1e-10 && (-q[1].cos() - second).abs() < 1e-10, "{q:?}");

@@ -69,27 +69,77 @@ fn r_factors_keep_the_inner_products_of_filtered_and_weighted_rows() {
     }
 }
 
+/// A reduction of a whole motion, with this filter.
+fn whole<'a>(samples: usize, torque: &'a [f64], taps: &'a [f64], decimation: usize) -> Reduction<'a> {
+    let rows = (samples - taps.len()) / decimation + 1;
+    let first = taps.len() / 2;
+    Reduction {
+        columns: &COLUMNS,
+        torque,
+        taps,
+        derivative_taps: &[],
+        decimation,
+        first,
+        rows,
+        block: rows,
+        weights: &[],
+    }
+}
+
 /// Long blocks are reduced in several tasks; the number of threads does not matter.
 #[test]
 fn factors_do_not_depend_on_the_number_of_threads() {
     let (mechanism, channels) = (closed_chain(Backend::best(), false), Channels::new(20_011, false));
-    let torque = vec![1.0; 3 * channels.samples];
-    let reduction = Reduction {
-        columns: &COLUMNS,
-        torque: &torque,
-        taps: &[1.0],
-        derivative_taps: &[],
-        decimation: 1,
-        first: 0,
-        rows: channels.samples,
-        block: channels.samples,
-        weights: &[],
-    };
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| reduce(&mechanism, &channels.motion(true), &reduction).expect("shapes"))
-    };
-    assert_eq!(run(1), run(3));
+    let torque: Vec<f64> = (0..3 * channels.samples).map(|k| (k as f64 * 0.9).cos()).collect();
+    let taps: Vec<f64> = (0..27).map(|k| 0.1 + (f64::from(k) * 0.3).sin()).collect();
+    for (taps, decimation, block) in [(&[1.0][..], 1, usize::MAX), (&taps, 1, 5000), (&taps, 3, 70)] {
+        let reduction = Reduction { block, ..whole(channels.samples, &torque, taps, decimation) };
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| reduce(&mechanism, &channels.motion(true), &reduction).expect("shapes"))
+        };
+        assert_eq!(run(1), run(3));
+    }
+}
+
+/// Long blocks without a filter are reduced by Gram matrices, short ones by reflections.
+#[test]
+fn long_blocks_have_the_inner_products_of_short_ones() {
+    let channels = Channels::new(5003, false);
+    let n = channels.samples;
+    let smooth: Vec<f64> = (0..3 * n).map(|k| (k as f64 * 0.9).cos()).collect();
+    let mut burst = smooth.clone();
+    burst[n - 3..n].fill(1e9);
+    let mut missing = smooth.clone();
+    missing[n + 700] = f64::NAN;
+    let dropped: Vec<f64> = (0..3 * n).map(|k| if k % 7 == 0 { 0.0 } else { 1.5 }).collect();
+    assert_eq!((n + 700) % 7, 5, "the missing sample counts unless it is dropped");
+    let kept_out: Vec<f64> = (0..3 * n).map(|k| if k == n + 700 { 0.0 } else { 1.0 }).collect();
+    for backend in Backend::available() {
+        let mechanism = closed_chain(backend, false);
+        for (torque, weights) in [(&smooth, &[][..]), (&burst, &[]), (&smooth, &dropped), (&missing, &kept_out)] {
+            let long = Reduction { weights, ..whole(n, torque, &[1.0], 1) };
+            let made =
+                |block| reduce(&mechanism, &channels.motion(true), &Reduction { block, ..long }).expect("shapes");
+            for (long, short) in made(n).iter().zip(made(500)) {
+                let size = long.columns.len() + 1;
+                let mut wanted = vec![0.0; size * size];
+                for block in &short.blocks {
+                    wanted.iter_mut().zip(gram(block, size)).for_each(|(sum, x)| *sum += x);
+                }
+                let got = gram(&long.blocks[0], size);
+                let length = |k: usize| wanted[k * size + k].sqrt().max(1e-100);
+                for k in 0..size * size {
+                    let apart = (got[k] - wanted[k]).abs() / (length(k / size) * length(k % size));
+                    assert!(apart < 1e-12, "{backend:?} {k}: {apart}");
+                }
+            }
+        }
+        // Without a weight of zero what is missing is told, by the motor that it belongs to.
+        let made = reduce(&mechanism, &channels.motion(true), &whole(n, &missing, &[1.0], 1)).expect("shapes");
+        let finite: Vec<bool> = made.iter().map(|motor| motor.blocks[0].iter().all(|x| x.is_finite())).collect();
+        assert_eq!(finite, [true, false, true]);
+    }
 }
 
 #[test]

@@ -15,6 +15,8 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid import _core
+
 Residues = NDArray[np.int64]
 
 # All are 3 modulo 4, so that a square root is one power. Two find the coefficients, the third checks them.
@@ -22,7 +24,7 @@ PRIMES = (1073741783, 1073741723, 1073741719)
 # Longest inner dimension of a matrix product of residues that cannot overflow.
 LONGEST_SUM = 8
 # Above this size, thirty squarings of a whole array are faster than inverting its residues one by one.
-MANY = 200
+MANY = 64
 
 
 class UnluckyDrawError(Exception):
@@ -47,15 +49,11 @@ class PrimeField:
         """The residues of any int64 array."""
         return np.asarray(x % self.prime)
 
-    def _remainder(self, x: Residues) -> Residues:
-        """The residues of non-negative int64: unsigned quotients are twice as fast as signed remainders."""
-        whole, p = x.view(np.uint64), np.uint64(self.prime)
-        return (whole - whole // p * p).view(np.int64)
-
     def of(self, number: Fraction | int) -> int:
         """The residue of a rational number."""
-        exact = Fraction(number)
-        return exact.numerator * pow(exact.denominator, -1, self.prime) % self.prime
+        if number.denominator == 1:
+            return number.numerator % self.prime
+        return number.numerator * pow(number.denominator, -1, self.prime) % self.prime
 
     def product(self, a: Residues, b: Residues) -> Residues:
         """Matrix products, (..., i, j) and (..., j, k)."""
@@ -67,6 +65,8 @@ class PrimeField:
         """Every residue to one power, by repeated squaring; a negative power requires nonzero residues."""
         if exponent < 0:
             return self.inverse(self.power(x, -exponent))
+        if exponent == 1:
+            return x
         result = np.ones_like(x)
         while exponent:
             if exponent & 1:
@@ -130,28 +130,12 @@ class PrimeField:
         Raises:
             UnluckyDrawError: a column is a pivot of some of the matrices only.
         """
-        W = self.reduce(matrices)
-        each = np.arange(len(W))
-        pivots: list[int] = []
-        for j in range(W.shape[2] if candidates is None else candidates):
-            top = len(pivots)
-            if top == W.shape[1]:
-                break
-            filled = W[:, top:, j] != 0
-            if not filled.any():
-                continue
-            if not filled.any(axis=1).all():
-                raise UnluckyDrawError
-            first = filled.argmax(axis=1) + top
-            row = W[each, first]
-            W[each, first] = W[:, top]
-            row = row * self.inverse(row[:, j])[:, None] % self.prime
-            factors = W[:, :, j].copy()
-            factors[:, top] = 0
-            W[:, top] = row
-            W[:, :, j:] = self._remainder(W[:, :, j:] + (self.prime - factors)[:, :, None] * row[:, None, j:])
-            pivots.append(j)
-        return W[:, : len(pivots)], pivots
+        columns = matrices.shape[2] if candidates is None else candidates
+        made = _core.echelon(matrices, columns, self.prime)
+        if made is None:
+            raise UnluckyDrawError
+        forms, pivots = made
+        return forms[:, : len(pivots)], pivots
 
 
 def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | None:
@@ -257,20 +241,15 @@ class Laurent:
         """Names of its symbols."""
         return tuple(sorted({name for exponents, _ in self.terms for name, _ in exponents}))
 
-    @property
-    def is_number(self) -> bool:
-        """Whether it is a constant."""
-        return not self.symbols
-
     def modulo(self, points: Points) -> Residues:
         """Its residues, (count,)."""
         field, total = points.field, np.zeros(points.count, dtype=np.int64)
         for exponents, coefficient in self.terms:
-            term = np.full(points.count, field.of(coefficient))
+            term: Residues | int = field.of(coefficient)
             for name, exponent in exponents:
                 term = term * field.power(points.values[name], exponent) % field.prime
-            total = (total + term) % field.prime
-        return total
+            total = total + term
+        return field.reduce(total)
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its value from those of its symbols."""

@@ -212,7 +212,7 @@ def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
     sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
     slides, rest = term.on in sliding, term.settings[0]
     made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else DIMENSIONLESS) if rest else Laurent()
-    return made - symbols.position(term.offset, slides, f"q{name}") if side == "cut" else made
+    return made - symbols.position(term.offset, slides, f"q{name}") if side in ("cut", "coordinate") else made
 
 
 def _parts(term: TermColumn) -> tuple[ColumnPart, ...]:
@@ -306,7 +306,8 @@ def assembled(
     """
     symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
-    placed, frames = placements(tables, [joint.parent for joint in device.joints], reader)
+    placed, frames = placements(tables, [joint.parent for joint in device.joints[: len(tables.joints)]], reader)
+    placed += [()] * (len(device.joints) - len(placed))  # rotors of elastic motors
     joints = tuple(
         SymbolicJoint(joint.parent, joint.prismatic, placement)
         for joint, placement in zip(device.joints, placed, strict=True)
@@ -347,7 +348,7 @@ def _cuts(
             link = index[body]
             local = reader.frame(table, f"cut{k}{side}")
             both.append(SymbolicFrame(link, (*(base if link < 0 else frames[link]), *local)))
-        made.append(SymbolicCut(cut.type == "prismatic", *both))
+        made.append(SymbolicCut(cut.type, *both))
     return tuple(made)
 
 

@@ -70,13 +70,17 @@ def inverse_placement(placement: Placement) -> Placement:
 
 def placement_residues(placement: Placement, points: Points) -> Residues:
     """Residues of a placement, (count, 4, 4)."""
-    identity = np.tile(np.eye(4, dtype=np.int64), (points.count, 1, 1))
-    pose: Residues = identity
+    field = points.field
+    pose: Residues = np.tile(np.eye(4, dtype=np.int64), (points.count, 1, 1))
     for step in placement:
-        matrix = identity.copy()
-        for row, column, entry in step.entries:
-            matrix[:, row, column] = entry.modulo(points)
-        pose = points.field.product(pose, matrix)
+        if isinstance(step, Translation):
+            shift = pose[:, :, step.axis] * step.length.modulo(points)[:, None]
+            pose[:, :, 3] = field.reduce(pose[:, :, 3] + shift)
+        else:
+            i, k = (step.axis + 1) % 3, (step.axis + 2) % 3
+            cos, sin = (part.modulo(points)[:, None] for part in (step.cos, step.sin))
+            x, y = pose[:, :, i], pose[:, :, k]
+            pose[:, :, i], pose[:, :, k] = field.reduce(x * cos + y * sin), field.reduce(y * cos - x * sin)
     return pose
 
 
@@ -122,7 +126,7 @@ class SymbolicFrame:
 class SymbolicCut:
     """A cut joint, and the two frames that coincide when its loop is closed."""
 
-    prismatic: bool
+    kind: str
     frame_a: SymbolicFrame
     frame_b: SymbolicFrame
 

@@ -35,6 +35,8 @@ Plane = tuple[Residues, Residues]
 Links = Sequence[Residues]
 # Most draws until all states have a square root: half of them do in each draw.
 _DRAWS = 200
+# States drawn at a time for each: two passes in place of eight for one dyad.
+_TRIALS = 4
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,15 @@ class DyadMotion:
         cos, sin, slide = np.zeros((3, len(self.joints), points.count), dtype=np.int64)
         left = np.arange(points.count)
         for _ in range(_DRAWS):
-            moved = self._drawn(points.field, rng, len(left))
-            good = np.ones(len(left), dtype=bool)
+            tried = np.repeat(left, _TRIALS)
+            moved = self._drawn(points.field, rng, len(tried))
+            good = np.ones(len(tried), dtype=bool)
             for dyad in self.dyads:
-                good &= self._solve(dyad, points.at(left), [placement[left] for placement in placed], moved)
-            cos[:, left], sin[:, left], slide[:, left] = moved
-            left = left[~good]
+                good &= self._solve(dyad, points.at(tried), [placement[tried] for placement in placed], moved)
+            found, first = np.unique(tried[good], return_index=True)
+            for joints, made in zip((cos, sin, slide), moved, strict=True):
+                joints[:, found] = made[:, good][:, first]
+            left = np.setdiff1d(left, found)
             if not len(left):
                 return (cos, sin, slide), symbolic_poses(self.joints, points.field, placed, (cos, sin, slide))
         raise UnluckyDrawError
@@ -259,6 +264,9 @@ def _applied(field: PrimeField, matrix: Residues, vector: Residues) -> Residues:
     return np.stack([field.reduce(row[:, 0] * vector[0] + row[:, 1] * vector[1]) for row in matrix])
 
 
+_TURNS = {"revolute": "turning", "prismatic": "sliding", "spherical": "spherical"}
+
+
 def dyads(
     joints: Sequence[SymbolicJoint], cuts: Sequence[SymbolicCut], passive: Sequence[int]
 ) -> tuple[Dyad, ...] | str:
@@ -268,8 +276,8 @@ def dyads(
     for cut in cuts:
         sides = [[j for j in _ancestors(joints, f.link) if j in left] for f in (cut.frame_a, cut.frame_b)]
         loop = [j for j in (*sides[0], *sides[1]) if not (j in sides[0] and j in sides[1])]
-        if cut.prismatic or len(loop) != 2 or any(joints[j].prismatic for j in loop):
-            return f"a loop has {len(loop)} passive joints and a {'sliding' if cut.prismatic else 'turning'} cut"
+        if cut.kind != "revolute" or len(loop) != 2 or any(joints[j].prismatic for j in loop):
+            return f"a loop has {len(loop)} passive joints and a {_TURNS[cut.kind]} cut"
         serial = any(set(loop) <= set(side) for side in sides)
         second = max(loop) if serial else loop[1]
         near, far = (cut.frame_a, cut.frame_b) if second in sides[0] else (cut.frame_b, cut.frame_a)
@@ -377,7 +385,7 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
     links = symbolic_poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
         frame_a, frame_b = (frame_pose(at, links, points) for at in (cut.frame_a, cut.frame_b))
-        if _gap(field, frame_a, frame_b, cut.prismatic).any():
+        if _gap(field, frame_a, frame_b, cut.kind).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame_a, cut.frame_b))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]
             raise RegroupingError(
@@ -391,11 +399,11 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
             )
 
 
-def _gap(field: PrimeField, frame_a: Residues, frame_b: Residues, prismatic: bool) -> Residues:
-    """Closure error: distance of origins and z axes; for a sliding joint, of orientations, and the offset across z."""
+def _gap(field: PrimeField, frame_a: Residues, frame_b: Residues, kind: str) -> Residues:
+    """Closure error: distance of origins, and of z axes; for a sliding joint, of orientations, and across z."""
     apart = field.reduce(frame_a - frame_b)
-    if not prismatic:
-        return apart[:, :3, 2:]
+    if kind != "prismatic":
+        return apart[:, :3, 3 if kind == "spherical" else 2 :]
     across = field.product(np.swapaxes(frame_b[:, :3, :2], 1, 2), apart[:, :3, 3:])
     return np.concatenate([apart[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)
 

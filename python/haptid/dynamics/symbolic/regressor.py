@@ -1,8 +1,7 @@
 """The regressor modulo a prime, at random states and many sets of lengths at once, and its independent columns.
 
-Source: Kane's form of inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
-link's force and moment times its partial velocities by m. Loops are in these partial velocities, so the tree's torques
-are never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
+The columns of link inertia are computed by the core (Kane's form, `crates/core/src/exact/rows.rs`), those of other
+terms here.
 """
 
 from __future__ import annotations
@@ -12,31 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from haptid import _core
 from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import States, SymbolicChain
-from haptid.dynamics.symbolic.geometry import SymbolicJoint, about_z, placement_residues
+from haptid.dynamics.symbolic.geometry import joint_placements
 from haptid.dynamics.symbolic.symbols import Symbol, draw
 
 Functions = dict[Hashable, Residues]
-# Entries of the map J v over XX XY XZ YY YZ ZZ: row, component of v, parameter.
-INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
-
-
-@dataclass(frozen=True, eq=False)
-class LinkMotion:
-    """Motion of a link's frame in its own axes, all residues.
-
-    Attributes:
-        w, dw: angular velocity and acceleration, (n, 3).
-        a: acceleration of the origin less gravity, (n, 3).
-        Jv, Jw: partial velocity of the origin and angular velocity by each active joint, (n, 3, active).
-    """
-
-    w: Residues
-    dw: Residues
-    a: Residues
-    Jv: Residues
-    Jw: Residues
 
 
 def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, samples: int) -> Residues:
@@ -50,7 +31,7 @@ def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, sa
     """
     field, each = points.field, points.repeated(samples)
     states = chain.motion.states(rng, each)
-    blocks = [link_columns(field, link) for link in _links(chain, states, points, each)]
+    blocks = [_links(chain, states, points, each)]
     functions = _functions(chain, field, rng, each.count)
     blocks += [column.modulo(states, each, functions)[:, :, None] for column in chain.columns]
     W = np.concatenate(blocks, axis=2)
@@ -59,73 +40,23 @@ def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, sa
     return W.reshape(points.count, samples * W.shape[1], W.shape[2])
 
 
-def _links(chain: SymbolicChain, states: States, points: Points, each: Points) -> list[LinkMotion]:
-    """Motion of all links, parents first; `each` are the points of every state."""
-    field, samples = points.field, each.count // points.count
-    zero = np.zeros((each.count, 3), dtype=np.int64)
+def _links(chain: SymbolicChain, states: States, points: Points, each: Points) -> Residues:
+    """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of all links, (n, active, 10 links).
+
+    `each` are the points of every state.
+    """
+    field = points.field
     up = np.stack([field.reduce(-part.modulo(each)) for part in chain.gravity], axis=1)
-    still = np.zeros((each.count, 3, states.G.shape[2]), dtype=np.int64)
-    base = LinkMotion(zero, zero, up, still, still)
-    links: list[LinkMotion] = []
-    for j, joint in enumerate(chain.joints):
-        placed = np.repeat(placement_residues(joint.placement, points), samples, axis=0)
-        links.append(_moved(field, links[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
-    return links
-
-
-def _moved(
-    field: PrimeField, parent: LinkMotion, joint: SymbolicJoint, placed: Residues, states: States, j: int
-) -> LinkMotion:
-    """Motion of the link of joint j, from its parent's and its own placement, (n, 4, 4)."""
-    back = np.swapaxes(field.product(placed[:, :3, :3], about_z(states.cos[j], states.sin[j])), 1, 2)
-    origin = placed[:, :3, 3]
-    if joint.prismatic:
-        origin = field.reduce(origin + placed[:, :3, 2] * states.slide[j][:, None])
-    rate, acceleration, G = states.velocity[j][:, None], states.acceleration[j][:, None], states.G[j]
-    swing = field.reduce(_cross(parent.dw) + field.product(_cross(parent.w), _cross(parent.w)))
-    a = apply(field, back, field.reduce(parent.a + apply(field, swing, origin)))
-    w, dw = apply(field, back, parent.w), apply(field, back, parent.dw)
-    Jw = field.product(back, parent.Jw)
-    Jv = field.product(back, field.reduce(parent.Jv - field.product(_cross(origin), parent.Jw)))
-    z = np.array([0, 0, 1])
-    across = field.reduce(np.stack([w[:, 1], -w[:, 0], np.zeros_like(w[:, 0])], axis=1) * rate)  # w x z rate
-    if joint.prismatic:
-        a = field.reduce(a + z * acceleration + 2 * across)
-        Jv[:, 2] = field.reduce(Jv[:, 2] + G)
-    else:
-        w, dw = field.reduce(w + z * rate), field.reduce(dw + z * acceleration + across)
-        Jw[:, 2] = field.reduce(Jw[:, 2] + G)
-    return LinkMotion(w, dw, a, Jv, Jw)
-
-
-def link_columns(field: PrimeField, link: LinkMotion) -> Residues:
-    """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of a link, (n, active, 10)."""
-    spin = _cross(link.w)
-    moment = field.reduce(times_inertia(link.dw) + field.product(spin, times_inertia(link.w)))
-    force = field.reduce(_cross(link.dw) + field.product(spin, spin))
-    of_v, of_w = np.swapaxes(link.Jv, 1, 2), np.swapaxes(link.Jw, 1, 2)
-    first = field.reduce(field.product(of_v, force) - field.product(of_w, _cross(link.a)))
-    return np.concatenate([field.product(of_w, moment), first, field.product(of_v, link.a[:, :, None])], axis=2)
-
-
-def _cross(v: Residues) -> Residues:
-    """Matrices of the cross product with v, (n, 3, 3)."""
-    made = np.zeros((len(v), 3, 3), dtype=np.int64)
-    made[:, 2, 1], made[:, 0, 2], made[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]
-    return made - np.swapaxes(made, 1, 2)
-
-
-def times_inertia(v: Residues) -> Residues:
-    """Matrices of J v over XX XY XZ YY YZ ZZ, (n, 3, 6)."""
-    made = np.zeros((len(v), 3, 6), dtype=np.int64)
-    for row, component, parameter in INERTIA:
-        made[:, row, parameter] = v[:, component]
-    return made
-
-
-def apply(field: PrimeField, matrices: Residues, vectors: Residues) -> Residues:
-    """Matrices (n, 3, 3) times vectors (n, 3)."""
-    return field.product(matrices, vectors[:, :, None])[:, :, 0]
+    return _core.exact_rows(
+        [joint.parent for joint in chain.joints],
+        [joint.prismatic for joint in chain.joints],
+        np.stack(joint_placements(chain.joints, points)),
+        np.stack([states.cos, states.sin, states.slide, states.velocity, states.acceleration]),
+        np.ascontiguousarray(states.G),
+        up,
+        each.count // points.count,
+        field.prime,
+    )
 
 
 def _functions(chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int) -> Functions:

@@ -132,7 +132,6 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
     of less than one in a billion (Schwartz 1980, J. ACM 27(4)).
 
     Args:
-        model: the dynamic model.
         seed: of random draws; the result does not depend on it.
 
     Raises:
