@@ -10,6 +10,7 @@ from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.parameters import INERTIAL, Combination, StandardParameters, Symmetry
+from haptid.device.terms.extension import TermExtension, TermFormula
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.reader import read_device, shipped_devices
@@ -36,6 +37,8 @@ __all__ = [
     "StandardParameters",
     "Symmetry",
     "TermColumn",
+    "TermExtension",
+    "TermFormula",
     "device_schema",
     "poses",
     "read_device",

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ValidationError
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.device import Frame, Joint
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.toml.errors_at import Place, first_error
@@ -49,8 +49,7 @@ class CollisionShape:
     world: bool = False
 
     def __post_init__(self) -> None:
-        expect("points", self.points.shape, (None, 3))
-        object.__setattr__(self, "points", read_only(self.points))
+        freeze_fields(self, points=(None, 3))
 
     @property
     def link(self) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
 from haptid.device.parameters import Combination, StandardParameters, Symmetry
 from haptid.device.terms.term import Searched, TermColumn
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Convention = Literal["modified-dh", "dh", "placement"]
 TorqueRows = Literal["motor", "joint"]
+CutKind = Literal["revolute", "prismatic", "spherical"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +62,7 @@ class Joint:
     alias: str = ""
 
     def __post_init__(self) -> None:
-        for name, shape in (("rotation", (3, 3)), ("frame_rotation", (3, 3))):
-            expect(name, getattr(self, name).shape, shape)
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("translation", "frame_translation"):
-            expect(name, getattr(self, name).shape, (3,))
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, rotation=(3, 3), translation=(3,), frame_rotation=(3, 3), frame_translation=(3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +79,7 @@ class Frame:
     translation: Array
 
     def __post_init__(self) -> None:
-        expect("rotation", self.rotation.shape, (3, 3))
-        expect("translation", self.translation.shape, (3,))
-        for name in ("rotation", "translation"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, rotation=(3, 3), translation=(3,))
 
 
 class Handle(Frame):
@@ -120,12 +113,13 @@ class Cut:
     """A joint at which a loop is cut, so that a tree is left.
 
     Attributes:
-        prismatic: False: the frames' origins and z axes coincide. True: z axes one line, orientations equal.
+        kind: "revolute": the frames' origins and z axes coincide; "prismatic": z axes one line, orientations equal;
+            "spherical": the origins coincide.
         frame_a, frame_b: the two frames that the joint brings together.
         name: of the joint where terms may act on it, else None.
     """
 
-    prismatic: bool
+    kind: CutKind
     frame_a: Frame
     frame_b: Frame
     name: str | None = None
@@ -143,6 +137,9 @@ class Motor:
         command_unit: N m, N, V, A or counts.
         row: the coordinate as a combination of all joints' positions, (joints,).
         motorised: False for an active joint without motor.
+        load_side: of an elastic motor, the coordinate on the other side of its spring as a combination of all joints'
+            positions, (joints,); `row` is its rotor. None for a rigid motor.
+        unloaded: whether it is a joint without motor that springs alone move, so that its torque is known to be zero.
     """
 
     name: str
@@ -151,9 +148,18 @@ class Motor:
     command_unit: str
     row: Array
     motorised: bool = True
+    load_side: Array | None = None
+    unloaded: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "row", read_only(self.row))
+        freeze_fields(self, "row")
+        if self.load_side is not None:
+            freeze_fields(self, "load_side")
+
+    @property
+    def torsion(self) -> Array:
+        """Rotor less load side of an elastic motor, as a combination of all joints' positions, (joints,)."""
+        return np.asarray(self.row if self.load_side is None else self.row - self.load_side)
 
     @property
     def first(self) -> int:
@@ -174,9 +180,7 @@ class DistributionLaw:
     preload: Array
 
     def __post_init__(self) -> None:
-        expect("preload", self.preload.shape, self.weights.shape)
-        for name in ("weights", "preload"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "weights", preload=self.weights.shape)
 
     @staticmethod
     def even(drives: int) -> DistributionLaw:
@@ -190,7 +194,8 @@ class DistributionLaw:
     def shares(self, rates: Array) -> Array:
         """D of Gamma = D tau, so that B' D = 1 with the least sum of weighted squares, (..., drives, rows).
 
-        The inverse of B' where there are as many drives as rows.
+        The inverse of B' where there are as many drives as rows; where there are more rows, as with elastic motors, the
+        least-squares solution of tau = B' Gamma.
 
         Args:
             rates: B, the Jacobian of the drives by the rows' coordinates, (..., drives, rows).
@@ -200,6 +205,8 @@ class DistributionLaw:
         """
         if rates.shape[-1] == rates.shape[-2]:
             return np.asarray(np.swapaxes(np.linalg.inv(rates), -1, -2))
+        if rates.shape[-1] > rates.shape[-2]:  # several rows contain the torque of one elastic motor
+            return np.asarray(np.linalg.pinv(np.swapaxes(rates, -1, -2)))
         root = np.sqrt(self.weights)[:, None]
         Q, R = np.linalg.qr(rates / root)
         if not np.diagonal(R, axis1=-2, axis2=-1).all():
@@ -288,11 +295,10 @@ class Device:
     distribution: DistributionLaw | None = None
 
     def __post_init__(self) -> None:
-        expect("gravity", self.gravity.shape, (3,))
+        freeze_fields(self, gravity=(3,))
         expect("closure.constant", self.closure.constant.shape, (len(self.joints), len(self.active)))
         for drive in self.drives:
             expect(f"drive {drive.name}", drive.row.shape, (len(self.joints),))
-        object.__setattr__(self, "gravity", read_only(self.gravity))
 
     def with_gravity(self, gravity: ArrayLike) -> Device:
         """The same mechanism with another gravity in its base frame.
@@ -338,12 +344,6 @@ class Device:
         return len(self.drives) > len(self.active)
 
     @cached_property
-    def drives_active_only(self) -> bool:
-        """Whether each drive is a combination of active joints, and all together determine these."""
-        passive = np.delete(self.drive_rows, self.active, axis=1)
-        return not self.redundant and not passive.any()
-
-    @cached_property
     def coupling(self) -> Array:
         """N: Jacobian of the drives by the active joints, (drives, active); zero where it varies with the pose."""
         passive = [j for j in range(len(self.joints)) if j not in self.active]
@@ -374,11 +374,20 @@ class Device:
 
     @cached_property
     def row_map(self) -> Array:
-        """B: coordinates of the torque rows are c = B qa, (active, active).
+        """B: coordinates of the torque rows are c = B qa, (active, active); see `haptid.device.elastic.row_map`."""
+        from haptid.device.elastic import row_map
 
-        The coupling N if rows are the motors', the identity if they are the joints'.
-        """
-        return self.coupling if self.torque_rows == "motor" else freeze(np.eye(len(self.active)))
+        return freeze(row_map(self.drives, self.active, self.closure, self.torque_rows == "joint"))
+
+    @cached_property
+    def elastic(self) -> tuple[Motor, ...]:
+        """The motors behind a spring."""
+        return tuple(drive for drive in self.drives if drive.load_side is not None)
+
+    @cached_property
+    def unknown_torque(self) -> np.ndarray:
+        """Whether the torque of each drive is not measured and not known to be zero, (drives,)."""
+        return np.array([not drive.motorised and not drive.unloaded for drive in self.drives])
 
     @cached_property
     def rates(self) -> Array:
@@ -478,14 +487,17 @@ class Device:
 
     @cached_property
     def row_labels(self) -> tuple[str, ...]:
-        """Labels of the torque rows: "motor 1", "joint 5"."""
-        return tuple(f"{self.torque_rows} {name}" for name in self.row_names)
+        """Labels of the torque rows: "motor 1", "joint 5"; "link 1" of a joint that springs alone move."""
+        if self.torque_rows == "joint":
+            return tuple(f"joint {name}" for name in self.row_names)
+        labels = ((drive.name.replace("_", " ", 1), f"motor {drive.name}") for drive in self.drives)
+        return tuple(a if drive.unloaded else b for drive, (a, b) in zip(self.drives, labels, strict=True))
 
     @cached_property
     def measured(self) -> tuple[bool, ...]:
         """Whether the torque of each row is measured: all drives that act on it have a motor."""
         acts = (self.drive_rates != 0) | self.drive_varies
-        acts[self.driven] = False
+        acts[~self.unknown_torque] = False
         return tuple(bool(known) for known in ~acts.any(axis=0))
 
     @cached_property

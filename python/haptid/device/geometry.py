@@ -182,12 +182,16 @@ class Reader:
             theta, alpha = (self.angle(getattr(table, key), place.at(key)) for key in ("theta", "alpha"))
             d, a = (self.number(getattr(table, key), place.at(key)) for key in ("d", "a"))
             return turn_z(theta) @ shift(z=d), shift(x=a) @ turn_x(alpha)
+        onto = least_turn(self.axis(table, place))
+        return self.placement(table, place) @ onto, onto.T
+
+    def axis(self, table: PlacementJoint, place: Place) -> Array:
+        """Unit vector of an axis, (3,)."""
         axis = np.array(self.triple(table.axis, place.at("axis")))
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
             raise place.at("axis").error(f"found {list(axis)}", "Write a direction, such as [0, 0, 1].")
-        onto = least_turn(axis / length)
-        return self.placement(table, place) @ onto, onto.T
+        return np.asarray(axis / length)
 
 
 def frame_on(joints: Sequence[Joint], link: int, local: Array, base: Array) -> Frame:

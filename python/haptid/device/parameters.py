@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.expressions import combination
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.errors_at import Place
@@ -87,8 +87,7 @@ class StandardParameters:
     leaving: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        expect("S", self.S.shape, (len(self.raw), len(self.names)))
-        object.__setattr__(self, "S", read_only(self.S))
+        freeze_fields(self, S=(len(self.raw), len(self.names)))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -159,12 +158,12 @@ def _classes(size: int, groups: list[list[int]]) -> list[int]:
 
 
 def _owner(raw: int, joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, int]:
-    """A parameter's kind and the index of its joint: the number of joints for a cut, -1 for a motor."""
+    """A parameter's kind and the index of its joint: the number of joints for a cut or sum, -1 for a motor."""
     if raw < 10 * len(joints):
         return INERTIAL[raw % 10], raw // 10
     term = terms[raw - 10 * len(joints)]
     what, _, name = term.on.partition(" ")
-    others = {"cut": len(joints), "motor": -1}
+    others = {"cut": len(joints), "coordinate": len(joints), "motor": -1, "elastic": -1}
     return term.name.removesuffix(name), joints.index(name) if what == "joint" else others[what]
 
 
@@ -195,7 +194,7 @@ class Combination:
     row: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "row", read_only(self.row))
+        freeze_fields(self, "row")
 
 
 def read_combinations(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.device import Device, Joint, Prior
 from haptid.device.geometry import Reader
 from haptid.device.parameters import INERTIAL
@@ -33,11 +33,7 @@ class PriorBody:
     inertia: Array | None
 
     def __post_init__(self) -> None:
-        expect("com", self.com.shape, (3,))
-        object.__setattr__(self, "com", read_only(self.com))
-        if self.inertia is not None:
-            expect("inertia", self.inertia.shape, (3, 3))
-            object.__setattr__(self, "inertia", read_only(self.inertia))
+        freeze_fields(self, com=(3,), inertia=(3, 3))
 
 
 def tensor(entries: Array) -> Array:

@@ -111,7 +111,7 @@ class Chain:
 def compiled(chain: Chain) -> Any:
     """The chain as an object of the core."""
     joints = chain.joints
-    cuts = [(cut.prismatic, *(_frame(frame) for frame in (cut.frame_a, cut.frame_b))) for cut in chain.cuts]
+    cuts = [(cut.kind, *(_frame(frame) for frame in (cut.frame_a, cut.frame_b))) for cut in chain.cuts]
     rotation, translation = np.array([j.rotation for j in joints]), np.array([j.translation for j in joints])
     parents, prismatic = [joint.parent for joint in joints], [joint.prismatic for joint in joints]
     core = importlib.import_module("haptid._core")
@@ -122,9 +122,7 @@ def _frame(frame: Frame) -> tuple[int, list[float], list[float]]:
     return frame.link, frame.rotation.ravel().tolist(), frame.translation.tolist()
 
 
-def close_cuts(
-    chain: Chain, q: Array, unknown: Sequence[int], steps: int = NEWTON_STEPS, tolerance: float = TOLERANCE
-) -> Array:
+def close_cuts(chain: Chain, q: Array, unknown: Sequence[int], steps: int = NEWTON_STEPS) -> Array:
     """Joint positions after damped Gauss-Newton steps of the unknown joints towards closed cuts, (n, joints)."""
-    closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, tolerance)
+    closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, TOLERANCE)
     return closed

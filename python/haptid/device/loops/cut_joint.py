@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.device import Cut, Frame, Joint
 from haptid.device.geometry import joint_poses
 from haptid.device.loops.from_toml import nearest, relation_text
@@ -42,7 +42,7 @@ class CutJoint:
     relation: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "row", read_only(self.row))
+        freeze_fields(self, "row")
 
     def positions(self, qa: Array) -> Array:
         """Its positions, (samples,), rad or m, from the active joints', (active, samples)."""
@@ -66,6 +66,9 @@ def cut_joints(
     G = np.broadcast_to(followed.G, (_POSES, *followed.G.shape[-2:]))
     made = []
     for cut in named:
+        if cut.kind == "spherical":
+            found = f"the spherical cut {cut.name} has a name, but three rates, so that terms cannot act on it"
+            raise place.error(found, "Remove its name.")
         rates = _rates(joints, cut, links, G)
         spread = float(np.ptp(rates, axis=0).max())
         if spread > _SAME:
@@ -87,18 +90,18 @@ def _joint(
     """A cut joint from its rates, and its position at one pose of the active joints; rounded to simple fractions."""
     row = np.array([nearest(float(rate), 1 / 12) for rate in rates])
     offset = position - float(row @ qa)
-    if not cut.prismatic:
+    if cut.kind == "revolute":
         turns = math.ceil(offset / (2 * math.pi) - 0.5 - 1e-9)
         offset = nearest(offset - 2 * math.pi * turns, math.pi / 12)
     name = str(cut.name)
     relation = relation_text([*(joint.name for joint in joints), name], len(joints), active, row, offset)
-    return CutJoint(name, cut.prismatic, row, offset, relation)
+    return CutJoint(name, cut.kind == "prismatic", row, offset, relation)
 
 
 def _position(cut: Cut, links: Array) -> Array:
     """Angle of the x axis of frame b, or position of its origin, in frame a, (n,), from poses of links."""
     a, b = (_pose(at, links) for at in (cut.frame_a, cut.frame_b))
-    if cut.prismatic:
+    if cut.kind == "prismatic":
         return np.asarray(np.einsum("ni,ni->n", a[:, :3, 2], b[:, :3, 3] - a[:, :3, 3]))
     x, y = (np.einsum("ni,ni->n", a[:, :3, axis], b[:, :3, 0]) for axis in (0, 1))
     return np.asarray(np.arctan2(y, x))
@@ -113,16 +116,16 @@ def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
         links: poses, (n, joints, 4, 4).
         G: rates of all joints, (n, joints, active).
     """
-    axis = _pose(cut.frame_a, links)[:, :3, 2]
+    axis, sliding = _pose(cut.frame_a, links)[:, :3, 2], cut.kind == "prismatic"
     made = np.zeros((len(links), G.shape[2]))
     for frame, sign in ((cut.frame_b, 1.0), (cut.frame_a, -1.0)):
         origin = _pose(frame, links)[:, :3, 3]
         k = frame.link
         while k >= 0:
             z, slides = links[:, k, :3, 2], joints[k].prismatic
-            if cut.prismatic and not slides:
+            if sliding and not slides:
                 z = np.cross(z, origin - links[:, k, :3, 3])
-            if cut.prismatic or not slides:  # a sliding joint turns nothing
+            if sliding or not slides:  # a sliding joint turns nothing
                 made += sign * np.einsum("ni,ni->n", axis, z)[:, None] * G[:, k]
             k = joints[k].parent
     return made

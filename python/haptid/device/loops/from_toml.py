@@ -151,7 +151,7 @@ def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, 
     index = {"base": -1, **{joint.name: k for k, joint in enumerate(joints)}}
     a, b = (_found(name, index, place.at(key)) for key, name in (("body_a", table.body_a), ("body_b", table.body_b)))
     return Cut(
-        table.type == "prismatic",
+        table.type,
         frame_on(joints, a, reader.frame(table.frame_a, place.at("frame_a")), base),
         frame_on(joints, b, reader.frame(table.frame_b, place.at("frame_b")), base),
         table.name,

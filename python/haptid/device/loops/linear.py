@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.device import Cut
 from haptid.device.loops.chain import Chain, close_cuts
 
@@ -73,9 +73,7 @@ class Closure:
     cuts: tuple[Cut, ...]
 
     def __post_init__(self) -> None:
-        expect("offset", self.offset.shape, (self.G.shape[0],))
-        for name in ("G", "offset"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "G", offset=(self.G.shape[0],))
 
     @property
     def constant(self) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid.device.device import Cut
 from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
 from haptid.device.loops.linear import Followed
@@ -76,11 +76,8 @@ class NewtonClosure:
 
     def __post_init__(self) -> None:
         joints, active = self.constant.shape
-        shapes = {"offset": (joints,), "at": (active,), "start": (joints,), "varying": (joints, active)}
-        for name, shape in shapes.items():
-            expect(name, getattr(self, name).shape, shape)
-        for name in ("constant", "offset", "at", "start"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "constant", offset=(joints,), at=(active,), start=(joints,))
+        expect("varying", self.varying.shape, (joints, active))
         self.varying.flags.writeable = False
 
     @property

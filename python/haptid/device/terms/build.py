@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from string import ascii_uppercase
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Joint, Motor
+from haptid.device.elastic import row_map
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.terms.custom import custom_column, with_constants
+from haptid.device.terms.extension import extension_columns
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
 from haptid.device.terms.presliding import LAWS, Presliding
 from haptid.device.terms.spring import Counterbalance, read_counterbalance
@@ -25,10 +27,13 @@ from haptid.device.terms.warming import Warming
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyTerm,
+    CoordinateTable,
     CoulombTerm,
     CounterbalanceTerm,
     CustomTerm,
     DahlTerm,
+    ElasticTerm,
+    ExtensionTerm,
     LoadFrictionTerm,
     LuGreTerm,
     MaxwellSlipTerm,
@@ -62,11 +67,11 @@ STEMS = {
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a term acts on: a joint, a joint that was cut, or a motor's joint-side coordinate.
+    """What a term acts on: a joint, a joint that was cut, a motor's joint-side coordinate, or a sum of joints.
 
     Attributes:
-        what: "joint", "cut" or "motor".
-        name: of the joint, cut or motor.
+        what: "joint", "cut", "motor", "coordinate", or "elastic" for the torsion of an elastic motor.
+        name: of the joint, cut, motor or coordinate.
         joint: index of the joint; None for a cut, and for a motor whose rates are constant.
         prismatic: whether the coordinate is a length.
         weights: the target's position as a combination of the coordinates, (na,).
@@ -128,13 +133,16 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class TermTargets:
-    """Every joint, named cut and motor that a term may act on."""
+    """Every joint, named cut, motor and coordinate that a term may act on, and the torsions of elastic motors."""
 
     joints: tuple[Target, ...]
     cuts: tuple[Target, ...]
     active: tuple[str, ...]
     motorised: tuple[str, ...]
     motors: tuple[Target, ...]
+    coordinates: tuple[Target, ...]
+    torsions: tuple[Target, ...]
+    rotors: tuple[str, ...]
 
     @staticmethod
     def of(
@@ -144,15 +152,17 @@ class TermTargets:
         joint_rows: bool,
         closure: Closure | NewtonClosure,
         cuts: Sequence[CutJoint] = (),
+        sums: Mapping[str, Array] | None = None,
     ) -> TermTargets:
-        """From joints, drives, closure and cuts; the coordinates are the active joints', or else the drives'."""
+        """From joints, drives, closure, cuts, and sums of joints; rates are by the active joints, or by the drives."""
         rows = np.array([drive.row for drive in drives])
         coupling = rows @ closure.constant
-        frame: Array = np.eye(len(active)) if joint_rows else coupling
+        frame = row_map(drives, active, closure, joint_rows)
         rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.constant, coupling))
         varies = [bool(row.any()) for row in closure.varying]
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
-        names = [joints[j].name for j in active]
+        names, behind = [joints[j].name for j in active], [d for d in drives if d.load_side is not None]
+        rotors = tuple(joints[d.first].name for d in behind)
         return TermTargets(
             tuple(
                 Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
@@ -170,13 +180,28 @@ class TermTargets:
                 )
                 for c in cuts
             ),
-            tuple(names),
-            tuple(joint.name for joint, driven in zip(joints, moved, strict=True) if driven),
+            tuple(name for name in names if name not in rotors),
+            tuple(j.name for j, driven in zip(joints, moved, strict=True) if driven and j.name not in rotors),
             tuple(
                 _motor(drive, joints, motors[k], float(drive.row @ closure.offset), varies)
                 for k, drive in enumerate(drives)
                 if drive.motorised
             ),
+            tuple(
+                Target(
+                    "coordinate",
+                    name,
+                    None,
+                    joints[int(np.flatnonzero(row)[0])].prismatic,
+                    row @ rates,
+                    float(row @ closure.offset),
+                    _speed(row, [j.name for j in joints]),
+                    mixed=any(varies[j] for j in np.flatnonzero(row)),
+                )
+                for name, row in (sums or {}).items()
+            ),
+            tuple(_torsion(d, joints, frame, closure, varies) for d in behind),
+            rotors,
         )
 
     def chosen(self, table: TermTable, place: Place) -> list[Target]:
@@ -185,11 +210,13 @@ class TermTargets:
         Raises:
             DeviceFileError: it names none, or one that does not exist.
         """
-        if table.joints is None and table.motors is None:
+        if isinstance(table, ElasticTerm):
+            return [t for t in self.torsions if table.motors == "all" or t.name in (table.motors or ())]
+        if table.joints is None and table.motors is None and table.coordinates is None:
             found = "the term acts on nothing"
             raise place.error(found, 'Add joints = "all", joints = ["1"] or motors = ["1"].')
         words = {
-            "all": [t.name for t in (*self.joints, *self.cuts)],
+            "all": [t.name for t in (*self.joints, *self.cuts) if t.name not in self.rotors],
             "active": self.active,
             "motorised": self.motorised,
             None: (),
@@ -198,7 +225,8 @@ class TermTargets:
         motors = table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
         made: list[Target] = []
         every = (*self.joints, *self.cuts)
-        for what, wanted, known in (("joint", joints, every), ("motor", motors, self.motors)):
+        named = (("joint", joints, every), ("motor", motors, self.motors))
+        for what, wanted, known in (*named, ("coordinate", table.coordinates or [], self.coordinates)):
             names = [target.name for target in known]
             for k, name in enumerate(wanted):
                 if name not in names:
@@ -208,7 +236,7 @@ class TermTargets:
             if target.mixed:
                 raise place.error(
                     f"{target.on} is not one joint, and its rates vary with the pose",
-                    "Let the term act on the joints that it drives, or let the motor drive one joint with factor 1.",
+                    "Let the term act on its joints; a motor may also drive one joint with factor 1.",
                 )
         return made
 
@@ -217,6 +245,30 @@ class TermTargets:
         if len(self.chosen(table, place)) != 1:
             found = "this term acts on more than one joint or motor"
             raise place.error(found, "Name one, and repeat the term for the others.")
+
+
+def read_coordinates(
+    tables: Sequence[CoordinateTable], joints: Sequence[Joint], reader: Reader, place: Place
+) -> dict[str, Array]:
+    """Sums of joints' positions by name, each with a factor for every joint, (joints,).
+
+    Raises:
+        DeviceFileError: a name is used twice, a joint does not exist, or all factors are zero.
+    """
+    names = [joint.name for joint in joints]
+    made: dict[str, Array] = {}
+    for k, table in enumerate(tables):
+        here, row = place.at(k), np.zeros(len(names))
+        if table.name in made:
+            raise here.at("name").taken("coordinate", table.name, "an earlier one")
+        for name, factor in table.joints.items():
+            if name not in names:
+                raise here.at("joints", name).unknown("joint", name, names)
+            row[names.index(name)] = reader.number(factor, here.at("joints", name))
+        if not row.any():
+            raise here.at("joints").error("all factors are zero", "Name joints with factors that are not.")
+        made[table.name] = row
+    return made
 
 
 def read_terms(tables: Sequence[AnyTerm], targets: TermTargets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
@@ -232,8 +284,10 @@ def read_terms(tables: Sequence[AnyTerm], targets: TermTargets, reader: Reader, 
 def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reader, place: Place) -> list[TermColumn]:
     if isinstance(table, CustomTerm):
         return [custom_column(table, target, targets, reader, place)]
+    if isinstance(table, ExtensionTerm):
+        return extension_columns(table, target, targets, reader, place)
     motor = table.prefix is None and target.what == "motor"
-    stem = table.prefix or STEMS[table.kind]
+    stem = table.prefix or STEMS.get(table.kind, "")
 
     def name(suffix: str = "") -> str:
         return f"{stem}{suffix}{'M' if motor else ''}{target.name}"
@@ -266,6 +320,9 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             return _ripple(table, target, stem, targets, reader, place)
         case SpringTerm():
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
+        case ElasticTerm(damping=damping):
+            spring, damper = (f"{letter}{table.prefix or 'E'}{target.name}" for letter in "KD")
+            return [target.column(spring, "spring"), *([target.column(damper, "viscous")] if damping else [])]
         case PlainTerm(kind="viscous-by-direction"):
             unit = UNITS["viscous"][target.prismatic]
             return [
@@ -295,7 +352,7 @@ def _ripple(
     table: RippleTerm, target: Target, stem: str, targets: TermTargets, reader: Reader, place: Place
 ) -> list[TermColumn]:
     """Sine and cosine of every harmonic of a torque that repeats with the target's position."""
-    if target.varies or target.what == "cut":
+    if target.varies or target.what in ("cut", "coordinate"):
         found = f"{target.on} has no position that is a combination of the joints'"
         raise place.error(found, "Name a joint of the tree, or a motor with constant rates.")
     period = reader.positive(table.period, place.at("period"))
@@ -325,6 +382,15 @@ def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float,
     speed = _speed(drive.row, [j.name for j in joints])
     prismatic = joints[drive.first].prismatic
     return Target("motor", drive.name, joint, prismatic, weights, offset, speed, varying, mixed)
+
+
+def _torsion(
+    drive: Motor, joints: Sequence[Joint], frame: Array, closure: Closure | NewtonClosure, varies: Sequence[bool]
+) -> Target:
+    """The torsion of an elastic motor as a target."""
+    weights = np.asarray(np.linalg.solve(frame.T, drive.torsion @ closure.constant), dtype=np.float64)
+    acts = replace(drive, row=drive.torsion)
+    return replace(_motor(acts, joints, weights, float(drive.torsion @ closure.offset), varies), what="elastic")
 
 
 def _speed(row: Array, names: Sequence[str]) -> str:

@@ -28,15 +28,23 @@ def custom_column(table: CustomTerm, target: Target, targets: TermTargets, reade
         DeviceFileError: several targets, a constant whose name is taken, or an expression that is wrong.
     """
     targets.expect_one(table, place)
-    for name in table.constants:
+    joints = [joint.name for joint in targets.joints]
+    shape = column(table.expression, joints, constant_names(table.constants, reader, place), place.at("expression"))
+    made = target.external(table.name, table.unit, shape)
+    return with_constants(made, table.constants, reader, place.at("constants"))
+
+
+def constant_names(constants: Mapping[str, Any], reader: Reader, place: Place) -> dict[str, float]:
+    """Lengths by name, and the constants of a term, whose values follow.
+
+    Raises:
+        DeviceFileError: the name of a constant is taken.
+    """
+    for name in constants:
         if name in reader.lengths or name in RESERVED:
             known = "a named length" if name in reader.lengths else "arithmetic"
             raise place.at("constants", name).taken("constant", name, known)
-    joints = [joint.name for joint in targets.joints]
-    named = {**reader.lengths, **dict.fromkeys(table.constants, 0.0)}
-    shape = column(table.expression, joints, named, place.at("expression"))
-    made = target.external(table.name, table.unit, shape)
-    return with_constants(made, table.constants, reader, place.at("constants"))
+    return {**reader.lengths, **dict.fromkeys(constants, 0.0)}
 
 
 def with_constants(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from haptid._internal.arrays import Array
 
@@ -89,6 +88,8 @@ def _recursion(decay: Array, added: Array) -> Array:
     samples = len(decay) + 1
     band = np.ones((2, samples))
     band[1, :-1] = -decay
+    from scipy.linalg import lapack  # a third of what `haptid model` would load, and few devices have such friction
+
     made, _ = lapack.dtbtrs(band, np.concatenate([[0.0], added])[:, None], uplo="L")
     return np.ascontiguousarray(made[:, 0])
 

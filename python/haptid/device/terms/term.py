@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.friction import DRY, PLACES, LoadDependentFriction
 from haptid.device.terms.presliding import Presliding
@@ -80,7 +80,7 @@ class TermColumn:
     searched: tuple[Searched, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "weights", read_only(self.weights))
+        freeze_fields(self, "weights")
 
     @property
     def nature(self) -> str:

@@ -15,6 +15,7 @@ from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
 from haptid._internal.toml_tables import Syntax, toml_values
 from haptid.device.collision import read_shapes
 from haptid.device.device import Device, Gimbal, Handle, Joint
+from haptid.device.elastic import elastic_motors, with_link_drives, with_rotors
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.cut_joint import cut_joints
@@ -29,8 +30,9 @@ from haptid.device.parameters import (
     standard_parameters,
 )
 from haptid.device.priors import read_priors, unused_priors
-from haptid.device.terms.build import TermTargets, read_terms
+from haptid.device.terms.build import TermTargets, read_coordinates, read_terms
 from haptid.device.terms.term import TermColumn
+from haptid.device.toml.ball_joints import with_revolute_joints
 from haptid.device.toml.errors_at import Place, first_error
 from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, SymmetryTable
 from haptid.device.toml.transmission import read_distribution, read_drives, torque_rows
@@ -144,16 +146,23 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     """
     place = Place(file)
     reader = Reader(_lengths(tables, place))
+    tables = with_revolute_joints(tables, reader, place.at("joints"))
     base = reader.placement(tables.base, place.at("base"))
     joints = _joints(tables.joints, base, reader, place.at("joints"))
     loops = read_loops(tables.loops, joints, base, reader, place.at("loops"))
     active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
     closure, notes = close(joints, active, loops)
     drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
+    if elastic := elastic_motors(tables.terms, drives, place.at("terms")):
+        joints, drives = with_rotors(joints, drives, elastic)
+        active = (*active, *range(len(tables.joints), len(joints)))
+        closure, notes = close(joints, active, loops)
+        drives = with_link_drives(joints, active, drives, closure, elastic)
     transmission = place.at("transmission")
     rows = torque_rows(tables.transmission, drives, active, transmission)
     cuts = cut_joints(joints, active, closure, place.at("loops"))
-    targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts)
+    sums = read_coordinates(tables.coordinates, joints, reader, place.at("coordinates"))
+    targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts, sums)
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)

@@ -44,6 +44,10 @@ Text = Annotated[str, Field(min_length=1, max_length=2000)]
 Unit = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
+_Numbers = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+_PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
 class _Table(BaseModel):
     """A table that allows no other keys."""
 
@@ -91,8 +95,9 @@ class StandardDHJoint(JointTable):
 
 
 class PlacementJoint(JointTable):
-    """A placement as in URDF, and the axis."""
+    """A placement as in URDF, and the axis: of a universal or spherical joint, the direction across its first two."""
 
+    type: Literal["revolute", "prismatic", "universal", "spherical"] = "revolute"  # type: ignore[assignment]
     xyz: _Triple = [0.0, 0.0, 0.0]
     rpy: _Triple = [0.0, 0.0, 0.0]
     axis: _Triple = [0.0, 0.0, 1.0]
@@ -115,7 +120,7 @@ class CutTable(_Table):
     """The joint at which a loop is cut; terms may act on it if it has a name."""
 
     name: Name | None = None
-    type: Literal["revolute", "prismatic"] = "revolute"
+    type: Literal["revolute", "prismatic", "spherical"] = "revolute"
     body_a: Name
     frame_a: FrameTable = FrameTable()
     body_b: Name
@@ -148,6 +153,28 @@ class MotorTable(_Table):
     gear_ratio: _Quantity = 1.0
     torque_constant: _Quantity = 1.0
     command_unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
+    peak_torque: _PositiveNumber | None = None
+    continuous_torque: _PositiveNumber | None = None
+    torque_step: _PositiveNumber | None = None
+    encoder_counts: _PositiveNumber | None = None
+
+
+class CounterweightTable(_Table):
+    """Where a counterweight may be put: the most mass, and two corners of a box in the link frame of the file."""
+
+    link: Name
+    most: _PositiveNumber
+    low: _Numbers
+    high: _Numbers
+
+
+class PublishedTable(_Table):
+    """A figure of the device that its maker or a paper states, for its data sheet; nothing is computed from it."""
+
+    name: Text
+    value: float | Text
+    unit: Unit | None = None
+    source: Text
 
 
 class SearchedTable(_Table):
@@ -168,11 +195,19 @@ _Constant = Annotated[
 ]
 
 
+class CoordinateTable(_Table):
+    """A sum of joints' positions with factors, such as the length of a tendon, on which terms act."""
+
+    name: Name
+    joints: Annotated[dict[Name, _Quantity], Field(min_length=1)]
+
+
 class TermTable(_Table):
     """Keys of every kind of term."""
 
     joints: Names | Literal["all", "active", "motorised"] | None = None
     motors: Names | Literal["all"] | None = None
+    coordinates: Names | None = None
     prefix: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=20)] | None = None
 
 
@@ -250,6 +285,13 @@ class SpringTerm(TermTable):
     rest: _Quantity = 0.0
 
 
+class ElasticTerm(TermTable):
+    """Spring and damper between a motor's rotor and what it drives; the rotor needs an inertia of its own."""
+
+    kind: Literal["elastic"]
+    damping: bool = True
+
+
 class CounterbalanceTerm(TermTable):
     """Counterbalance: a strut between link and parent."""
 
@@ -272,6 +314,15 @@ class CustomTerm(TermTable):
     constants: dict[Name, _Constant] = {}
 
 
+class ExtensionTerm(TermTable):
+    """Columns of an extension, by its name in the entry points `haptid.terms`."""
+
+    kind: Literal["extension"]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=60)]
+    settings: dict[Name, Any] = {}
+    constants: dict[Name, _Constant] = {}
+
+
 AnyTerm = Annotated[
     PlainTerm
     | CoulombTerm
@@ -283,8 +334,10 @@ AnyTerm = Annotated[
     | WarmingTerm
     | RippleTerm
     | SpringTerm
+    | ElasticTerm
     | CounterbalanceTerm
-    | CustomTerm,
+    | CustomTerm
+    | ExtensionTerm,
     Field(discriminator="kind"),
 ]
 
@@ -433,6 +486,7 @@ class DeviceTable(_Table):
     version: Literal[1] = Field(default=1, alias="schema")
     name: Text
     description: str = ""
+    serial: str = ""
     source: str = ""
     gravity: _Triple
     base: BaseTable = BaseTable()
@@ -440,6 +494,7 @@ class DeviceTable(_Table):
     loops: list[LoopTable] = []
     transmission: TransmissionTable = TransmissionTable()
     motors: list[MotorTable] = []
+    coordinates: list[CoordinateTable] = []
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []
     handle: HandleTable | None = None
@@ -448,6 +503,8 @@ class DeviceTable(_Table):
     prior: PriorsTable = PriorsTable.model_validate({})
     base_parameters: BaseParametersTable = BaseParametersTable()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
+    published: list[PublishedTable] = []
+    counterweights: list[CounterweightTable] = []
 
 
 class ModifiedDHDevice(DeviceTable):

@@ -27,10 +27,14 @@ class SummaryTable:
 
 def summary_tables(device: Device) -> tuple[SummaryTable, ...]:
     """Joints, motors and terms of a device."""
-    joints = ("joint", "on", "type", "moves", "link", "limits", "velocity", "torque")
+    joints: tuple[str, ...] = ("joint", "on", "type", "moves", "link", "limits", "velocity", "torque")
     motors = ("motor", "coordinate", "gear ratio", "torque constant", "command")
+    rows = tuple(_joint_row(device, k, joint) for k, joint in enumerate(device.joints))
+    if any(joint.alias for joint in device.joints):
+        joints = (*joints, "in the source")
+        rows = tuple((*row, joint.alias or joint.name) for row, joint in zip(rows, device.joints, strict=True))
     found = (
-        SummaryTable("Tree", joints, tuple(_joint_row(device, k, joint) for k, joint in enumerate(device.joints))),
+        SummaryTable("Tree", joints, rows),
         SummaryTable("Motors", motors, tuple(_motor_row(device, drive) for drive in device.drives)),
         SummaryTable("Terms", ("term", "unit", "on", "parameters"), tuple(_terms(device.terms))),
     )
@@ -83,7 +87,7 @@ def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
             sign = "-" if factor < 0 else "+" if coordinate else ""
             coordinate += f" {sign} {size}q{name}" if coordinate else f"{sign}{size}q{name}"
     if not drive.motorised:
-        return (drive.name, coordinate, "-", "-", "no motor")
+        return (drive.name, coordinate, "-", "-", "springs" if drive.unloaded else "no motor")
     return (drive.name, coordinate, f"{drive.gear_ratio:.8g}", f"{drive.torque_constant:.8g}", drive.command_unit)
 
 
@@ -91,7 +95,7 @@ def _terms(terms: Iterable[TermColumn]) -> list[tuple[str, str, str, str]]:
     """One row for each run of terms of the same kind and settings."""
     rows: list[tuple[str, str, str, str]] = []
     for term in terms:
-        key = (_words(term), term.unit, term.on.partition(" ")[0])
+        key = (_words(term), term.unit, term.on.partition(" ")[0].replace("elastic", "motor"))
         if rows and rows[-1][:3] == key:
             rows[-1] = (*key, f"{rows[-1][3]} {term.name}")
         else:
@@ -107,7 +111,8 @@ def _words(term: TermColumn) -> str:
         return f"column {term.shape.text}"
     settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(term.kind, "width {}")
     shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
-    return f"{'rotor-inertia' if term.kind == 'rotor' else term.kind}{shown}"
+    side = "elastic, " if term.on.startswith("elastic ") else ""
+    return f"{side}{'rotor-inertia' if term.kind == 'rotor' else term.kind}{shown}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -1,0 +1,133 @@
+"""Elastic motors: the rotor of a motor behind a spring is a joint of its own, so that the model stays linear.
+
+Source: Spong (1987), J. Dyn. Sys. Meas. Control 109(4), (17)-(18): rotors have inertia about their own axes only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device.device import Joint, Motor
+from haptid.device.loops.linear import Closure
+from haptid.device.loops.newton import NewtonClosure
+from haptid.device.toml.errors_at import Place
+from haptid.device.toml.schema import AnyTerm, ElasticTerm, PlainTerm
+
+# Prefix of the name of a rotor's joint, and of that of a drive that only springs move.
+ROTOR, LINK = "rotor_", "link_"
+
+
+def elastic_motors(terms: Sequence[AnyTerm], drives: Sequence[Motor], place: Place) -> Mapping[str, Place]:
+    """Names of the motors behind a spring, each with the place of its term.
+
+    Raises:
+        DeviceFileError: a term names no motor, an unknown one, or one that has a spring already, or a motor behind a
+            spring has no rotor inertia of its own.
+    """
+    names, made = [drive.name for drive in drives if drive.motorised], dict[str, Place]()
+    for k, term in enumerate(terms):
+        if isinstance(term, ElasticTerm):
+            here = place.at(k)
+            if term.joints is not None or term.motors is None:
+                raise here.error("an elastic term acts on motors", 'Write motors = "all" or motors = ["1"].')
+            for i, name in enumerate(_motors(term, names)):
+                if name not in names:
+                    raise here.at("motors", i).unknown("motor", name, names)
+                if name in made:
+                    raise here.at("motors", i).taken("motor", name, str(made[name]))
+                made[name] = here
+    inert = {n for t in terms if isinstance(t, PlainTerm) and t.kind == "rotor-inertia" for n in _motors(t, names)}
+    for name, here in made.items():
+        if name not in inert:
+            raise here.error(
+                f"motor {name} is elastic, and its rotor has no inertia",
+                f'Add [[terms]] kind = "rotor-inertia", motors = ["{name}"].',
+            )
+    return made
+
+
+def _motors(term: AnyTerm, names: Sequence[str]) -> Sequence[str]:
+    return names if term.motors == "all" else term.motors or ()
+
+
+def with_rotors(
+    joints: Sequence[Joint], drives: Sequence[Motor], elastic: Mapping[str, Place]
+) -> tuple[tuple[Joint, ...], tuple[Motor, ...]]:
+    """The joints with those of the elastic motors' rotors, and the motors, of which elastic ones turn their rotors.
+
+    A rotor turns about z of the base: it has inertia about its own axis only, so that its place does not matter.
+
+    Raises:
+        DeviceFileError: a joint has the name of a rotor.
+    """
+    names, rotors = [joint.name for joint in joints], []
+    unit, zero = np.eye(3), np.zeros(3)
+    for drive in drives:
+        if drive.name in elastic:
+            name = f"{ROTOR}{drive.name}"
+            if name in names:
+                raise elastic[drive.name].taken("joint", name, f"the rotor of motor {drive.name}")
+            prismatic = joints[drive.first].prismatic
+            rotors.append(Joint(name, -1, prismatic, unit, zero, False, None, None, None, unit, zero))
+    made, count = [], 0
+    for drive in drives:
+        row = np.pad(drive.row, (0, len(rotors)))
+        if drive.name in elastic:
+            own = np.zeros(len(row))
+            own[len(joints) + count], count = 1.0, count + 1
+            made.append(replace(drive, row=own, load_side=row))
+        else:
+            made.append(replace(drive, row=row))
+    return (*joints, *rotors), tuple(made)
+
+
+def with_link_drives(
+    joints: Sequence[Joint],
+    active: Sequence[int],
+    drives: Sequence[Motor],
+    closure: Closure | NewtonClosure,
+    elastic: Mapping[str, Place],
+) -> tuple[Motor, ...]:
+    """The drives and one for every active joint that only springs move: its torque is known to be zero.
+
+    Raises:
+        DeviceFileError: the link side of an elastic motor is a combination of joints that varies with the pose.
+    """
+    for drive in drives:
+        if drive.load_side is not None and closure.varying[drive.load_side != 0].any():
+            raise elastic[drive.name].error(
+                f"motor {drive.name} moves a joint whose rates vary with the pose, and cannot be elastic",
+                "Choose the active joints of the loop among those that elastic motors move.",
+            )
+    random = np.where(closure.varying, np.random.default_rng(0).uniform(0.5, 1.5, closure.varying.shape), 0.0)
+    G = closure.constant + random
+    made, rows = list(drives), np.array([drive.row for drive in drives]) @ G
+    for k in active:
+        own = np.eye(len(joints))[k]
+        more = np.concatenate([rows, [own @ G]])
+        if np.linalg.matrix_rank(more) > np.linalg.matrix_rank(rows):
+            unit = "N" if joints[k].prismatic else "N m"
+            made.append(Motor(f"{LINK}{joints[k].name}", 1.0, 1.0, unit, own, motorised=False, unloaded=True))
+            rows = more
+    return tuple(made)
+
+
+def row_map(
+    drives: Sequence[Motor], active: Sequence[int], closure: Closure | NewtonClosure, joint_rows: bool
+) -> Array:
+    """B: coordinates of the torque rows are c = B qa, (active, active).
+
+    The drives' Jacobian if rows are the motors', the identity if they are the joints'. The coordinate of an elastic
+    motor is its torsion, the rotor's position less the link side's: all rows then contain a measured torque.
+    """
+    G = closure.constant
+    made = np.eye(len(active)) if joint_rows else np.array([drive.row for drive in drives]) @ G
+    for k, drive in enumerate(drives):
+        if drive.load_side is not None:
+            row = list(active).index(drive.first) if joint_rows else k
+            made[row] = drive.torsion @ G
+    return made
