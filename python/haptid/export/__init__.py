@@ -4,7 +4,7 @@
 everything up to `results`.
 """
 
-from haptid.export.all_formats import EXPORTERS, export_model
+from haptid.export.all_formats import EXPORTERS, export_formats, export_model
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c import CExport, export_c
 from haptid.export.formats.json import export_json
@@ -15,14 +15,18 @@ from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export
+from haptid.export.provenance import ExportSource, Provenance, provenance
 
 __all__ = [
     "EXPORTERS",
     "CCode",
     "CExport",
     "Export",
+    "ExportSource",
     "Operations",
+    "Provenance",
     "export_c",
+    "export_formats",
     "export_into",
     "export_json",
     "export_latex",
@@ -31,4 +35,5 @@ __all__ = [
     "export_model",
     "export_rust",
     "export_urdf",
+    "provenance",
 ]

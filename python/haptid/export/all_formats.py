@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from haptid._internal.atomic_folder import publishing
+from haptid._internal.extensions import extension, extension_names
 from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.export.formats.c import export_c
 from haptid.export.formats.json import export_json
@@ -51,6 +52,11 @@ _OTHERS: Mapping[str, Exporter] = {
 EXPORTERS = (*CODE, *_OTHERS)
 
 
+def export_formats() -> tuple[str, ...]:
+    """Names of all formats: `EXPORTERS`, and those of installed extensions (`haptid.exports`)."""
+    return (*EXPORTERS, *extension_names("haptid.exports"))
+
+
 def export_model(
     identified: ExportSource,
     folder: str | Path,
@@ -65,7 +71,7 @@ def export_model(
     Args:
         identified: as in `export_c`.
         folder: parent of these folders.
-        formats: some of `EXPORTERS`.
+        formats: some of `export_formats()`.
         code: names and smoothing of code formats; the precision is that of the format.
         into: a URDF or MJCF of the user, of which a copy gets the identified parameters, in place of a new one.
         anyway: export a model that fails its criterion or was not validated, with a note in the files.
@@ -75,11 +81,10 @@ def export_model(
         ExportError: the model cannot be written in one of the formats; see the exporters.
         OutputFolderError: the folder cannot be written.
     """
+    others = dict(_OTHERS)
     for name in formats:
         if name not in EXPORTERS:
-            raise UnknownNameError(
-                f"there is no export format {name!r}.", where=name, limit=EXPORTERS, advice=suggestion(name, EXPORTERS)
-            )
+            others[name] = _of_extension(name)
     if into is not None and not set(formats) <= {"urdf", "mjcf"}:
         raise SettingError(
             f"a robot description to write into goes with the formats urdf and mjcf, not with {', '.join(formats)}.",
@@ -97,6 +102,22 @@ def export_model(
             elif into is not None:
                 written = export_into(identified, scratch / name, into, name, anyway=anyway)
             else:
-                written = _OTHERS[name](identified, scratch / name, anyway=anyway)
+                written = others[name](identified, scratch / name, anyway=anyway)
             made[name] = Export(folder / name, written.files, written.verdict)
     return made
+
+
+def _of_extension(name: str) -> Exporter:
+    """The exporter that an installed package declares under a name.
+
+    Raises:
+        UnknownNameError: there is none.
+        MissingDependencyError: it cannot be imported.
+    """
+    found: Exporter | None = extension("haptid.exports", name)
+    if found is None:
+        known = export_formats()
+        raise UnknownNameError(
+            f"there is no export format {name!r}.", where=name, limit=known, advice=suggestion(name, known)
+        )
+    return found

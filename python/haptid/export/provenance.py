@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._core import __version__
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid._internal.escaping import c_comment, one_line
 from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
@@ -31,7 +31,6 @@ class Provenance:
     """A model to export.
 
     Attributes:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         intervals: their 95 % confidence intervals, (p, 2); None where unknown.
         covariance: of their errors, (p, p); None where unknown.
@@ -53,7 +52,7 @@ class Provenance:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "beta", read_only(self.beta))
+        freeze_fields(self, "beta")
 
     @property
     def fitness(self) -> list[str]:
@@ -63,9 +62,9 @@ class Provenance:
 
 def provenance(
     identified: ExportSource,
-    validation: Validation | None,
-    largest_error: float | None,
-    anyway: bool,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
     quoted: bool = False,
 ) -> Provenance:
     """The model with its provenance, provided that it meets its validation criterion.

@@ -30,7 +30,6 @@ class ReferenceValues:
     """Reference values of the Python model at some states.
 
     Attributes:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         q, qd, qdd, tau: coordinates of the torque rows, their rates and torques, each (active, samples).

@@ -63,18 +63,17 @@ def device_from(text: str, file: str = "device.toml") -> Device:
     return device_of(*checked_tables(tomllib.loads(text), file))
 
 
-def random_states(device: Device, names: Mapping[str, str], moving: list[str], count: int = _STATES) -> ComparedStates:
+def random_states(device: Device, names: Mapping[str, str], moving: list[str]) -> ComparedStates:
     """Random states and the device's torques there.
 
     Args:
         device: with prior values.
         names: the device's names of the source's joints.
         moving: the source's joints that the torques are compared for.
-        count: of states.
     """
     rng = np.random.default_rng(7)
     model = DynamicModel(device)
-    qa = device.closure.draw(rng, count)
+    qa = device.closure.draw(rng, _STATES)
     qda, qdda = rng.uniform(-2, 2, (2, *qa.shape))
     q, qd, qdd = model.tree(qa, qda, qdda)
     G = np.asarray(device.closure.follow(qa, qda).G)

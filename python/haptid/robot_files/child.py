@@ -58,6 +58,9 @@ _ARRAYS = (
     "tendon_armature",
     "tendon_frictionloss",
     "tendon_length0",
+    "tendon_lengthspring",
+    "tendon_stiffnesspoly",
+    "tendon_dampingpoly",
     "wrap_type",
     "wrap_objid",
     "wrap_prm",
@@ -74,6 +77,13 @@ _ARRAYS = (
     "site_bodyid",
     "site_pos",
     "site_quat",
+    "geom_type",
+    "geom_bodyid",
+    "geom_pos",
+    "geom_quat",
+    "geom_size",
+    "geom_contype",
+    "geom_conaffinity",
 )
 _NAMED = ("body", "joint", "equality", "tendon", "actuator", "site")
 
@@ -155,7 +165,7 @@ def run_mjcf(request: dict[str, Any]) -> dict[str, Any]:
     import mujoco
 
     spec = mujoco.MjSpec.from_file(request["path"])
-    guessed = _without_pictures(mujoco, spec, request["folders"])
+    guessed, meshes = _without_pictures(mujoco, spec, request["folders"])
     model = spec.compile()
     flags = mujoco.mjtDisableBit
     disabled = {
@@ -173,6 +183,7 @@ def run_mjcf(request: dict[str, Any]) -> dict[str, Any]:
         "equality": {k.value: k.name.removeprefix("mjEQ_").lower() for k in _members(mujoco.mjtEq)},
         "wrap": {k.value: k.name.removeprefix("mjWRAP_").lower() for k in _members(mujoco.mjtWrap)},
         "transmission": {k.value: k.name.removeprefix("mjTRN_").lower() for k in _members(mujoco.mjtTrn)},
+        "geom": {k.value: k.name.removeprefix("mjGEOM_").lower() for k in _members(mujoco.mjtGeom)},
     }
     counts = {"body": model.nbody, "joint": model.njnt, "equality": model.neq, "tendon": model.ntendon}
     counts |= {"actuator": model.nu, "site": model.nsite}
@@ -188,6 +199,7 @@ def run_mjcf(request: dict[str, Any]) -> dict[str, Any]:
             for kind in _NAMED
         },
         "guessed": [body.id for body in spec.bodies if body.name in guessed or id(body) in guessed],
+        "meshes": [geom.id for geom in meshes],
         "site_type": int(mujoco.mjtObj.mjOBJ_SITE),
         "plain_gain": [int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)],
         "flexes": model.nflex,
@@ -200,12 +212,16 @@ def _members(enum: Any) -> list[Any]:
     return [getattr(enum, name) for name in dir(enum) if name.startswith("mj") and not name.startswith("mjN")]
 
 
-def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> set[Any]:
-    """Remove all files that no inertia depends on; names (or ids) of bodies whose inertia is computed from shapes."""
+def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> tuple[set[Any], list[Any]]:
+    """Remove all files that no inertia depends on.
+
+    Names (or ids) of bodies whose inertia is computed from shapes, and geoms whose shape was in such a file.
+    """
     always = int(spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
     never = int(spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE)
     low, high = (int(x) for x in spec.compiler.inertiagrouprange)
     guessed: set[Any] = set()
+    meshes: list[Any] = []
     needed: set[str] = set()
     shape = mujoco.mjtGeom
     for body in spec.bodies:
@@ -216,10 +232,12 @@ def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> set[Any]:
             geom.material = ""
             if int(geom.type) in (int(shape.mjGEOM_HFIELD), int(shape.mjGEOM_SDF)):
                 geom.type, geom.hfieldname, geom.size = shape.mjGEOM_PLANE, "", [1, 1, 1]
+                meshes.append(geom)
             weightless = geom.mass == 0 or geom.density == 0 or not low <= geom.group <= high
             if geom.meshname and counted and not weightless:
                 needed.add(geom.meshname)
             elif geom.meshname:
+                meshes.append(geom)
                 geom.meshname, geom.type, geom.size = "", shape.mjGEOM_SPHERE, [0.01, 0, 0]
                 if counted:
                     geom.mass = 0
@@ -236,7 +254,7 @@ def _without_pictures(mujoco: Any, spec: Any, folders: list[str]) -> set[Any]:
     for kind in ("skins", "materials", "textures", "hfields"):
         for entry in list(getattr(spec, kind)):
             spec.delete(entry)
-    return guessed
+    return guessed, meshes
 
 
 def _expect_inside(path: str, folders: list[str]) -> None:

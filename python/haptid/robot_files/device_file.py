@@ -27,9 +27,12 @@ _LONGEST_NAME, _WIDTH = 40, 116
 GUESSED_PERCENT = 50.0
 # Limits of this size or more are none, in SI: descriptions write 1e16 for it.
 _UNLIMITED = 1e9
+# Most collision shapes of a device file.
+_MOST_SHAPES = 500
 # Numbers below this share of a description's size are rounding.
 _ROUNDING = 1e-15
 _STEMS = {"armature": "IA", "damping": "FV", "friction": "FC", "stiffness": "K"}
+_KINDS = {"armature": "rotor-inertia", "damping": "viscous", "friction": "coulomb", "stiffness": "spring"}
 
 
 @dataclass(frozen=True)
@@ -62,16 +65,17 @@ def device_text(
         RobotFileError: a joint has no torque constant, one names no driven joint, or it is zero or not finite.
     """
     loops = opened_loops(of)
-    names = clean_names([hinge.name for hinge in loops.hinges])
-    notes = (*of.tree.notes, *loops.notes, *_drive_notes(of, loops))
+    hinges = [hinge.name for hinge in loops.hinges]
+    names = clean_names([*hinges, *(f"tendon {x.name}" for x in of.tendons)])
+    notes = (*of.tree.notes, *_drive_notes(of, loops))
     writer = _Writer(of, loops, names)
     motors = writer.motors(torque_constant)
     body = [*writer.joints(), *writer.relations(), *writer.cuts(), *motors, *writer.terms()]
-    body += writer.collision()
+    body += [*writer.symmetry(), *writer.collision()]
     if priors:
         body += writer.priors()
     head = [*_heading(of, notes), *writer.top()]
-    return DeviceText("\n".join([*head, *body]).rstrip() + "\n", names, notes)
+    return DeviceText("\n".join([*head, *body]).rstrip() + "\n", {name: names[name] for name in hinges}, notes)
 
 
 def clean_names(names: Iterable[str]) -> dict[str, str]:
@@ -163,7 +167,7 @@ class _Writer:
     def __init__(self, of: MovingTree, loops: OpenLoops, names: Mapping[str, str]) -> None:
         self.of, self.loops, self.names = of, loops, names
         self.moving = {one.joint.name: one for one in of.moving}
-        self.dh = all(one.joint.keys is not None for one in of.moving) and not loops.notes
+        self.dh = all(one.joint.keys is not None for one in of.moving)
         self.passive = loops.passive | {relation.joint for relation in of.follows}
 
     def top(self) -> list[str]:
@@ -301,6 +305,33 @@ class _Writer:
             if one.joint.stiffness:
                 made += ["[[terms]]", 'kind = "spring"', f'joints = ["{self.names[name]}"]']
                 made += [f"rest = {_number(one.joint.rest)}", ""]
+        for tendon in self.of.tendons:
+            name = self.names[f"tendon {tendon.name}"]
+            factors = ", ".join(f"{self.names[joint]} = {_number(x)}" for joint, x in tendon.factors.items())
+            made += ["[[coordinates]]", f'name = "{name}"', f"joints = {{ {factors} }}", ""]
+            for key, kind in _KINDS.items():
+                if getattr(tendon, key):
+                    made += ["[[terms]]", f'kind = "{kind}"', f'coordinates = ["{name}"]']
+                    made += [f"rest = {_number(tendon.rest)}"] if kind == "spring" else []
+                    made.append("")
+        return made
+
+    def symmetry(self) -> list[str]:
+        """[[symmetry]] of rods that may spin: parameters that no torque shows."""
+        made: list[str] = []
+        for name in sorted(self.of.spinning):
+            joint = next(x for x in self.of.tree.joints if x.name == name)
+            k, frame = self.of.frames[joint.child]
+            if k < 0:
+                continue
+            one = self.of.moving[k].joint
+            line = least_turn(one.axis)[:3, :3].T @ frame[:3, :3] @ joint.axis
+            along = "XYZ"[int(np.argmax(np.abs(line)))]
+            others = [letter for letter in "XYZ" if letter != along]
+            link = self.names[one.name]
+            zero = [kind + link for kind in ("XY", "XZ", "YZ", along * 2, *(f"M{x}" for x in others))]
+            made += ["[[symmetry]]", f'reason = "a rod that spins freely about its line, {along} of link {link}"']
+            made += [f"zero = {json.dumps(zero)}", f"equal = {json.dumps([[x * 2 + link for x in others]])}", ""]
         return made
 
     def collision(self) -> list[str]:
@@ -313,6 +344,10 @@ class _Writer:
                 f"# Collision meshes (or shapes without a size) are not imported, of: {plain_text(', '.join(others))}"
             )
             made += [text[: 10 * _WIDTH], "# Describe these links by shapes or hulls of points of your own.", ""]
+        count = sum(len(self.of.tree.links[name].shapes) for name in self.of.frames)
+        if count > _MOST_SHAPES:
+            text = f"# {count} collision shapes are not imported: a device file has at most {_MOST_SHAPES}."
+            return [*made, text, ""]
         for name, (moving, frame) in self.of.frames.items():
             for shape in self.of.tree.links[name].shapes:
                 link = BASE if moving < 0 else self._body(at[self.of.moving[moving].joint.name])
@@ -332,6 +367,12 @@ class _Writer:
             for key, stem in _STEMS.items()
             for name, one in self.moving.items()
             if getattr(one.joint, key)
+        }
+        values |= {
+            stem + self.names[f"tendon {tendon.name}"]: float(getattr(tendon, key))
+            for key, stem in _STEMS.items()
+            for tendon in self.of.tendons
+            if getattr(tendon, key)
         }
         bodies: list[str] = []
         for name, one in self.moving.items():

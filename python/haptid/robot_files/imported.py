@@ -13,13 +13,15 @@ import numpy as np
 
 from haptid.device.device import Device
 from haptid.errors import DeviceError, OutputFolderError, RobotFileError
+from haptid.robot_files.balls import with_ball_hinges, without_spin
 from haptid.robot_files.check import Check, check, device_from
 from haptid.robot_files.device_file import device_text
+from haptid.robot_files.loops import opened_loops
 from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
 from haptid.robot_files.oracles import ask_others
 from haptid.robot_files.read import read_robot
-from haptid.robot_files.tree import Note
+from haptid.robot_files.tree import Note, RobotTree
 from haptid.robot_files.xml import refused
 
 # Most joints of a device.
@@ -126,7 +128,7 @@ def import_robot(
     """
     given: dict[str, Any] = {"packages": packages, "xacro_arguments": xacro_arguments, "lengths": lengths}
     tree = read_robot(path, **given, snap=snap)
-    of = moving_tree(tree, root, tip, hold)
+    of = _moving(tree, root, tip, hold)
     if len(of.moving) > MOST_JOINTS:
         found = f"{len(of.moving)} joints move; a device has at most {MOST_JOINTS}"
         raise refused(str(path), found, "Import a part of it, with a root and a tip, or hold joints.")
@@ -141,7 +143,7 @@ def import_robot(
         raise
     snapped = None
     if snap > 0:
-        exact = moving_tree(read_robot(path, **given), root, tip, hold)
+        exact = _moving(read_robot(path, **given), root, tip, hold)
         torques = [tree_torque(x, states.q, states.qd, states.qdd) for x in (of, exact)]
         snapped = float(np.abs(torques[0] - torques[1]).max() / (np.abs(torques[1]).max() or 1.0))
     if ask and snap > 0:  # other programs do not snap
@@ -154,3 +156,20 @@ def import_robot(
         made = device_text(of, priors, torque_constant)
         device = device_from(made.text, str(path))
     return ImportedRobot(made.text, device, made.names, made.notes, done, of, snapped)
+
+
+def _moving(tree: RobotTree, root: str | None, tip: str | None, hold: Mapping[str, float] | None) -> MovingTree:
+    """What moves; spins of rods between ball joints, which nothing determines, are held."""
+    tree = with_ball_hinges(tree, hold or {})
+    of = moving_tree(tree, root, tip, hold)
+    loops = opened_loops(of)
+    loose = [tendon for tendon in of.tendons if loops.passive & set(tendon.factors)]
+    if loose:
+        more = [Note("left out", f"tendon {x.name}, on joints that loops move", x.line) for x in loose]
+        kept = tuple(tendon for tendon in tree.tendons if tendon.name not in {x.name for x in loose})
+        return _moving(replace(tree, tendons=kept, notes=(*tree.notes, *more)), root, tip, hold)
+    idle = loops.idle
+    if not idle:
+        return of
+    thin, spinning = without_spin(tree, of.frames, {one.joint.name: k for k, one in enumerate(of.moving)}, idle)
+    return replace(moving_tree(thin, root, tip, hold, idle), spinning=spinning)

@@ -1,7 +1,6 @@
 """Loops of what moves of a tree: which joints they move, and the joint at which each is cut.
 
-A device file cuts loops at revolute and prismatic joints. A spherical joint whose loop moves in a plane is a revolute
-cut across the plane; in space it is two joints of massless links, at a right angle, and a revolute cut.
+A spherical joint whose loop moves in a plane is a revolute cut across the plane.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
 from haptid.robot_files.moving_tree import MovingTree
-from haptid.robot_files.tree import ClosingJoint, Note
+from haptid.robot_files.tree import ClosingJoint
 
 # Axes are parallel, and directions independent, beyond this sine or relative length.
 _PARALLEL, _RANK = 1e-9, 1e-6
@@ -24,7 +23,10 @@ _POSES, _AWAY = 6, 0.2
 
 @dataclass(frozen=True, eq=False)
 class Hinge:
-    """A joint as loops need it: index of its parent (-1: base), placement (4, 4), axis (3,), whether it slides."""
+    """A joint as loops need it: index of its parent (-1: base), placement (4, 4), axis (3,), whether it slides.
+
+    `ball`: 1 if it is one of three hinges of a ball joint, 2 if a rod spins about it.
+    """
 
     name: str
     parent: int
@@ -33,6 +35,7 @@ class Hinge:
     prismatic: bool
     actuated: bool
     reference: float
+    ball: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +57,16 @@ class OpenLoops:
     """The tree with its loops cut.
 
     Attributes:
-        hinges: moving joints of the tree, then those of massless links that spherical cuts need.
+        hinges: moving joints of the tree.
         loops: the cuts.
         passive: names of the joints that cuts move.
-        notes: on loops that are written in another way than the source.
+        idle: hinges of ball joints whose rotation nothing determines.
     """
 
     hinges: tuple[Hinge, ...]
     loops: tuple[CutLoop, ...]
     passive: frozenset[str]
-    notes: tuple[Note, ...]
+    idle: tuple[str, ...]
 
 
 def opened_loops(of: MovingTree) -> OpenLoops:
@@ -77,23 +80,20 @@ def opened_loops(of: MovingTree) -> OpenLoops:
             one.joint.kind == "prismatic",
             one.joint.actuated is not False,
             one.joint.reference,
+            bool(one.joint.ball) + one.joint.spins,
         )
         for one in of.moving
     ]
-    notes: list[Note] = []
-    cuts = [_cut(of, cut, hinges, notes) for cut in of.closing]
+    cuts = [_cut(of, cut, hinges) for cut in of.closing]
     if not cuts:
         return OpenLoops(tuple(hinges), (), frozenset(), ())
     passive, idle = _passive(hinges, cuts, of)
-    for name in idle:
-        notes.append(Note("exact", f"a rotation that no torque shows is held by leaving out joint {name}"))
-    hinges, cuts = _without(hinges, cuts, idle)
     loops = []
     for cut in cuts:
         ways = _way(hinges, cut.body_a) ^ _way(hinges, cut.body_b)
         moved = tuple(hinges[k].name for k in sorted(ways) if hinges[k].name in passive)
         loops.append(CutLoop(cut.name, cut.kind, cut.body_a, cut.frame_a, cut.body_b, cut.frame_b, moved, cut.line))
-    return OpenLoops(tuple(hinges), tuple(loops), frozenset(passive), tuple(notes))
+    return OpenLoops(tuple(hinges), tuple(loops), frozenset(passive), tuple(idle))
 
 
 def _poses(hinges: Sequence[Hinge], q: Array) -> list[Array]:
@@ -127,24 +127,20 @@ def _way(hinges: Sequence[Hinge], body: int) -> set[int]:
     return made
 
 
-def _cut(of: MovingTree, cut: ClosingJoint, hinges: list[Hinge], notes: list[Note]) -> CutLoop:
+def _cut(of: MovingTree, cut: ClosingJoint, hinges: Sequence[Hinge]) -> CutLoop:
     (a, on_a), (b, on_b) = of.frames[cut.link_a], of.frames[cut.link_b]
     frame_a, frame_b = on_a @ cut.frame_a, on_b @ cut.frame_b
     kind: str = cut.kind
     if kind == "spherical":
-        kind = "revolute"
         poses = _poses(hinges, np.array([hinge.reference for hinge in hinges]))
         axis = _across(hinges, poses, _way(hinges, a) ^ _way(hinges, b))
         world_a, world_b = _at(poses, a, np.eye(4)), _at(poses, b, np.eye(4))
         if axis is not None:
+            kind = "revolute"
             frame_a, frame_b = (
                 _turned(frame, least_turn(world[:3, :3].T @ axis)[:3, :3])
                 for frame, world in ((frame_a, world_a), (frame_b, world_b))
             )
-        else:
-            b, frame_b = _universal(cut, hinges, b, frame_b, world_b, world_a @ frame_a)
-            text = f"loop {cut.name}: its spherical joint is a revolute cut and two joints of massless links"
-            notes.append(Note("exact", text, cut.line))
     return CutLoop(cut.name, kind, a, frame_a, b, frame_b, (), cut.line)
 
 
@@ -165,19 +161,6 @@ def _across(hinges: Sequence[Hinge], poses: Sequence[Array], way: set[int]) -> A
     return axis if flat and all(abs(float(axis @ other)) < _PARALLEL for other in sliding) else None
 
 
-def _universal(
-    cut: ClosingJoint, hinges: list[Hinge], body: int, frame: Array, world: Array, target: Array
-) -> tuple[int, Array]:
-    """Two joints at a right angle on link b, whose last frame has the orientation of frame a at the reference."""
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = world[:3, :3].T @ target[:3, :3], frame[:3, 3]
-    for k, axis in enumerate(np.eye(3)[:2]):
-        name = f"{cut.name} {'xy'[k]}"
-        hinges.append(Hinge(name, body if k == 0 else len(hinges) - 1, placement, axis, False, False, 0.0))
-        placement = np.eye(4)
-    return len(hinges) - 1, np.eye(4)
-
-
 def _gaps(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], q: Array) -> tuple[Array, Array]:
     """Gaps of all cuts, (m,), and their Jacobian, (m, hinges)."""
     poses = _poses(hinges, q)
@@ -188,7 +171,7 @@ def _gaps(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], q: Array) -> tuple[A
         A, B = _at(poses, cut.body_a, cut.frame_a), _at(poses, cut.body_b, cut.frame_b)
         za, zb = A[:3, 2], B[:3, 2]
         P = np.eye(3) - np.outer(za, za) if cut.kind == "prismatic" else np.eye(3)
-        turned = [(A[:3, k], B[:3, k]) for k in range(3)] if cut.kind == "prismatic" else [(za, zb)]
+        turned = {"prismatic": [(A[:3, k], B[:3, k]) for k in range(3)], "revolute": [(za, zb)]}.get(cut.kind, [])
         gaps.append(np.concatenate([P @ (B[:3, 3] - A[:3, 3]), *(np.cross(x, y) for x, y in turned)]))
         J = np.zeros((3 + 3 * len(turned), len(hinges)))
         for body, origin, sign in ((cut.body_b, B[:3, 3], 1.0), (cut.body_a, A[:3, 3], -1.0)):
@@ -202,7 +185,7 @@ def _gaps(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], q: Array) -> tuple[A
 
 
 def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -> tuple[set[str], list[str]]:
-    """Names of the joints that the cuts move, and of joints of massless links whose rotation nothing determines."""
+    """Names of the joints that the cuts move, and of hinges of ball joints whose rotation nothing determines."""
     names = [hinge.name for hinge in hinges]
     start = np.array([hinge.reference for hinge in hinges])
     F = _independent(names, of)
@@ -220,8 +203,11 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
             found = int(np.linalg.matrix_rank(J @ F, tol=_RANK))
             if found > rank:
                 best, rank = (J @ F)[:, used], found
-    added = len(of.moving)
-    order = sorted(range(len(used)), key=lambda i: (hinges[used[i]].actuated, used[i] >= added, -int(used[i])))
+    ball = [hinges[k].ball for k in used]  # spins, and otherwise the third hinge of a ball joint, come last
+    order = sorted(
+        range(len(used)),
+        key=lambda i: (hinges[used[i]].actuated, ball[i], int(used[i]) if ball[i] == 1 else -int(used[i])),
+    )
     passive: set[str] = set()
     idle: list[str] = []
     Q = np.zeros((len(best), 0))
@@ -232,7 +218,7 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
         if size > _RANK * max(1.0, float(np.linalg.norm(best[:, i]))):
             Q = np.column_stack([Q, rest / size])
             passive.add(names[used[i]])
-        elif used[i] >= added:
+        elif hinges[used[i]].ball:
             idle.append(names[used[i]])
     return passive, idle
 
@@ -248,33 +234,6 @@ def _independent(names: Sequence[str], of: MovingTree) -> Array:
             direct[index[relation.joint], index[name]] = factor
     free = np.diag([0.0 if k in followers else 1.0 for k in range(len(names))])
     return np.asarray(np.linalg.solve(np.eye(len(names)) - direct, free))
-
-
-def _without(
-    hinges: Sequence[Hinge], cuts: Sequence[CutLoop], idle: Sequence[str]
-) -> tuple[list[Hinge], list[CutLoop]]:
-    """Joints and cuts after joints of massless links are fixed at zero."""
-    new: list[tuple[int, Array]] = []  # index and pose there of every old joint's link
-    made: list[Hinge] = []
-    for hinge in hinges:
-        parent, placement = hinge.parent, hinge.placement
-        if parent >= 0:
-            parent, pose = new[parent]
-            placement = pose @ placement
-        if hinge.name in idle:
-            new.append((parent, placement))
-            continue
-        made.append(Hinge(hinge.name, parent, placement, hinge.axis, hinge.prismatic, hinge.actuated, hinge.reference))
-        new.append((len(made) - 1, np.eye(4)))
-
-    def moved(body: int, frame: Array) -> tuple[int, Array]:
-        return (body, frame) if body < 0 else (new[body][0], new[body][1] @ frame)
-
-    renewed = [
-        CutLoop(cut.name, cut.kind, *moved(cut.body_a, cut.frame_a), *moved(cut.body_b, cut.frame_b), (), cut.line)
-        for cut in cuts
-    ]
-    return made, renewed
 
 
 def gaps_at(of: MovingTree, poses: Mapping[str, tuple[Array, Array]]) -> Array:

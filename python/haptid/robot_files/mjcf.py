@@ -1,10 +1,11 @@
-"""MJCF: scanned for what multiplies and what lies outside, compiled by MuJoCo in a child, walked joint by joint."""
+"""MJCF: checked for replication and outside files, compiled by MuJoCo in a child process, read joint by joint."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,9 +19,11 @@ from haptid.robot_files.tree import (
     Follows,
     Inertial,
     JointKind,
+    LinkShape,
     Note,
     RobotLink,
     RobotTree,
+    Tendon,
     TreeJoint,
     motion,
     snapped_axis,
@@ -107,6 +110,7 @@ class _Walk:
         """The tree."""
         driven, armature, damping = self._actuated()
         self._bodies(driven, armature, damping)
+        self._shapes()
         self._equalities()
         self._left_out()
         gravity = np.zeros(3) if self.of["disabled"]["gravity"] else np.array(self.of["gravity"])
@@ -120,6 +124,7 @@ class _Walk:
             follows=tuple(self.follows),
             closing=tuple(self.closing),
             drives=tuple(self._drives()),
+            tendons=tuple(self._tendons()),
             notes=tuple(self.notes),
         )
 
@@ -236,6 +241,25 @@ class _Walk:
             made[:3, :3] = nearest
         return made
 
+    def _shapes(self) -> None:
+        """Collision shapes of all links; meshes and other shapes that a device file does not have are counted."""
+        meshes = set(self.of["meshes"])
+        found: dict[str, list[LinkShape | None]] = {}
+        for g, kind in enumerate(self.x["geom_type"]):
+            if not (self.x["geom_contype"][g] or self.x["geom_conaffinity"][g]):
+                continue
+            link, at = self.body_links[int(self.x["geom_bodyid"][g])]
+            name, (a, b, c) = self.enums["geom"][int(kind)], (float(x) for x in self.x["geom_size"][g])
+            sizes = {"sphere": (a,), "capsule": (a, 2 * b), "cylinder": (a, 2 * b), "box": (2 * a, 2 * b, 2 * c)}
+            shape = None
+            if g not in meshes and name in sizes:
+                frame = at @ self._frame(self.x["geom_pos"][g], self.x["geom_quat"][g])
+                shape = LinkShape(cast(Any, name), sizes[name], frame)
+            found.setdefault(link, []).append(shape)
+        for link, shapes in found.items():
+            given = tuple(shape for shape in shapes if shape is not None)
+            self.links[link] = replace(self.links[link], shapes=given, other_shapes=len(shapes) - len(given))
+
     def _actuated(self) -> tuple[set[int], Array, Array]:
         """Joints that actuators drive, and armature and damping that actuators add to joints."""
         driven: set[int] = set()
@@ -260,6 +284,33 @@ class _Walk:
         if any(self.enums["wrap"][int(self.x["wrap_type"][w])] != "joint" for w in wraps):
             return None
         return {int(self.x["wrap_objid"][w]): float(self.x["wrap_prm"][w]) for w in wraps}
+
+    def _tendons(self) -> list[Tendon]:
+        """Fixed tendons with stiffness, damping, friction or inertia; other tendons with such are left out."""
+        made: list[Tendon] = []
+        off = self.of["disabled"]
+        keys = {"stiffness": "spring", "damping": "damper", "armature": "", "frictionloss": "frictionloss"}
+        for t in range(len(self.x["tendon_adr"])):
+            name, line = self._name("tendon", t), self._line("tendon", t)
+            value = {key: 0.0 if off.get(flag) else float(self.x[f"tendon_{key}"][t]) for key, flag in keys.items()}
+            nonlinear = np.any(self.x["tendon_stiffnesspoly"][t]) or np.any(self.x["tendon_dampingpoly"][t])
+            low, high = (float(x) for x in self.x["tendon_lengthspring"][t])
+            factors = self._tendon(t)
+            if factors is None and (nonlinear or any(value.values())):
+                has = " and ".join(key for key in keys if value[key]) or "nonlinear force"
+                self.notes.append(
+                    Note("left out", f"{has} of tendon {name}, whose length is no sum of positions", line)
+                )
+                continue
+            if nonlinear or (value["stiffness"] and low < high):
+                text = f"stiffness of tendon {name}, which is not linear"
+                self.notes.append(Note("left out", text, line))
+                value["stiffness"] = 0.0
+            if factors and any(value.values()):
+                named = {self.joint_names[j]: x for j, x in factors.items() if x}
+                stiffness, damping, armature, friction = value.values()
+                made.append(Tendon(name, named, stiffness, low, damping, friction, armature, line))
+        return made
 
     def _drives(self) -> list[Drive]:
         """Plain motors with gears. Gears of position servos and of tendons that are not fixed say nothing of torque."""
@@ -365,15 +416,6 @@ class _Walk:
         self.closing.append(ClosingJoint(name, "spherical", link_a, at_a, link_b, at_b, line))
 
     def _left_out(self) -> None:
-        for t in range(len(self.x["tendon_adr"])):
-            has = [
-                key
-                for key in ("stiffness", "damping", "armature", "frictionloss")
-                if np.any(self.x[f"tendon_{key}"][t])
-            ]
-            if has:
-                text = f"{' and '.join(has)} of tendon {self._name('tendon', t)}"
-                self.notes.append(Note("left out", text, self._line("tendon", t)))
         if self.of["fluid"]:
             self.notes.append(Note("left out", "forces of the medium (option density, viscosity)"))
         if self.of["flexes"]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import suggestion
+from haptid.robot_files.balls import with_ball_hinges
 from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
@@ -16,6 +17,7 @@ from haptid.robot_files.tree import (
     Note,
     RobotLink,
     RobotTree,
+    Tendon,
     TreeJoint,
     merged,
     motion,
@@ -45,7 +47,7 @@ class Moving:
 
 @dataclass(frozen=True, eq=False)
 class MovingTree:
-    """What moves of a tree.
+    """The moving part of a tree.
 
     Attributes:
         tree: with `joints` in order, and `notes` of what was held or left out.
@@ -56,6 +58,8 @@ class MovingTree:
         frames: for every link that is kept, the index of its moving joint (-1: base) and its pose there, (4, 4).
         follows: relations between moving joints.
         closing: closing joints whose links are kept.
+        tendons: those of moving joints, held ones as constants.
+        spinning: held hinges of ball joints, about which a symmetric rod may spin.
     """
 
     tree: RobotTree
@@ -66,6 +70,8 @@ class MovingTree:
     frames: Mapping[str, tuple[int, Array]]
     follows: tuple[Follows, ...]
     closing: tuple[ClosingJoint, ...]
+    tendons: tuple[Tendon, ...] = ()
+    spinning: frozenset[str] = frozenset()
 
     def with_bodies(self, bodies: Mapping[str, Inertial]) -> MovingTree:
         """The same tree with these bodies by link, and no others."""
@@ -74,21 +80,27 @@ class MovingTree:
 
 
 def moving_tree(
-    tree: RobotTree, root: str | None = None, tip: str | None = None, hold: Mapping[str, float] | None = None
+    tree: RobotTree,
+    root: str | None = None,
+    tip: str | None = None,
+    hold: Mapping[str, float] | None = None,
+    spinning: Collection[str] = (),
 ) -> MovingTree:
-    """What moves below a root link, and on the way to a tip link.
+    """The moving part below a root link, up to a tip link where one is given.
 
     Args:
         tree: of a reader.
         root: link that becomes the base; the source's root link if None.
         tip: last link of a chain: joints that are not on the way from the root to it are held at zero.
         hold: positions at which joints are held, by name, rad or m.
+        spinning: hinges of ball joints that nothing determines: they are held at zero.
 
     Raises:
         RobotFileError: a name is unknown, nothing moves, or the tree is wrong (see `ordered`).
     """
-    joints = ordered(tree)
     hold = dict(hold or {})
+    tree = with_ball_hinges(tree, hold)
+    joints = ordered(tree)
     by_name = {joint.name: joint for joint in joints}
     above = {joint.child: joint for joint in joints}
     for name in hold:
@@ -102,8 +114,8 @@ def moving_tree(
         root = _only_root(tree, roots, joints)
     root = root if root is not None else roots[0]
     chain = None if tip is None else _chain(tree, root, tip, above)
-    held = _held(joints, tree, hold, chain)
-    notes = [*tree.notes, *_said(joints, held, hold, chain)]
+    held = _held(joints, tree, hold | dict.fromkeys(spinning, 0.0), chain)
+    notes = [*tree.notes, *_said(joints, held, hold, chain, spinning)]
     base = _pose_of(root, above, held)
     moving: list[Moving] = []
     frames: dict[str, tuple[int, Array]] = {root: (-1, np.eye(4))}
@@ -145,9 +157,16 @@ def moving_tree(
         for one in made
         if one.body is None and not one.massless
     ]
-    return MovingTree(
-        replace(tree, joints=joints, notes=tuple(notes)), root, base, made, held, frames, follows, closing
-    )
+    tree = replace(tree, joints=joints, notes=tuple(notes))
+    tendons = tuple(_pulling(tendon, kept, held) for tendon in tree.tendons if kept & set(tendon.factors))
+    return MovingTree(tree, root, base, made, held, frames, follows, closing, tendons, frozenset(spinning))
+
+
+def _pulling(tendon: Tendon, kept: set[str], held: Mapping[str, float]) -> Tendon:
+    """A tendon as one of moving joints."""
+    constant = sum(factor * held.get(name, 0.0) for name, factor in tendon.factors.items() if name not in kept)
+    factors = {name: factor for name, factor in tendon.factors.items() if name in kept}
+    return replace(tendon, factors=factors, rest=tendon.rest - constant)
 
 
 def _only_root(tree: RobotTree, roots: Sequence[str], joints: Sequence[TreeJoint]) -> str:
@@ -196,17 +215,22 @@ def _held(
 
 
 def _said(
-    joints: Sequence[TreeJoint], held: Mapping[str, float], hold: Mapping[str, float], chain: set[str] | None
+    joints: Sequence[TreeJoint],
+    held: Mapping[str, float],
+    hold: Mapping[str, float],
+    chain: set[str] | None,
+    spinning: Collection[str],
 ) -> list[Note]:
     made = [
         Note("approximate", f"{joint.kind} joint {joint.name} is held as the source places it", joint.line)
         for joint in joints
-        if joint.kind in ("spherical", "floating", "planar") and joint.name not in hold
+        if joint.kind in ("floating", "planar") and joint.name not in hold
     ]
     made += [
         Note("approximate", f"joint {joint.name} is held at {held[joint.name]:g}, as asked for", joint.line)
         for joint in joints
-        if joint.moves and joint.name in held and (joint.name in hold or chain is not None)
+        if joint.name in hold
+        or (joint.name in held and joint.moves and chain is not None and joint.name not in spinning)
     ]
     return made
 

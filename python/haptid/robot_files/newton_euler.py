@@ -27,7 +27,7 @@ def source_link_poses(of: MovingTree, q: Mapping[str, Array], samples: int) -> d
 def tree_torque(
     of: MovingTree, q: Mapping[str, Array], qd: Mapping[str, Array], qdd: Mapping[str, Array], friction: bool = True
 ) -> Array:
-    """Torque of every moving joint, (moving, n), N m or N: bodies, armature, springs, and damping and friction.
+    """Torque of every moving joint, (moving, n), N m or N: bodies, armature, springs, tendons, damping and friction.
 
     Source: Luh, Walker and Paul (1980), in the base frame.
 
@@ -68,6 +68,13 @@ def tree_torque(
                 + friction * (joint.damping * v + joint.friction * np.sign(v))
                 + joint.stiffness * (q[joint.name] - joint.rest)
             )
+    for tendon in of.tendons:
+        c = np.array(list(tendon.factors.values()))
+        x, v, a = (c @ np.array([values[name] for name in tendon.factors]) for values in (q, qd, qdd))
+        force = tendon.stiffness * (x - tendon.rest) + tendon.armature * a
+        force = force + friction * (tendon.damping * v + tendon.friction * np.sign(v))
+        for name, factor in tendon.factors.items():
+            made[moving[name]] += factor * force
     return made
 
 

@@ -16,6 +16,9 @@ from haptid.robot_files.moving_tree import MovingTree
 from haptid.robot_files.newton_euler import tree_torque
 from haptid.robot_files.xml import refused
 
+# Armature of ball joints, kg m^2, with which MuJoCo's mass matrix is regular; its torque is subtracted.
+_ARMATURE = 1e-3
+
 
 def ask_others(path: Path, of: MovingTree, states: ComparedStates) -> dict[str, float]:
     """Greatest relative difference of torques from another program, by its name.
@@ -105,11 +108,19 @@ def mujoco_model_torque(mujoco: Any, model: Any, of: MovingTree, states: Compare
         model.opt.disableflags |= int(flag)
     model.opt.density = model.opt.viscosity = 0.0
     model.body_gravcomp[:] = 0.0
-    if model.ntendon:
-        model.tendon_stiffness[:] = model.tendon_damping[:] = model.tendon_armature[:] = 0.0
+    known = {tendon.name: tendon for tendon in of.tendons}
+    for t in range(model.ntendon):
+        tendon = known.get(model.tendon(t).name or f"tendon {t}")
+        model.tendon_stiffness[t] = tendon.stiffness if tendon else 0.0
+        model.tendon_armature[t] = tendon.armature if tendon else 0.0
+        model.tendon_damping[t] = model.tendon_stiffnesspoly[t] = model.tendon_dampingpoly[t] = 0.0
+    _bodies_of(mujoco, model, of)
     data = mujoco.MjData(model)
     index: Mapping[str, int] = {model.joint(j).name or f"joint {j}": j for j in range(model.njnt)}
     names = [one.joint.name for one in of.moving]
+    hinges = {joint.name for joint in of.tree.joints if joint.ball}
+    balls = [_Ball(of, name, index[name]) for name in dict.fromkeys(x.ball for x in of.tree.joints if x.ball)]
+    balls = [ball for ball in balls if ball.moves]
     made = np.zeros((len(names), len(states.rows)))
     for k in range(len(states.rows)):
         mujoco.mj_resetData(model, data)
@@ -118,10 +129,80 @@ def mujoco_model_torque(mujoco: Any, model: Any, of: MovingTree, states: Compare
             if name in index and model.jnt_type[index[name]] in (2, 3):
                 data.qpos[model.jnt_qposadr[index[name]]] = held
         for name in names:
+            if name in hinges:
+                continue
             j = index[name]
             data.qpos[model.jnt_qposadr[j]] = states.q[name][k]
             data.qvel[model.jnt_dofadr[j]] = states.qd[name][k]
             data.qacc[model.jnt_dofadr[j]] = states.qdd[name][k]
+        for ball in balls:
+            ball.place(mujoco, model, data, states, k)
         mujoco.mj_inverse(model, data)
-        made[:, k] = [data.qfrc_inverse[model.jnt_dofadr[index[name]]] for name in names]
+        torque = {x: y for ball in balls for x, y in ball.torque(model, data).items()}
+        made[:, k] = [
+            torque[name] if name in hinges else data.qfrc_inverse[model.jnt_dofadr[index[name]]] for name in names
+        ]
     return made
+
+
+def _bodies_of(mujoco: Any, model: Any, of: MovingTree) -> None:
+    """Give rods that spin the bodies of the tree, which have no moment of inertia about their line."""
+    spun = {joint.child for joint in of.tree.joints if joint.name in of.spinning}
+    at = {of.frames[link][0] for link in spun}
+    for name, (k, _) in of.frames.items():
+        inertial = of.tree.links[name].inertial
+        body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if k in at and inertial is not None and body > 0:
+            own = of.tree.links[name].own_frame[:3, :3]
+            axes = np.zeros(9)  # of the principal moments, which stay: a rod's line is one of them
+            mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+            axes = own @ axes.reshape(3, 3)
+            model.body_inertia[body] = np.diag(axes.T @ inertial.inertia @ axes)
+    for j in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_BALL)):
+        model.dof_armature[model.jnt_dofadr[j] :][:3] = _ARMATURE
+
+
+class _Ball:
+    """A ball joint of MuJoCo, and the three hinges that it is in the tree.
+
+    Its quaternion is that of R0 Rx Ry Rz R0', with R0 the hinges' frame in the link's; velocities and torques of MuJoCo
+    are in the link's frame.
+    """
+
+    def __init__(self, of: MovingTree, name: str, joint: int) -> None:
+        self.joint, self.hinges = joint, [x.name for x in of.tree.joints if x.ball == name]
+        self.moving = {one.joint.name for one in of.moving}
+        self.onto = next(x for x in of.tree.joints if x.name == f"{name} frame").placement[:3, :3].T
+
+    @property
+    def moves(self) -> bool:
+        return any(name in self.moving for name in self.hinges)
+
+    def place(self, mujoco: Any, model: Any, data: Any, states: ComparedStates, k: int) -> None:
+        """Set its position, velocity and acceleration."""
+        q, v, a = (
+            [values[name][k] if name in self.moving else 0.0 for name in self.hinges]
+            for values in (states.q, states.qd, states.qdd)
+        )
+        _, Ry, Rz = (_about(axis, x) for axis, x in zip(np.eye(3), q, strict=True))
+        # Rates of the link's angular velocity in its own frame by those of the hinges, and the change of these rates.
+        E = np.column_stack([Rz.T @ Ry.T @ [1, 0, 0], Rz.T @ [0, 1, 0], [0, 0, 1]])
+        w = [v[1] * E[:, 1] + v[2] * E[:, 2], v[2] * E[:, 2]]
+        drift = -v[0] * np.cross(w[0], E[:, 0]) - v[1] * np.cross(w[1], E[:, 1])
+        self.rates = self.onto @ E
+        dof, at = model.jnt_dofadr[self.joint], model.jnt_qposadr[self.joint]
+        R = self.onto @ _about(np.eye(3)[0], q[0]) @ Ry @ Rz @ self.onto.T
+        mujoco.mju_mat2Quat(data.qpos[at : at + 4], R.ravel())
+        data.qvel[dof : dof + 3] = self.rates @ v
+        data.qacc[dof : dof + 3] = self.rates @ a + self.onto @ drift
+
+    def torque(self, model: Any, data: Any) -> dict[str, float]:
+        """Torques of its hinges by name."""
+        dof = model.jnt_dofadr[self.joint]
+        torque = data.qfrc_inverse[dof : dof + 3] - _ARMATURE * data.qacc[dof : dof + 3]
+        return dict(zip(self.hinges, self.rates.T @ torque, strict=True))
+
+
+def _about(axis: Array, angle: float) -> Array:
+    K = np.cross(np.eye(3), axis)
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)

@@ -1,4 +1,4 @@
-"""Which files a robot description may name: those under its own folder, and under folders that the caller states."""
+"""Files that a robot description may name: those under its own folder and under folders that the caller gives."""
 
 from __future__ import annotations
 

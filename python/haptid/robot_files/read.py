@@ -27,7 +27,7 @@ def read_robot(
     lengths: Mapping[str, float] | None = None,
     snap: float = 0.0,
 ) -> RobotTree:
-    """Read a robot description; the format is told from its content.
+    """Read a robot description; the format is detected from its content.
 
     Args:
         path: of the file.

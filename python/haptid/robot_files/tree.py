@@ -1,4 +1,4 @@
-"""The neutral tree: what a robot description says, before it is a device.
+"""The neutral tree: contents of a robot description in one form for all formats, before it is a device.
 
 Readers of all formats make one; `moving_tree` merges what does not move, and `device_file` writes it as a device file.
 Names are those of the source.
@@ -27,7 +27,7 @@ JointKind = Literal["revolute", "prismatic", "fixed", "spherical", "floating", "
 
 @dataclass(frozen=True)
 class Note:
-    """What the device file has of something in the source.
+    """A note on how an element of the source is represented in the device file.
 
     Attributes:
         grade: "exact", "approximate", or "left out".
@@ -125,7 +125,7 @@ class TreeJoint:
     Pose of the child = pose of the parent * placement * motion along or about `axis`.
 
     Attributes:
-        name, kind: "spherical", "floating" and "planar" joints do not move in a device.
+        name, kind: "floating" and "planar" joints do not move in a device, and "spherical" ones are three hinges there.
         parent, child: names of links.
         placement: of the child's frame in the parent's at position zero, (4, 4).
         axis: unit vector in the child's frame, (3,).
@@ -136,6 +136,8 @@ class TreeJoint:
         reference: position at which the source draws the robot and closes its loops.
         motor_armature, motor_damping: the parts of armature and damping that the source gives with a motor.
         actuated: whether the source has a motor for it; None if it does not say.
+        ball: name of the ball joint that it is one of three hinges of; empty for others.
+        spins: it is the hinge about the line from one ball joint of its link to the other one.
         keys: of modified Denavit-Hartenberg as text or numbers, where the source gives them.
         line: of the source.
     """
@@ -158,6 +160,8 @@ class TreeJoint:
     rest: float = 0.0
     reference: float = 0.0
     actuated: bool | None = None
+    ball: str = ""
+    spins: bool = False
     keys: Mapping[str, float | str] | None = None
     line: int | None = None
 
@@ -191,6 +195,28 @@ class ClosingJoint:
 
 
 @dataclass(frozen=True)
+class Tendon:
+    """A tendon whose length is a sum of joints' positions with factors, and its force.
+
+    Attributes:
+        name: in the source.
+        factors: by joint.
+        stiffness, rest: force per length, and the length without force.
+        damping, friction, armature: as of joints, by the rate of the length.
+        line: of the source.
+    """
+
+    name: str
+    factors: Mapping[str, float]
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    armature: float = 0.0
+    line: int | None = None
+
+
+@dataclass(frozen=True)
 class Drive:
     """A motor: shaft angle = gear_ratio * sum of factor * position."""
 
@@ -211,7 +237,7 @@ class RobotTree:
         gravity: in the frame of the root links, (3,), m/s^2.
         links: by name.
         joints: parents before children; checked by `ordered`.
-        follows, closing, drives: relations, loops and motors.
+        follows, closing, drives, tendons: relations, loops, motors, and tendons with forces of their own.
         notes: what of the source is approximate or left out.
         lengths: named lengths, of formats that have them.
         open_terms: terms that the source has without values: kind of term to names of joints.
@@ -226,6 +252,7 @@ class RobotTree:
     follows: tuple[Follows, ...] = ()
     closing: tuple[ClosingJoint, ...] = ()
     drives: tuple[Drive, ...] = ()
+    tendons: tuple[Tendon, ...] = ()
     notes: tuple[Note, ...] = ()
     lengths: Mapping[str, float | str] = field(default_factory=dict)
     open_terms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

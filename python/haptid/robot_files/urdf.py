@@ -6,6 +6,7 @@ Source: http://wiki.ros.org/urdf/XML, and for transmissions the sources of ROS' 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
@@ -198,6 +199,12 @@ def _transmissions(root: Element, joints: list[TreeJoint], notes: list[Note]) ->
             notes.append(Note("left out", f"transmission {_label(element)}: it has no known joint", element.line))
             continue
         motors = element.all("actuator")
+        ratios = [x.first("mechanicalReduction") for x in (*element.all("joint"), *motors, element)]
+        words = [x.text.strip() for x in ratios if x is not None and re.fullmatch(r"\s*[A-Za-z_]+\s*", x.text or "")]
+        if words:
+            text = f"transmission {_label(element)}: its reduction is {words[0][:40]!r}, which is no number"
+            notes.append(Note("left out", text, element.line))
+            continue
         sides = [element.all("joint"), motors]
         joint_ratios, motor_ratios = ([_reduction(x, element) for x in side] for side in sides)
         if short == "SimpleTransmission" and len(names) == 1:

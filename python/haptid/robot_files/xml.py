@@ -1,4 +1,4 @@
-"""XML from strangers: elements with their lines and byte ranges; DTDs refused, depth and size bounded.
+"""Untrusted XML: elements with their lines and byte ranges; DTDs refused, depth and size bounded.
 
 The standard library's expat gives line and byte of every element, which an edited file needs to stay as it was, byte
 for byte, outside the edited elements. It expands no entity here: any DTD is refused.
@@ -18,6 +18,8 @@ from haptid.errors import RobotFileError
 
 # A robot description has some hundred kilobytes at most; beyond this it is something else.
 LARGEST_DESCRIPTION = 30_000_000
+# Characters of a text that an error shows.
+_SHOWN = 60
 # Deepest nesting of elements: bodies of a chain are nested in MJCF.
 DEEPEST = 400
 # Most elements of one file.
@@ -130,9 +132,9 @@ def refused(file: str, found: str, advice: str, line: int | None = None) -> Robo
     return RobotFileError(f"{where}: {found}.", where=(file, line), found=found, advice=advice)
 
 
-def _short(text: str, most: int = 60) -> str:
+def _short(text: str) -> str:
     plain = " ".join(text.split())
-    return plain if len(plain) <= most else f"{plain[:most]}..."
+    return plain if len(plain) <= _SHOWN else f"{plain[:_SHOWN]}..."
 
 
 def read_bytes(path: Path) -> bytes:

@@ -24,7 +24,6 @@ def standard_parameters_of(model: DynamicModel, beta: Array) -> Array:
     reproduced to rounding; where a body lies on the boundary of consistency, to 1e-9 relative.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
 
     Raises:
@@ -61,7 +60,6 @@ def departure(model: DynamicModel, beta: Array, chi: Array) -> float:
     Relative to the sum of the magnitudes that a base parameter groups.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         chi: its free standard parameters, (n,), SI.
     """

@@ -109,6 +109,7 @@ def _joints(model: DynamicModel) -> list[dict[str, Any]]:
     return [
         {
             "name": joint.name,
+            "alias": joint.alias or joint.name,
             "parent": "base" if joint.parent < 0 else model.device.joints[joint.parent].name,
             "prismatic": joint.prismatic,
             "active": j in model.device.active,

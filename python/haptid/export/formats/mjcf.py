@@ -41,6 +41,7 @@ def export_mjcf(
     chi = standard_parameters_of(model, source.beta)
     root = fromstring(mjcf(model, chi))
     _limit(root, model)
+    _rename(root, model)
     indent(root)
     text = f"{heading(source, chi)}\n{tostring(root, encoding='unicode')}\n"
     return write(folder, {f"{default_name(model.device.name)}.xml": text}, source.verdict)
@@ -55,3 +56,13 @@ def _limit(root: Element, model: DynamicModel) -> None:
             element.set("range", numbers(joint.position_limits))
         if joint.torque_limit is not None:
             element.set("actuatorfrcrange", numbers((-joint.torque_limit, joint.torque_limit)))
+
+
+def _rename(root: Element, model: DynamicModel) -> None:
+    """Give joints the names that they have in the robot description, also where tendons and actuators name them."""
+    aliases = {joint.name: joint.alias for joint in model.device.joints if joint.alias}
+    for element in root.iter():
+        keys = ("name", "joint") if element.tag == "joint" else ("joint", "joint1", "joint2")
+        for key in keys:
+            if (name := element.get(key)) in aliases:
+                element.set(key, aliases[name])

@@ -72,9 +72,9 @@ def _robot(model: DynamicModel, made: tuple[SimulatedBody, ...], acts: tuple[Eff
         SubElement(root, "link", name="handle")
         above = _link_name(model, model.device.handle.link)
         _fixed(root, "handle mount", above, "handle", model.device.handle.rotation, model.device.handle.translation)
-    for act in acts[: len(model.device.joints)]:
+    for act, joint in zip(acts, model.device.joints, strict=False):
         if act.armature:
-            _rotor(root, act)
+            _rotor(root, joint.alias or joint.name, act.armature)
     for k, cut in enumerate(model.device.closure.cuts):
         _cut(root, model, f"cut {k + 1}", cut)
     return root
@@ -102,7 +102,9 @@ def _joint(root: Element, model: DynamicModel, j: int, act: Effect) -> None:
     joint = model.device.joints[j]
     limits = joint.position_limits
     turning = "continuous" if limits is None else "revolute"
-    element = SubElement(root, "joint", name=joint.name, type="prismatic" if joint.prismatic else turning)
+    element = SubElement(
+        root, "joint", name=joint.alias or joint.name, type="prismatic" if joint.prismatic else turning
+    )
     SubElement(element, "parent", link=_link_name(model, joint.parent))
     SubElement(element, "child", link=f"link {joint.name}")
     SubElement(element, "origin", xyz=numbers(joint.translation), rpy=numbers(angles(joint.rotation)))
@@ -128,18 +130,19 @@ def _mimic(element: Element, model: DynamicModel, j: int) -> None:
     row = model.device.closure.constant[j]
     followed = np.flatnonzero(row)
     if len(followed) == 1:
-        other = model.device.joints[model.device.active[int(followed[0])]].name
+        active = model.device.joints[model.device.active[int(followed[0])]]
+        other = active.alias or active.name
         share, offset = float(row[followed[0]]), float(model.device.closure.offset[j])
         SubElement(element, "mimic", joint=other, multiplier=repr(share), offset=repr(offset))
 
 
-def _rotor(root: Element, act: Effect) -> None:
+def _rotor(root: Element, joint: str, inertia: float) -> None:
     """Rotor inertia reflected to the joint."""
-    made = SubElement(root, "transmission", name=f"rotor {act.name}")
+    made = SubElement(root, "transmission", name=f"rotor {joint}")
     SubElement(made, "type").text = "transmission_interface/SimpleTransmission"
-    SubElement(made, "joint", name=act.name)
-    actuator = SubElement(made, "actuator", name=f"motor {act.name}")
-    SubElement(actuator, "drake:rotor_inertia", value=repr(act.armature))
+    SubElement(made, "joint", name=joint)
+    actuator = SubElement(made, "actuator", name=f"motor {joint}")
+    SubElement(actuator, "drake:rotor_inertia", value=repr(inertia))
     SubElement(actuator, "drake:gear_ratio", value="1.0")
 
 
@@ -152,13 +155,13 @@ def _fixed(root: Element, name: str, parent: str, child: str, rotation: Array, t
 
 def _cut(root: Element, model: DynamicModel, name: str, cut: Cut) -> None:
     """A cut joint, which closes a loop, as SDF."""
-    joint = SubElement(
-        SubElement(root, "gazebo"), "joint", name=name, type="prismatic" if cut.prismatic else "revolute"
-    )
+    kind = "ball" if cut.kind == "spherical" else cut.kind
+    joint = SubElement(SubElement(root, "gazebo"), "joint", name=name, type=kind)
     SubElement(joint, "parent").text = _link_name(model, cut.frame_a.link)
     SubElement(joint, "child").text = _link_name(model, cut.frame_b.link)
     SubElement(joint, "pose").text = numbers((*cut.frame_b.translation, *angles(cut.frame_b.rotation)))
-    SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
+    if kind != "ball":
+        SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
 
 
 def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:

@@ -22,7 +22,6 @@ def mass_matrix_expressions(tree: Tree, bodies: Bodies, q: list[Expr], turns: li
     """The mass matrix including rotors, rows of (active, active).
 
     Args:
-        tree: the mechanism.
         bodies: its parameters.
         q: the coordinates.
         turns: of every link in its parent's frame.

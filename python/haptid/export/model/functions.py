@@ -32,7 +32,6 @@ class Code:
     """The functions of one mechanism; see `code_of`.
 
     Attributes:
-        model: the dynamic model.
         graph: the store of their expressions.
         functions: in the order of the file.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
@@ -59,7 +58,6 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
     """All functions of a device, with its base parameters as symbols.
 
     Args:
-        model: the dynamic model.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         zero: indices of eliminated base parameters, zero in the code.
 

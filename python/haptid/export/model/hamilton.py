@@ -30,7 +30,6 @@ def momentum_expressions(
     """Generalised momentum and the derivatives of the kinetic energy by the coordinates, each (active).
 
     Args:
-        tree: the mechanism.
         bodies: its parameters.
         q, qd: the coordinates and their rates.
         turns: of every link in its group's base.

@@ -32,7 +32,6 @@ def handle_expressions(tree: Tree, handle: Handle, q: list[Expr]) -> HandleExpre
     """The handle's pose and Jacobian.
 
     Args:
-        tree: the mechanism.
         handle: frame of the handle in its link.
         q: the coordinates.
     """
@@ -57,7 +56,6 @@ def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]
     """Columns of the Jacobian, (active, 6).
 
     Args:
-        tree: the mechanism.
         turns: of every link in its group's base.
         chain: links from the base to the handle.
         bars: from the base to the first link's origin, from each origin to the next, and to the handle's.

@@ -60,7 +60,6 @@ def moments_of(model: DynamicModel, seed: int = 0) -> SecondMoments:
     """Minimal parameters that determine the torque of all rows, selected in the order of PREFERENCE.
 
     Args:
-        model: the dynamic model.
         seed: of the random states; the result does not depend on it.
     """
     rotors = [k for k, term in enumerate(model.terms) if term.kind == "rotor"]

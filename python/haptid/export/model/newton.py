@@ -95,7 +95,6 @@ def inverse_dynamics_expressions(
     """Torques of bodies and rotors on the coordinates, (active).
 
     Args:
-        tree: the mechanism.
         bodies: its parameters.
         q, qd, qdd: the coordinates and their rates.
         gravity: in the base frame, (3,), m/s^2; zero to leave it out.

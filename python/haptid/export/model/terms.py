@@ -25,7 +25,6 @@ def term_torque(
     """Torque of the terms on the coordinates, (active), without rotors.
 
     Args:
-        model: the dynamic model.
         parameters: the device's base parameters.
         q, qd: the coordinates and their rates.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
