@@ -1,4 +1,4 @@
-"""`Content`: which columns of a table without names are positions, their rates and torques, by how they move.
+"""`Content`: which columns of a table without names are positions, velocities and torques, by their correlations.
 
 A velocity is known by its integral, which is the position but for a straight line: noise and quantisation hardly matter
 there. Torques are what is left. All of it is a guess for a person to check.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Columns and rows that are looked at.
+# Columns and rows that are used, at most.
 _MOST, _ROWS = 64, 20_000
 # Least correlation of a column with the integral of its rate, and of two copies of one signal.
 _INTEGRAL, _COPY = 0.98, 0.98
@@ -30,7 +30,7 @@ _ROUGHER = 2.0
 
 @dataclass(frozen=True)
 class Content:
-    """Columns by what they are.
+    """Columns of a table by the quantity that they contain.
 
     Attributes:
         time: a column that grows evenly; empty where there is none.
@@ -114,7 +114,7 @@ def _straightened(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _chains(rows: NDArray[np.float64]) -> dict[int, int]:
-    """The rate of every row that has one: the best one, of which no other row is a better integral."""
+    """The velocity row of each position row that has one: each is the other's best by correlation with the integral."""
     integrals = np.cumsum(rows - rows.mean(axis=1, keepdims=True), axis=1)
     r = _straightened(rows) @ _straightened(integrals).T
     np.fill_diagonal(r, 0.0)

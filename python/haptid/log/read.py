@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
 from haptid._internal.bounded_files import LOG_FILE, open_regular
+from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
 from haptid.log.channel_clocks import clock_drift
 from haptid.log.formats.folders import bag_files, data_set_files
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
+from haptid.log.formats.transposed import is_transposed
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.request import Request
@@ -42,6 +44,7 @@ class Format:
     Attributes:
         by_rows: whether some rows can be read without the others.
         asks: whether reading depends on a `Request`, and its notes say what was found.
+        extension: what another package declared in `haptid.log_formats`, in place of `module`.
     """
 
     name: str
@@ -49,9 +52,12 @@ class Format:
     module: str
     by_rows: bool = False
     asks: bool = False
+    extension: Any = None
 
     @property
     def _reader(self) -> Any:
+        if self.extension is not None:
+            return self.extension
         with needing(f"reading {self.name}"):
             return import_module(f"haptid.log.formats.{self.module}")
 
@@ -87,8 +93,10 @@ FORMATS = (
     Format("MCAP or ROS bag", (".mcap", ".bag", ".db3"), "messages", asks=True),
     Format("TDMS", (".tdms",), "tdms", asks=True),
     Format("LeRobot data set", (), "lerobot", asks=True),
+    Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
+    Format("text with a channel in each row", (), "transposed"),
 )
-MESSAGES, LEROBOT = FORMATS[5], FORMATS[7]
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED = FORMATS[0], FORMATS[5], FORMATS[7], FORMATS[9]
 
 
 def read_log(
@@ -105,7 +113,7 @@ def read_log(
     defects that cannot be repaired are errors.
 
     Args:
-        path: CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, TDMS; a folder of a ROS 2 bag or LeRobot data set.
+        path: CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, TDMS, JSON; a folder of a ROS 2 bag or LeRobot data set.
         channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
         time_range: the part to keep, (from, to) in s from the file's first sample; None keeps all.
         episodes: of a data set, by number; None for all. Each is a segment of the log.
@@ -184,8 +192,12 @@ def format_of(path: Path) -> Format:
         raise empty(path, "0 bytes")
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
-            return kind
-    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS]
+            return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
+    suffix = path.suffix.lower()
+    if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:
+        return Format(suffix[1:].upper(), (suffix,), "", extension=found)
+    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind is not TRANSPOSED]
+    known += [f".{name}" for name in extension_names("haptid.log_formats")]
     raise LogFileError(
         f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
         where=path,
@@ -268,7 +280,7 @@ class Times:
             seconds = stamps.since_first(path, channels.time, raw, scale)
             rows = stamps.part(path, seconds, time_range)
             known = stamps.checked(path, channels.time, seconds[rows], fineness)
-            if first != 0:
+            if abs(first) > 0.5 * float(np.median(np.diff(seconds[rows][:1000]))):
                 notes.append(f"times count from the file's first stamp, {first:.9g} s")
         if time_range is not None:
             kept_count = rows.stop - rows.start
@@ -295,7 +307,8 @@ class Times:
         )
         keep = channels.stale == "keep"
         if self.known is None:
-            return at_rate(self.rows.start, self.rows.stop, float(channels.rate_hz or 0.0), recorded, keep)
+            rate = float(channels.rate_hz or 0.0)
+            return at_rate(self.path, self.rows.start, self.rows.stop, rate, recorded, keep)
         return time_base(self.path, self.known, recorded, channels.sampling, keep)
 
 

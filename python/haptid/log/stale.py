@@ -47,6 +47,48 @@ FOLLOWS = 0.9
 ROWS_COUNTED = 2**16
 
 
+# Least number of rows with one sample from which a recorder polls; repeats by twos are stale rows.
+_POLLED = 3
+# Share of rows that repeat then, of the repeats' lengths that are within a half of the usual one, and the usual step
+# of a position in its smallest ones: a coarse encoder moves by single counts.
+_HELD, _EVEN, _COUNTS = 0.6, 0.8, 2.5
+
+
+def polled(same_position: Mask, same_torque: Mask, positions: Callable[[], Iterable[Array]]) -> tuple[Mask, int] | None:
+    """Rows to keep of a recorder that polls a slower source: the first of each sample, and the usual rows of a sample.
+
+    While nothing changes, at rest, a row of each usual length is kept. None where rows do not repeat evenly.
+
+    Args:
+        same_position, same_torque, positions: as in `find_stale`.
+    """
+    whole = same_position & same_torque
+    if whole.mean() < _HELD:
+        return None
+    fresh = np.flatnonzero(~whole)
+    lengths = np.diff(fresh)
+    usual = int(np.median(lengths)) if lengths.size else 0
+    if usual < _POLLED or np.mean(np.abs(lengths - usual) <= 0.5 * usual) < _EVEN:
+        return None
+    kept = ~whole
+    kept[0] = True
+    if not any(_several_counts(channel[kept]) for channel in positions()):
+        return None
+    starts = np.flatnonzero(kept)
+    since = np.arange(whole.size) - np.repeat(starts, np.diff(starts, append=whole.size))
+    left = np.repeat(np.diff(starts, append=whole.size), np.diff(starts, append=whole.size)) - since
+    kept |= (since % usual == 0) & (left > usual // 2)
+    kept[0] = False  # when its sample came is not known
+    return kept, usual
+
+
+def _several_counts(channel: Array) -> bool:
+    """Whether a position moves by several counts from sample to sample."""
+    steps = np.abs(np.diff(channel))
+    steps = steps[steps > 0]
+    return bool(steps.size and np.median(steps) > _COUNTS * smallest_step(channel))
+
+
 @dataclass(frozen=True, eq=False)
 class Stale:
     """Rows whose sample is that of the row before, (rows,) each.

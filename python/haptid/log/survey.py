@@ -25,6 +25,7 @@ from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unread
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
 from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.request import Request
+from haptid.log.turns import turning_unit
 from haptid.log.units import known_unit
 
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
@@ -37,7 +38,7 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
     ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "u", "current", "currents", "moment", "load",
                           "force", "i", "amps", "iq"})),
-    ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "theta", "joint", "state", "enc",
+    ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
                             "encoder", "phi"})),
 )  # fmt: skip
 # A command of nothing in particular stands for a torque.
@@ -60,8 +61,11 @@ _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
+_MAY_TURN = "a joint that turns so far is in rad"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
+# Torques that are whole numbers, and reach more than this, are in a driver's unit.
+_WHOLE = 10.0
 
 
 @dataclass(frozen=True)
@@ -266,6 +270,14 @@ def _topic(
 
 def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     names, stated = kind.names(path), kind.units(path)
+    if not names:
+        raise LogFileError(
+            f"{path}: nothing in it is an array of numbers.",
+            where=path,
+            limit=kind.name,
+            advice="Cell arrays and objects such as Simulink's data sets are not read: save plain arrays, a struct of "
+            "arrays or a timetable, one file for each run.",
+        )
     channels: list[ChannelSurvey] = []
     count, rate = 0, 0.0
     for k in range(0, len(names[:_MOST]), _TOGETHER):
@@ -290,6 +302,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channels, own = _recognised(channels, content, path, kind)
             rate = rate or own
         by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
+    channels = _turning(channels, path, kind)
     named = (m["element"] for c in channels if (m := _ELEMENT.match(c.name)) and not _UNIT_LIKE.search(c.name))
     joints = dict.fromkeys(element for element in named if not element.isdecimal())
     if kind is LEROBOT:
@@ -322,6 +335,27 @@ def _recognised(
             channel = replace(channel, quantity="torque", unit=unit, reason=reason)
         made.append(channel)
     return made, rate
+
+
+def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
+    """Positions that may be several turns or some degrees in the unit that their torques tell."""
+    torques = [c.name for c in channels if c.quantity == "torque" and c.usable][:_TOGETHER]
+    doubtful = [c for c in channels if _MAY_TURN in c.reason]
+    if not doubtful or kind is LEROBOT:
+        return list(channels)
+    loads = list(_columns(path, kind, torques, Request()).values()) if torques else []
+    made = []
+    for channel in channels:
+        told = ""
+        if channel in doubtful:
+            told = turning_unit(_columns(path, kind, [channel.name], Request())[channel.name], loads)
+        if told:
+            largest = max(abs(channel.low), abs(channel.high))
+            moves = "turns several times" if told == "rad" else "moves by degrees"
+            reason = f"it reaches {largest:.4g}, and its torque or its swing is that of a joint that {moves}"
+            channel = replace(channel, unit=told, reason=reason)
+        made.append(channel)
+    return made
 
 
 def _usual(rate: float) -> float:
@@ -381,6 +415,8 @@ def _guessed(
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
     if words and words <= _COMMAND:
         quantity = "torque"
+    if quantity == "other" and "state" in words and _ELEMENT.match(name):  # an array, and no state of a switch
+        quantity = "position"
     if quantity == "other" and topic and base == "data":
         words, quantity = topic, next((q for q, known in _WORDS if topic & known), "other")
     elif quantity == "other" and (m := _ELEMENT.match(name)):
@@ -412,13 +448,18 @@ def _unit(
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
-            few = "; a joint that turns so far is in rad" if largest < _FEW_TURNS and not more else ""
-            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{few}"
+            few = f"; {_MAY_TURN}" if largest < _FEW_TURNS and not more else ""
+            whole = "; whole numbers: degrees, or counts" if channel.whole else ""
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{whole or few}"
         more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":
-        if words & _CURRENT:
-            return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}"
+        counted = channel.whole and largest > _WHOLE
+        if words & _CURRENT and (largest > _AMPERES or not counted):
+            own = "; whole numbers: mA, or the driver's own unit (a servo's 2.69 or 6.5 mA)" if counted else ""
+            return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}{own}"
+        if counted:
+            return "counts", f"whole numbers up to {largest:.4g}, of a driver, a servo's load or a PWM; not N m"
         more = (
             "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else "no unit is stated"
         )
@@ -536,8 +577,12 @@ def _toml(
 
 def _instead(families: Sequence[_Family], chosen: _Family) -> list[str]:
     """Other channels that may be meant, as comments."""
-    count = len(chosen.channels)
-    rest = [f for f in families if f is not chosen and len(f.channels) == count and f.rank[0]]
+    taken = {(chosen.topic.name, channel.name) for channel in chosen.channels}
+    rest = [
+        f
+        for f in families
+        if len(f.channels) == len(taken) and f.rank[0] and {(f.topic.name, c.name) for c in f.channels} != taken
+    ]
     return [f"# also there: {', '.join(c.name for c in family.channels)}" for family in rest[:3]]
 
 
@@ -573,9 +618,11 @@ def _signal_line(key: str, family: _Family) -> str:
         where = "channels = [" + ", ".join(basic_string(prefix + channel.name) for channel in family.channels) + "]"
     reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 else "")
     still = [channel.name for channel in family.channels if not channel.usable]
+    constant = ""
     if still:
-        reason += f"; without a change: {', '.join(still[:6])}"
+        reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
+        constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
     unit = next(iter(units))
     commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or _words(family.array) <= _COMMAND)
     side = ', side = "motor"' if commanded else ""
-    return f"{key} = {{ {where}, unit = {basic_string(unit)}{side} }}  # guess: {reason}"
+    return f"{key} = {{ {where}, unit = {basic_string(unit)}{side}{constant} }}  # guess: {reason}"

@@ -8,7 +8,8 @@ recognised, acted on by itself, and reported in a sentence with its size. A log 
 2. Regular stamps, also rounded ones and ones with missing rows, are the grid.
 3. Otherwise the stamps deviate from the regular grid, after a slow drift of the clock has been followed. The roughness
    of the positions is regressed on speed times deviation: the slope is 1 where the stamps say when samples were taken,
-   and 0 where sampling is regular and only the stamps jitter. Above one half the stamps are used, else the grid.
+   and 0 where sampling is regular and only the stamps jitter. Above one half, and clearly above 0, the stamps are
+   used, else the grid: jitter that the positions do not show changes them by less than their noise.
 4. Stale rows are dropped, see `haptid.log.stale`.
 5. Where the motion shows that samples are whole sampling periods apart, but others than the times found so far say, the
    motion's count is the time, see `haptid.log.sample_counts`.
@@ -32,7 +33,7 @@ from haptid.errors import LogTimeError
 from haptid.log.resampling import CARRIED, KNOT, Resampling, Spans
 from haptid.log.sample_counts import count_steps
 from haptid.log.spectrum import Spectrum
-from haptid.log.stale import Stale, find_stale
+from haptid.log.stale import Stale, find_stale, polled
 from haptid.log.stamps import FEWEST_SAMPLES, Stamps
 
 Sampling = Literal["auto", "stamps", "regular"]
@@ -57,6 +58,8 @@ DRIFT = 2e-3
 COUNTED = 0.12
 # Slope above which the stamps say when samples were taken, and rows that it is computed from at most.
 TELL, ROWS_TOLD = 0.5, 2**17
+# Standard errors from 0, or from 1, from which on that slope tells.
+SLOPE_CLEAR = 2.0
 # Rows of the smoothing filters of that regression: of the speed, and of the roughness.
 _WIDE, _NARROW = 51, 11
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
@@ -184,14 +187,19 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
         LogTimeError: no segment has `FEWEST_SAMPLES`.
     """
     again = stamps.repeated[(recorded.same_position & recorded.same_torque)[stamps.repeated]]
-    rows = np.arange(stamps.seconds.size) if again.size else None
+    held = None if keep_stale else polled(recorded.same_position, recorded.same_torque, recorded.positions)
     sentences = []
-    if again.size:
-        assert rows is not None
-        rows = np.delete(rows, again)
+    if held is not None:
+        again = np.flatnonzero(~held[0])
+        sentences.append(
+            f"{100 * again.size / stamps.seconds.size:.3g} % of the rows hold the sample of the row before: the "
+            f"recorder writes some {held[1]} rows for each sample, of which one is kept"
+        )
+    elif again.size:
         sentences.append(
             f"{again.size} samples repeat the one before, first at t = {stamps.seconds[again[0]]:.6g} s: dropped"
         )
+    rows = np.delete(np.arange(stamps.seconds.size), again) if again.size else None
     recorded = recorded.without(again)
     seconds = stamps.seconds if rows is None else stamps.seconds[rows]
     stale = None if keep_stale else recorded.stale()
@@ -205,9 +213,12 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
     return _assembled(found, spans, gaps, stale, rows, seconds.size, sentences)
 
 
-def at_rate(start: int, stop: int, rate_hz: float, recorded: RawSignals, keep_stale: bool) -> TimeBase:
+def at_rate(path: Path, start: int, stop: int, rate_hz: float, recorded: RawSignals, keep_stale: bool) -> TimeBase:
     """The time base of rows start..stop at a given rate."""
     t = np.arange(start, stop) / rate_hz
+    if not keep_stale and polled(recorded.same_position, recorded.same_torque, recorded.positions) is not None:
+        regular = Stamps(np.empty(0, np.intp), t, 1e-9 / rate_hz)
+        return time_base(path, regular, recorded, "auto", keep_stale)
     stale = None if keep_stale else recorded.stale()
     found, spans = _Times("regular", 1 / rate_hz, (float(t[0]),), t, np.arange(t.size)), ((0, t.size),)
     if not keep_stale:
@@ -451,17 +462,21 @@ def _irregular(seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale 
     if sampling == "auto" and jitter > UNIFORM_SD:
         fresh = np.ones(seconds.size, dtype=bool) if stale is None else ~stale.position
         slope = stamps_tell(recorded.positions(), deviation / step, fresh, spans)
-        tell = slope[0] > TELL
-    why = "" if slope is None else f" (slope of the positions' roughness on speed times deviation {_said(*slope)})"
+        tell = slope[0] > TELL and slope[0] > SLOPE_CLEAR * slope[1]
     spread = f"sample times are irregular: they deviate by {jitter:.2g} steps of {step:.4g} s (standard deviation)"
     if tell:
-        chosen = "as asked for" if slope is None else f"the stamps say when samples were taken{why}"
+        chosen = "as asked for" if slope is None else f"the stamps say when samples were taken{_said(*slope)}"
         first = tuple(float(seconds[a]) for a, _ in spans)
         return _Times("stamps", step, first, seconds, None, 0, True, jitter, slope, (f"{spread}; {chosen}",))
     first = tuple(float(seconds[a] + np.median(offset[a:b] - follow[a:b]) + follow[a]) for a, b in spans)
     notes = []
     if jitter > UNIFORM_SD or sampling == "regular":
-        chosen = "as asked for" if slope is None else f"sampling is regular and only the stamps jitter{why}"
+        if slope is None:
+            chosen = "as asked for"
+        elif slope[0] + SLOPE_CLEAR * slope[1] < 1:
+            chosen = f"sampling is regular and only the stamps jitter{_said(*slope)}"
+        else:
+            chosen = "too little for the positions to tell whether the samples or only their stamps jitter"
         notes.append(f"{spread}; {chosen}; samples taken as regular at {1 / step:.6g} Hz")
     if rate > DRIFT + 5 * 1.25 * 2**0.5 * DRIFT_ROWS**-1.5 * jitter:  # five deviations of a difference of two medians
         notes.append(f"the clock of the stamps drifts: its rate changes by up to {100 * rate:.2g} %; followed")
@@ -518,7 +533,7 @@ def _counted(
 
 
 def _said(value: float, se: float) -> str:
-    return f"{value:.2f} +- {se:.1g}"
+    return f" (slope of the positions' roughness on speed times deviation {value:.2f} +- {se:.2g})"
 
 
 def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]:

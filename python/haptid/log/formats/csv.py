@@ -27,6 +27,8 @@ _KIND = "CSV"
 SEPARATORS = (",", "\t", ";", " ")
 # Lines that tell the dialect.
 SNIFFED = 200
+# Samples begin below a line of names, or at this number of adjacent lines of numbers: settings have numbers too.
+_ROWS_TOGETHER = 3
 HEAD_BYTES = 2**20
 # Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
@@ -272,7 +274,10 @@ def _dialect(path: Path) -> _Dialect:
     separator, decimal = _separator([texts[k] for k in told])
     rows = [_cells(texts[k], separator) for k in told]
     width = _width(rows, decimal)
-    first = next((i for i, row in enumerate(rows) if _is_row(row, width, decimal)), 1)
+    samples = [_is_row(row, width, decimal) for row in rows]
+    names_only = [len(row) == width and not any(_number(cell, decimal) for cell in row) for row in rows]
+    begins = (i for i in range(len(rows)) if samples[i] and (all(samples[i : i + _ROWS_TOGETHER]) or names_only[i - 1]))
+    first = next(begins, 1)
     head = first - 1
     units: tuple[str, ...] = ()
     if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):

@@ -1,4 +1,4 @@
-"""MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points.
+"""MATLAB logs: MAT 4, 5 and 7.3, distinguished by their content; struct fields are joined by points.
 
 Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. Of other
 objects (timeseries) the arrays in their properties are channels.
@@ -20,7 +20,7 @@ import numpy as np
 from scipy import io
 
 from haptid.errors import LogFileError, MissingDependencyError
-from haptid.log.formats import hdf5
+from haptid.log.formats import hdf5, mat4
 from haptid.log.formats.sniff import (
     Budget,
     RawChannel,
@@ -36,13 +36,17 @@ from haptid.log.formats.sniff import (
 )
 
 _KIND = "MAT"
+_VERSIONS = ("MAT 4", "MAT 5", "MAT 7.3", "HDF5")
 HEADER_BYTES = 128
 MI_COMPRESSED = 15
 
 
 def names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers, in structs and objects too."""
-    if require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
+    kind = require(path, _KIND, *_VERSIONS)
+    if kind == "MAT 4":
+        return mat4.names(path)
+    if kind != "MAT 5":
         found = hdf5.names(path)
     else:
         leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
@@ -64,7 +68,10 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         LogFileError: a wanted variable holds texts, cells or complex numbers, or declares far more than is stored.
         MissingDependencyError: one is not found among the arrays, and the file has objects.
     """
-    plain = require(path, _KIND, "MAT 5", "MAT 7.3", "HDF5") == "MAT 5"
+    kind = require(path, _KIND, *_VERSIONS)
+    if kind == "MAT 4":
+        return mat4.columns(path, wanted)
+    plain = kind == "MAT 5"
     with_objects = _has_objects(path)
     try:
         found = collect(wanted, _columns(path, wanted)) if plain else hdf5.columns(path, wanted)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
 from haptid.errors import HaptidError, LogChannelError, LogFileError
 from haptid.log import units
+from haptid.log.formats.mat4_header import is_mat4
 from haptid.log.log import Channels, Signal
 
 RawChannel: TypeAlias = NDArray[Any]
@@ -60,6 +61,8 @@ def content(path: Path) -> str:
     for magic, name in MAGIC:
         if head.startswith(magic):
             return name
+    if is_mat4(head):
+        return "MAT 4"
     return "binary data" if b"\0" in head else "text"
 
 
