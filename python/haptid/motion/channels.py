@@ -49,7 +49,7 @@ def torque_channels(device: Device, side: str) -> list[str]:
 def _joint_measured(device: Device) -> np.ndarray:
     """Whether each active joint's torque is measured: all drives coupled to it have a motor."""
     acts = device.drive_rows @ (np.abs(device.closure.constant) + device.closure.varying) != 0
-    acts[device.driven] = False
+    acts[~device.unknown_torque] = False
     return np.asarray(~acts.any(axis=0))
 
 
@@ -126,7 +126,6 @@ def channel_shares(device: Device, motion: Motion, c: Array) -> Array:
     Channels are taken at the joint side: motors' torques include gear and torque constant.
 
     Args:
-        device: the device.
         motion: whose channels.
         c: positions of the coordinates, (active, samples), rad or m.
     """
@@ -142,7 +141,6 @@ def channel_torque(device: Device, shares: Array, torque: Array) -> Array:
     """Torque of the channels by the distribution law, or by the minimal norm where the device file has none.
 
     Args:
-        device: the device.
         shares: see `channel_shares`.
         torque: of the coordinates, (active, samples), N m or N; only those whose torque is measured count.
 

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import optimize
 
-from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
+from haptid._internal.arrays import Array, freeze, freeze_fields, positive, read_only, whole
 from haptid.errors import TreatmentError
 
 # Central differences of order eight. Relative error of their gain at a frequency f: (2 pi f dt)^8 / 630.
@@ -55,10 +55,7 @@ class ParallelFilter:
     before: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "taps", read_only(self.taps))
-        if self.slope is not None:
-            object.__setattr__(self, "slope", read_only(self.slope))
-            expect("slope", self.slope.shape, self.taps.shape)
+        freeze_fields(self, "taps", slope=np.shape(self.taps))
 
     def __len__(self) -> int:
         return len(self.taps)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from haptid._internal.arrays import Array, expect, positive, read_only
+from haptid._internal.arrays import Array, freeze_fields, positive
 from haptid.device import Device
 from haptid.errors import LogChannelError, LogDataError, LogMismatchError, NoRowsError
 from haptid.log import Channels, Log, Signal, units
@@ -30,19 +30,19 @@ from haptid.motion.treatment import Motion, Treatment
 
 # A channel is still where it stays within so many of its smallest steps, and within this share of its whole span.
 STEPS_HELD, SPAN_HELD = 3, 1e-3
-# A share of the largest position that is rounding.
+# Rounding of a position, relative to the largest.
 ROUNDING_HELD = 1e-12
 # Poses that agree within this share of every coordinate's span are one configuration.
 _SAME_POSE = 0.02
 # Batches by whose means the standard error of a hold's torque is estimated; fewer samples have no batches.
 NOISE_BATCHES = 8
-# Poses below this number determine nothing.
+# Minimum number of poses.
 LEAST_POSES = 3
 
 
 @dataclass(frozen=True)
 class HoldDetection:
-    """When a log counts as holding a pose.
+    """Criteria by which a range of samples is a held pose.
 
     Attributes:
         hold_s: least duration of a hold, s.
@@ -108,9 +108,8 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("c", "tau", "se", "approach"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, self.c.shape)
+        each = np.shape(self.c)
+        freeze_fields(self, c=each, tau=each, se=each, approach=each)
 
     def __len__(self) -> int:
         return len(self.c)

@@ -1,4 +1,4 @@
-"""Period of a motion that repeats itself, from its positions."""
+"""Period of a periodic motion, from the mean square difference of its positions at a lag."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from haptid.motion.treatment import Motion
 _ALIKE, _AWAY = 0.01, 0.25
 # Periods in a segment, at least.
 _FEWEST = 2.5
-# Samples of a segment that are looked at.
+# Samples of a segment that are used, at most.
 _ENOUGH = 1 << 18
 
 
 def motion_period(motion: Motion) -> float | None:
-    """Time after which all positions of a motion come back again and again, s; None where they do not.
+    """Period of all positions of a motion, s; None where it is not periodic.
 
     The first deep minimum of the mean square difference between positions a lag apart, refined at multiples of it.
 
@@ -46,7 +46,7 @@ def motion_period(motion: Motion) -> float | None:
     valley = alike[: apart[0] + 1] if apart.size else alike
     lag = _minimum(difference, int(valley[np.argmin(difference[valley])]))
     many = 1
-    while 2 * many * lag < 0.5 * n:  # the minimum many periods away tells the period that much better
+    while 2 * many * lag < 0.5 * n:  # the minimum many periods away is the more accurate
         many *= 2
         around = int(0.25 * lag)
         first = round(many * lag) - around

@@ -9,6 +9,7 @@ from haptid.observation.known_payload import Payload, log_without_payload, paylo
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.observation.plan import Block
 from haptid.observation.static import observe_poses
+from haptid.observation.stream import RowStream
 
 __all__ = [
     "Block",
@@ -16,6 +17,7 @@ __all__ = [
     "Observation",
     "Payload",
     "RFactorCache",
+    "RowStream",
     "log_without_payload",
     "observe",
     "observe_all",

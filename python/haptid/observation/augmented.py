@@ -20,7 +20,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.motion.channels import channel_shares, channel_torque
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import MotorRows
+from haptid.observation.observation import MotorRows, rows_by_motor
 from haptid.observation.plan import Plan, Signals
 
 
@@ -153,7 +153,6 @@ def augmented_plan(
     """The plan of a motion's rows, with candidate columns.
 
     Args:
-        model: the dynamic model.
         motion: treated signals.
         chi: parameters of the core's columns from which the candidates' signals are computed, (r,), SI.
         candidates: what is added.
@@ -176,17 +175,5 @@ def reduced(wide: AugmentedPlan, rows: Sequence[int], ranges: Sequence[tuple[int
         rows: index of the device's row of each motor.
         ranges: first row and one past the last, of whole blocks.
     """
-    device = wide.narrow.model.device
     parts = [wide.reduce(start, stop) for start, stop in ranges]
-    counts = np.concatenate([many for _, many in parts], axis=1)
-    return tuple(
-        MotorRows(
-            device.row_names[k],
-            device.row_labels[k],
-            device.torque_units[k],
-            parts[0][0][k][0],
-            freeze(np.concatenate([stacks[k][1] for stacks, _ in parts])),
-            counts[k],
-        )
-        for k in rows
-    )
+    return rows_by_motor(wide.narrow.model.device, parts, rows)

@@ -37,7 +37,6 @@ def observe_all(
     """The observation of each motion, as by `observe`, computed part by part by workers.
 
     Args:
-        model: the dynamic model.
         motions: treated signals.
         workers: that reduce the parts; this process where None.
         cache: cache of long motions' R factors; none where None.

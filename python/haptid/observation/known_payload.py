@@ -37,7 +37,6 @@ def payload_torque(model: DynamicModel, link: str, body: PriorBody) -> Array:
     """Increment of the base parameters by a body fixed to a link, (p,), SI.
 
     Args:
-        model: the dynamic model.
         link: name of its joint.
         body: in the link frame of the device file's convention; a point mass where its inertia is None.
 
@@ -81,7 +80,6 @@ def without_payload(model: DynamicModel, motion: Motion, link: str, body: PriorB
     Logs with known payloads and logs without then serve one estimate: their observations add.
 
     Args:
-        model: the dynamic model.
         motion: recorded with the payload.
         link, body: as for `payload_torque`.
 
@@ -101,7 +99,6 @@ def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, loa
     ends, within the transients of the filters, the torque is unchanged: no rows are computed there.
 
     Args:
-        model: the dynamic model.
         log: recorded with the payload.
         treatment: of the positions, and the torque delay.
         load: the payload.

@@ -6,7 +6,7 @@ QR decomposition (TSQR).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
+from haptid.device import Device
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
@@ -53,9 +54,8 @@ class MotorRows:
 
     def __post_init__(self) -> None:
         size = len(self.columns) + 1
-        object.__setattr__(self, "triangles", read_only(self.triangles))
+        freeze_fields(self, triangles=(None, size, size))
         self.columns.flags.writeable = self.rows.flags.writeable = False
-        expect("triangles", self.triangles.shape, (None, size, size))
         expect("rows", np.shape(self.rows), (len(self.triangles),))
 
     @cached_property
@@ -87,7 +87,6 @@ class Observation:
     Observations of one device add: `a + b`, or `sum` of several.
 
     Attributes:
-        model: the dynamic model.
         motors: rows by motor.
         blocks: source and time of each block's rows, (blocks,).
         motions: that the rows were computed from.
@@ -202,7 +201,6 @@ def observe(
     """Reduce motions to R factors in the device's base parameters, as one observation.
 
     Args:
-        model: the dynamic model.
         motion, others: treated signals; the channels are the device's joints or motors, in order.
         progress: called with the share of the work done, 0 to 1.
 
@@ -238,10 +236,8 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     Raises:
         NoRowsError: every row of every motor was dropped as too slow.
     """
-    model, motion = plan.model, plan.motion
-    rows = np.concatenate([many for _, many in parts], axis=1)
-    has_rows = rows.any(axis=1)
-    if not has_rows.any():
+    motion, motors = plan.motion, rows_by_motor(plan.model.device, parts, plan.model.measured_rows)
+    if not any(motor.rows.any() for motor in motors):
         speed, log = motion.treatment.reversal_speed, f"{motion.log.path.name}: " if motion.log else ""
         raise NoRowsError(
             f"{log}every row of every motor is slower than reversal_speed = {speed}, so none is left.",
@@ -250,18 +246,7 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
             limit=speed,
             advice="Lower `reversal_speed`, or record faster motion; `haptid poses` takes logs of held poses.",
         )
-    motors = tuple(
-        MotorRows(
-            model.device.row_names[k],
-            model.device.row_labels[k],
-            model.device.torque_units[k],
-            parts[0][0][k][0],
-            freeze(np.concatenate([stack[k][1] for stack, _ in parts])),
-            rows[k],
-        )
-        for k in np.flatnonzero(model.device.measured)
-    )
-    notes = (*check_log(model.device, motion.log), *_short_segments(plan)) if motion.log else ()
+    notes = (*check_log(plan.model.device, motion.log), *_short_segments(plan)) if motion.log else ()
     block_s = plan.block * motion.treatment.decimation * motion.dt
     if motion.log and block_s < _SHORTENED * motion.treatment.block_s:
         notes = (
@@ -269,7 +254,23 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
             f"Time blocks are {block_s:.2g} s long and not {motion.treatment.block_s:.3g} s: a log needs "
             f"{LEAST_BLOCKS} of them at least.",
         )
-    return Observation(model, motors, plan.blocks(), (motion,), notes)
+    return Observation(plan.model, motors, plan.blocks(), (motion,), notes)
+
+
+def rows_by_motor(device: Device, parts: Sequence[RFactors], which: Iterable[int]) -> tuple[MotorRows, ...]:
+    """Rows of motors from the R factors of a plan's segments, in order; `which` are indices of the device's rows."""
+    rows = np.concatenate([many for _, many in parts], axis=1)
+    return tuple(
+        MotorRows(
+            device.row_names[k],
+            device.row_labels[k],
+            device.torque_units[k],
+            parts[0][0][k][0],
+            freeze(np.concatenate([stack[k][1] for stack, _ in parts])),
+            rows[k],
+        )
+        for k in which
+    )
 
 
 def stacked(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:

@@ -19,7 +19,6 @@ def smoothed_friction(model: DynamicModel, speed: float) -> DynamicModel:
     """The model with tanh(v / speed) in place of sgn(v), wherever its file has a sharper transition.
 
     Args:
-        model: the dynamic model.
         speed: rad/s or m/s; 0 leaves the model as it is.
     """
     return model.with_terms([_softer(term, speed) for term in model.terms]) if speed else model
@@ -38,7 +37,6 @@ def friction_uncertainty(model: DynamicModel, chi: Array, c: Array, cd: Array, s
     at rest lies anywhere between -FC and FC.
 
     Args:
-        model: the dynamic model.
         chi: parameters of the core's columns, (r,), SI.
         c: positions of the coordinates that torque rows belong to, (active, samples).
         cd: their rates.

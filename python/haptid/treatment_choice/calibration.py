@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError
@@ -37,7 +37,7 @@ from haptid.uncertainty.quantities import Quantities
 
 # Gauss-Newton steps, and the change, in standard deviations of the prior, below which they end.
 _STEPS, _STILL = 6, 1e-3
-# Share of the prior's standard deviation above which a posterior one says that the logs tell nothing.
+# Share of the prior's standard deviation above which a posterior one means that the logs have no information.
 _UNTOLD = 0.9
 
 
@@ -88,8 +88,7 @@ class Calibration:
     beta: Array
 
     def __post_init__(self) -> None:
-        for name in ("prior_std", "beta"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "prior_std", "beta")
 
     def offsets(self, joints: int, log: int | None) -> Array:
         """Home offsets in a log, (active,), rad or m; those of all logs where it is None."""
@@ -114,7 +113,6 @@ class Calibration:
         """A log with true positions, and with the torque that it would have under the device file's gravity.
 
         Args:
-            model: the dynamic model.
             log: as recorded.
             treatment: of its positions.
             index: which of the logs that were calibrated it is; None where it is none of them.
@@ -141,7 +139,7 @@ class Calibration:
         return estimate.with_nuisance("home offsets and direction of gravity", shifts)
 
     def sentences(self, model: DynamicModel) -> tuple[str, ...]:
-        """What is corrected; what the logs do not tell; gravity as estimated."""
+        """Sentences: the corrections, quantities that are not identifiable, and the estimated gravity."""
         q = self.quantities
         untold = [name for name, se, std in zip(q.names, q.se, self.prior_std, strict=True) if se > _UNTOLD * std]
         made = [f"The logs are corrected for {', '.join(q.names)}; their uncertainty is in every interval."]
@@ -164,7 +162,6 @@ def find_calibration(
     """Home offsets and the direction of gravity, jointly with the base parameters, by Gauss-Newton steps.
 
     Args:
-        model: the dynamic model.
         logs: in memory.
         treatment: of the logs; in the acceleration formulation.
         prior: standard deviations.

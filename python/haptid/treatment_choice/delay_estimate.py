@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.terms.friction import DRY
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
@@ -31,6 +31,9 @@ from haptid.treatment_choice.parallel_choice import LOG_PARTS, parts_of
 # Prior of the delays, samples: mean for a command that is held from one sample to the next, standard deviations of what
 # all channels share and of each channel's own part.
 HOLD, COMMON, OWN = 0.5, 3.0, 0.25
+# Most commands are late by their hold and little more, some by samples: the standard deviation of what most share,
+# samples, and how many are so.
+_CLOSE, _MOST = 0.5, 2 / 3
 # A delay of all channels so much longer or shorter than the prior mean, or channels so far apart, samples, are more
 # likely friction or a missing term; they are compensated only where the rigid bodies' torque shows them too.
 _LATEST, _EARLIEST, _APART = 6.0, 1.5, 3.0
@@ -40,8 +43,8 @@ _UNKNOWN = 1.0
 _NO_PART = 1e-12
 # Poses at which that is seen, where the map from channels to rows varies with the pose.
 _POSES = 50
-# Gauss-Newton steps, and the change, samples, below which they end.
-_STEPS, _STILL = 4, 0.005
+# Gauss-Newton steps, and the changes, samples and standard errors, below which they end.
+_STEPS, _STILL, _SMALL = 4, 0.005, 0.05
 # A delay this far from the prior mean, samples, must not make the torque near reversals worse by so many of its errors.
 _FAR, _WORSE = 1.0, 1.0
 # Standard errors by which the rigid bodies' delay must be seen.
@@ -67,8 +70,7 @@ class Delays:
     dt: float
 
     def __post_init__(self) -> None:
-        for name in ("seconds", "covariance", "found"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "seconds", "covariance", "found")
 
     @property
     def se(self) -> Array:
@@ -84,7 +86,7 @@ class Delays:
     @property
     def sentence(self) -> str:
         """The delays as text, with what was done."""
-        many, ms = len(self.seconds) > 1, 1e3 * self.found
+        many, ms = len(self.seconds) > 1, 1e3 * (self.seconds if self.accepted else self.found)
         size = (
             f"{_numbers(ms)} ms (standard error {_numbers(1e3 * self.se)} ms; sampling period {1e3 * self.dt:.3g} ms)"
         )
@@ -106,7 +108,6 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     """Delays of the torque channels, jointly with the base parameters.
 
     Args:
-        model: the dynamic model.
         logs: recorded by one instrument.
         treatment: settings; its own `torque_delay_s` is ignored.
         start: found before, with another treatment.
@@ -127,7 +128,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         # A step beyond the linear range of the columns would overshoot.
         step = np.clip(step, -COMMON * dt, COMMON * dt)
         d = d + step
-        if np.abs(step).max() < _STILL * dt:
+        if np.abs(step).max() < _STILL * dt or (np.abs(step) < _SMALL * np.sqrt(np.diag(spread.covariance))).all():
             break
     d, beta, problem, spread = _settled(model, motions, (d, beta, problem, spread), (mean, prior))
     off = (d - mean) / dt
@@ -141,14 +142,42 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     )
     if not agrees:
         return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
-    return Delays(d, spread.covariance, d, True, dt)
+    likely, covariance = _likely(d - mean, spread.covariance, dt)
+    return Delays(mean + likely, covariance, d, True, dt)
+
+
+def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
+    """Mean and covariance of the delays where most are close to the hold and some are not.
+
+    The prior is a mixture of two normal ones, which hardly changes a delay that the log tells: one that it hardly tells
+    stays near the hold, and what is left open is in the covariance.
+
+    Args:
+        off: delays over the hold under the wide prior alone, (channels,), s.
+        covariance: theirs, (channels, channels), s^2.
+        dt: sampling period, s.
+    """
+    wide, close = delay_prior(len(off), dt), delay_prior(len(off), dt, _CLOSE)
+    precision = np.linalg.inv(covariance)
+    values, vectors = np.linalg.eigh(precision - np.linalg.inv(wide))
+    told, pull = (vectors * np.maximum(values, 0.0)) @ vectors.T, precision @ off
+    made = []
+    for share, prior in ((_MOST, close), (1 - _MOST, wide)):
+        own = np.linalg.inv(told + np.linalg.inv(prior))
+        size = np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
+        made.append((np.log(share) + 0.5 * size + 0.5 * float(pull @ own @ pull), own @ pull, own))
+    weights = np.exp(np.array([log for log, _, _ in made]) - max(log for log, _, _ in made))
+    weights /= weights.sum()
+    mean = np.asarray(sum(w * m for w, (_, m, _) in zip(weights, made, strict=True)))
+    spread = sum(w * (own + np.outer(m - mean, m - mean)) for w, (_, m, own) in zip(weights, made, strict=True))
+    return mean, np.asarray(spread)
 
 
 _Found = tuple[Array, Array, NuisanceProblem, Spread]
 
 
 def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prior: tuple[Array, Array]) -> _Found:
-    """Delays, parameters, problem and spread as found, or as the smooth part of the torque alone tells them.
+    """Delays, parameters, problem and spread as found, or from the smooth part of the torque alone.
 
     Dry friction jumps from one sample to the next. A small change of the delay moves a jump by a sample or not at all:
     where all reversals of a motion lie alike between two samples, the jumps leave the residual as it is over a range of
@@ -157,7 +186,6 @@ def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prio
     residual.
 
     Args:
-        model: the dynamic model.
         motions: of logs, without a delay.
         found: by the rate of the whole torque.
         prior: mean and covariance of the delays, s.
@@ -182,9 +210,15 @@ def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prio
     return (d, beta, problem, spread) if left < before else found
 
 
-def delay_prior(channels: int, dt: float) -> Array:
-    """Prior covariance of the delays, (channels, channels), s^2, at a sampling period, s."""
-    return np.asarray(dt**2 * (COMMON**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels)))
+def delay_prior(channels: int, dt: float, common: float = COMMON) -> Array:
+    """Prior covariance of the delays, (channels, channels), s^2.
+
+    Args:
+        channels: of torque.
+        dt: sampling period, s.
+        common: standard deviation of what all channels share, samples.
+    """
+    return np.asarray(dt**2 * (common**2 * np.ones((channels, channels)) + OWN**2 * np.eye(channels)))
 
 
 def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usual: Array) -> bool:
@@ -193,7 +227,6 @@ def _contradicted(model: DynamicModel, motions: Sequence[Motion], d: Array, usua
     The sign of dry friction changes at known times: a drive's delay shows there as well as in smooth motion.
 
     Args:
-        model: the dynamic model.
         motions: of logs, without a delay.
         d, usual: delays of the channels, and those that they stand against, (channels,), s.
     """
@@ -274,7 +307,6 @@ def delay_columns(
     """The rate of each channel's torque, by the model, in every row that the channel acts on.
 
     Args:
-        model: the dynamic model.
         motion: of a log.
         part: parameters of the core's columns of which the torque is taken, from all; all where None.
     """

@@ -1,4 +1,4 @@
-"""Memory of a residual: how far apart rows must be to count as independent, and time blocks to serve as clusters."""
+"""Integral time of a residual's autocorrelation, from which time blocks (clusters) follow; a first weighted fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from haptid.observation.rows import chunks
 _ENDS, _FARTHEST = 0.05, 6
 # Least ratio of singular values of the columns with unit length that are solved for.
 LEAST_EXCITED = 1e-8
-# Rows of a motion that are looked at.
+# Rows of a motion that are used, at most.
 _ENOUGH = 1 << 16
 
 
@@ -30,7 +30,6 @@ def residual_memory(model: DynamicModel, motions: Sequence[Motion], beta: Array)
     period of its cut-off.
 
     Args:
-        model: the dynamic model.
         motions: of the rows.
         beta: base parameters, (p,), SI.
     """

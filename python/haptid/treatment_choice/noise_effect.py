@@ -1,4 +1,4 @@
-"""What the encoders' noise and the position filter do to the parameters, tried on the log itself.
+"""Bias of the parameters by encoder noise and by the position filter, found by simulation-extrapolation (SIMEX).
 
 Noise in the columns attenuates parameters, a narrow filter inflates them. The balanced cut-off cancels both to first
 order; what is left is measured: noise like the encoders' is added once more, and positions are filtered once more.
@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum
@@ -30,12 +29,12 @@ NOISY = 3.0
 
 
 def noise_effect(
-    model: DynamicModel, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]], treatment: Treatment
+    rows: Observation, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]], treatment: Treatment
 ) -> Mapping[str, Array]:
     """Standard error of the parameters by the encoders' noise, and by the position filter, each (1, p), SI.
 
     Args:
-        model: the dynamic model.
+        rows: of the logs.
         logs: recordings.
         spectra: of each log's position channels.
         treatment: of the logs.
@@ -50,12 +49,12 @@ def noise_effect(
 
     def fit(positions: Sequence[Array]) -> Array:
         moved = [replace(log, position=q) for log, q in zip(logs, positions, strict=True)]
-        return least_squares(observe(model, *(treat(log, treatment) for log in moved)))
+        return least_squares(observe(rows.model, *(treat(log, treatment) for log in moved)))
 
     measured = [np.asarray(log.position[:]) for log in logs]
     untimed = replace(treatment, torque_delay_s=0.0)
     try:
-        as_is = fit(measured)
+        as_is = least_squares(rows)
         more = [fit([q + sign * n for q, n in zip(measured, noise, strict=True)]) for sign in (1, -1)]
         twice = fit([np.asarray(treat(log, untimed).q[:]) for log in logs])
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):

@@ -55,7 +55,6 @@ class NuisanceProblem:
         """From treated motions.
 
         Args:
-            model: the dynamic model.
             motions: of the rows.
             beta: base parameters, (p,), SI.
             chi: parameters of the core's columns that the slopes are computed with, (r,), SI.

@@ -38,7 +38,6 @@ def better_cutoff(
     """Index of the treatment that predicts unseen parts best; the usual one where no other is better beyond chance.
 
     Args:
-        model: the dynamic model.
         logs: recordings.
         tried: the treatments.
         usual: index of the one that stands in doubt.

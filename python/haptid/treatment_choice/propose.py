@@ -1,6 +1,6 @@
 """Proposed treatment of logs, from the logs themselves, with the reasons.
 
-Filters follow the motion, which is told from the encoders' noise channel by channel; the parallel filter is chosen
+Filters follow the motion's bandwidth, separated from encoder noise by channel; the parallel filter is chosen
 among a few by its errors on unseen blocks, the delays are estimated jointly with the parameters, and the time blocks
 are made long enough to be independent.
 """
@@ -18,6 +18,9 @@ from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
+from haptid.estimation import estimate
+from haptid.estimation.methods.wls import WLS
+from haptid.estimation.torque_uncertainty import other_motion, torque_uncertainty
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum, spectra, widest
 from haptid.motion.channels import check_log, state
@@ -27,8 +30,9 @@ from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS, Plan
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
-from haptid.treatment_choice.noise_effect import NOISY, noise_effect, of_torque
+from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
+from haptid.treatment_choice.uncertainty import OF_POSITIONS, with_treatment_uncertainty
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
 # behind which treatments are compared.
@@ -63,8 +67,11 @@ _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 _MENTIONED = 0.02
 # Noise above this share of the acceleration is reported.
 _LOUD = 0.1
-# A narrower filter is taken where it leaves so much of what noise and filter do to the torque.
-_QUIETER = 0.7
+# Other filters are tried where errors of the positions are such a share of the torque's variance, and its standard
+# error is above this, per cent; one is taken that leaves at most this share of the standard error.
+_BY_POSITIONS, _WORTH_TRYING, _BETTER = 0.1, 0.3, 0.8
+# Cut-offs over the bandwidth that are tried then: of the position filters, and of the parallel filter.
+_LOWER, _OTHERS, _HALF = (3.0, 2.0, 1.4), (12.0, 1.5), 0.5
 # Length of the part of each log that is analysed, s, and samples up to which it may be longer.
 _ENOUGH, _LONGER, _SAMPLES = 120.0, 600.0, 200_000
 # Ratio of the sampling rates of logs below which they are one: stamps of one recorder differ by a few parts in a
@@ -103,7 +110,6 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     """Propose a treatment for logs of one device, recorded by one instrument.
 
     Args:
-        model: the dynamic model.
         logs: recordings; the most active minutes of each are analysed.
         given: settings of `Treatment` that are fixed.
 
@@ -143,61 +149,126 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         if times != USUAL:
             treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
             why = f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
-        quieter = _quieter(model, logs, filters, given, times, (treatment, delays))
-        if quieter is not None:
-            why = f", {quieter[0]:g} times it: there the positions' noise matters less than behind {times:g} times"
-            _, treatment, delays = quieter
-    reference = filters.at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
-    treatment, why_block = _independent_blocks(model, logs, treatment, given)
+    choice = _Choice.of(filters, times, given, treatment, delays)
+    if choice.positions_matter:
+        usual, choice = choice, _told_best(choice)
+        if choice is not usual:
+            why = (
+                f", {choice.times:g} times it: errors of the positions matter, and behind these filters the torque of "
+                f"other motion has a standard error of {choice.told:.2g} in place of {usual.told:.2g} %"
+            )
+    filters, treatment, delays = choice.filters, choice.treatment, choice.delays
+    reference = filters.lowered(np.inf).at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
     why_time = () if "torque_delay_s" in given else (delays.sentence if delays else _no_delay(logs),)
     why_rows = (*filters.kept(treatment, given), *filters.at_rest(reference))
-    reasons = (*filters.reasons(treatment, why, given), *why_rows, *why_block, *why_time)
-    effects = noise_effect(model, logs, filters.spectra, treatment)
+    reasons = (*filters.reasons(treatment, why, given), *why_rows, *choice.why_block, *why_time)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
-    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, effects)
+    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects)
 
 
-def _quieter(
-    model: DynamicModel,
-    logs: Sequence[Log],
-    filters: _Filters,
-    given: _Given,
-    times: float,
-    start: tuple[Treatment, Delays | None],
-) -> tuple[float, Treatment, Delays | None] | None:
-    """A narrower parallel filter, where the encoders' noise changes the predicted torque too much; None elsewhere.
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """A treatment with all that is estimated behind it.
 
-    Unseen rows cannot tell this: their positions have the same noise, and attenuated parameters predict them better
-    than the true ones. Where the torque is a small difference of large ones, as in free swinging, little noise
-    suffices.
+    Attributes:
+        filters: that it has.
+        times: parallel cut-off over the bandwidth.
+        given: settings that stand.
+        treatment, why_block: with its time blocks, and their reason.
+        delays: of the torque channels.
+        effects: of noise and position filter on the parameters.
+        motion: the other motion, of `other_motion`; None where nothing was estimated.
+        told: standard error of the torque in it, per cent.
+        by_positions: share of its square by errors of the positions.
+    """
+
+    filters: _Filters
+    times: float
+    given: _Given
+    treatment: Treatment
+    why_block: tuple[str, ...]
+    delays: Delays | None
+    effects: Mapping[str, Array]
+    motion: Array | None
+    told: float
+    by_positions: float
+
+    @staticmethod
+    def of(
+        filters: _Filters,
+        times: float,
+        given: _Given,
+        treatment: Treatment,
+        delays: Delays | None,
+        motion: Array | None = None,
+    ) -> _Choice:
+        """Time blocks, effects of noise and the torque's uncertainty of a treatment; its own motion where None."""
+        model, logs = filters.model, filters.logs
+        treatment, why_block = _independent_blocks(model, logs, treatment, given)
+        effects: Mapping[str, Array] = {}
+        try:
+            rows = observe(model, *(treat(log, treatment) for log in logs))
+            effects = noise_effect(rows, logs, filters.spectra, treatment)
+            made = with_treatment_uncertainty(estimate(rows, WLS()), delays, effects)
+        except (NoRowsError, IdentifiabilityError, MotionTooShortError):
+            told, share = np.inf, 0.0  # nothing to compare
+        else:
+            motion = other_motion(made.observation) if motion is None else motion
+            told = torque_uncertainty(made.observation, made.covariance, motion)
+            parts = [made.nuisances[name] for name in OF_POSITIONS if name in made.nuisances]
+            own = sum(torque_uncertainty(made.observation, shifts.T @ shifts, motion) ** 2 for shifts in parts)
+            share = own / told**2 if 0 < told < np.inf else 0.0
+        return _Choice(filters, times, given, treatment, why_block, delays, effects, motion, told, share)
+
+    @property
+    def positions_matter(self) -> bool:
+        """Whether other filters may be better: errors of the positions are much of what is uncertain."""
+        return self.told > _WORTH_TRYING and self.by_positions > _BY_POSITIONS
+
+    def with_filters(self, filters: _Filters, times: float) -> _Choice:
+        """The choice with other filters."""
+        model, logs = filters.model, filters.logs
+        made = _with_delays(model, logs, filters.at(times, self.given), self.given, self.delays)
+        return _Choice.of(filters, times, self.given, *made, self.motion)
+
+
+def _told_best(usual: _Choice) -> _Choice:
+    """The filters behind which the torque of other motion is told best; the usual ones where no others are much better.
+
+    Unseen rows cannot choose here: their positions have the same errors, and parameters that these attenuate predict
+    them better than the true ones. A lower position filter takes away more of the errors and more of the motion; a wide
+    parallel filter behind it keeps what dry friction tells. The standard error has all of this in it.
 
     Args:
-        model, logs: device and recordings.
-        filters: that suit their motion.
-        given: settings that stand.
-        times: parallel cut-off in use over the bandwidth.
-        start: treatment and delays in use.
-
-    Returns:
-        The cut-off over the bandwidth, the treatment and the delays.
+        usual: filters for the noise as it was taken from the spectra.
     """
-    best, quieter = _QUIETER, None
-    usual = 0.0
-    for k in (times, *(k for k in reversed(TRIED) if filters.parallel(k) < filters.parallel(times))):
-        made = start if k == times else _with_delays(model, logs, filters.at(k, given), given, start[1])
-        effects = noise_effect(model, logs, filters.spectra, made[0])
-        if not effects:
-            continue
-        rows = observe(model, *(treat(log, made[0]) for log in logs))
-        sizes = [of_torque(rows, shift[0]) for shift in effects.values()]
-        size = float(np.linalg.norm(sizes))
-        if k == times:
-            usual = size
-            if sizes[0] <= NOISY:
-                return None
-        elif size < best * usual:
-            best, quieter = size / usual, (k, *made)
-    return quieter
+    given, best = usual.given, usual
+    if "cutoff_hz" not in given:
+        for lower in _LOWER:
+            best = _better(best, best.filters.lowered(lower), usual.times)
+            if best.filters.position > lower:
+                break
+    if "parallel_cutoff_hz" not in given:
+        for times in _OTHERS:
+            best = _better(best, best.filters, times)
+        while best.times == times:  # as narrow as it helps: a loop that vibrates is slower than its bandwidth
+            times *= _HALF
+            best = _better(best, best.filters, times)
+        if "cutoff_hz" not in given and not usual.filters.above:
+            best = _better(best, usual.filters.bulk(given), usual.times)
+    return best if best.told < _BETTER * usual.told else usual
+
+
+def _better(best: _Choice, filters: _Filters, times: float) -> _Choice:
+    """The better one of a choice and that with other filters, where these differ."""
+    wanted = filters.at(times, best.given)
+    if (wanted.cutoff_hz, wanted.parallel_cutoff_hz) == (best.treatment.cutoff_hz, best.treatment.parallel_cutoff_hz):
+        return best
+    try:
+        other = best.with_filters(filters, times)
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
+        return best
+    return other if other.told < best.told else best
 
 
 def _no_delay(logs: Sequence[Log]) -> str:
@@ -257,6 +328,7 @@ class _Filters:
         near: whether rows count whose filter window contains a reversal, if not near its middle.
         may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
+        position: cut-off of the position filters over the bandwidth, at most.
     """
 
     model: DynamicModel
@@ -272,6 +344,7 @@ class _Filters:
     near: bool = True
     may_clear: bool = False
     above: float = 0.0
+    position: float = np.inf
 
     @staticmethod
     def of(
@@ -310,10 +383,7 @@ class _Filters:
         Both are judged on positions with all that moves, behind a parallel filter that passes the bulk alone: there a
         model that took ripple for motion fails, and so does one that left true motion out.
         """
-        found = tuple(tuple(spectrum.narrowed() for spectrum in own) for own in self.spectra)
-        if max(s.bandwidth for s in widest(found)) == 0:
-            return self
-        narrow = _Filters.of(self.model, self.logs, given, found)
+        narrow = self.bulk(given)
         wide, close = self.at(USUAL, given), narrow.at(USUAL, given)
         if not (np.asarray(wide.cutoff_hz) > _APART * np.asarray(close.cutoff_hz)).any():
             return self
@@ -324,6 +394,17 @@ class _Filters:
         judged = self.at(USUAL, bulk, all_rows=True)
         chosen = better_cutoff(self.model, self.logs, tried, 0, judged, _RIPPLE)
         return replace(narrow, above=float(np.max(np.asarray(wide.cutoff_hz)))) if chosen else self
+
+    def bulk(self, given: _Given) -> _Filters:
+        """Filters for the bulk of the motion alone; these where there is no other motion."""
+        found = tuple(tuple(spectrum.narrowed() for spectrum in own) for own in self.spectra)
+        if max(s.bandwidth for s in widest(found)) == 0:
+            return self
+        return _Filters.of(self.model, self.logs, given, found)
+
+    def lowered(self, times: float) -> _Filters:
+        """With position filters of at most this multiple of the bandwidth."""
+        return replace(self, position=times)
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""
@@ -352,7 +433,7 @@ class _Filters:
         """Cut-off of each position channel's filter, Hz, to the digits that matter."""
         low = _LOWEST * self.bandwidth
         high = max(min(_HIGHEST * 2 * self.top, _WIDEST * parallel), 1.1 * low)
-        ceiling = 0.95 * 0.5 / self.dt
+        ceiling = min(0.95 * 0.5 / self.dt, self.position * self.bandwidth)
         found = (min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels)
         return tuple(float(f"{cutoff:.3g}") for cutoff in found)
 
@@ -398,7 +479,7 @@ class _Filters:
                 f"What the positions show between {self.bandwidth:.2g} and {self.above:.2g} Hz is taken for ripple or "
                 f"vibration: without it the torque is predicted better on unseen parts."
             )
-        if parallel < self.bandwidth:
+        if parallel < self.bandwidth and not why:
             made.append(
                 f"Parallel filter of torque and columns: {parallel:.3g} Hz, but {motion}: the filter removes part of "
                 f"it. Record at a higher rate, or reduce the decimation."
@@ -412,9 +493,10 @@ class _Filters:
                 if len(set(cutoffs)) == 1
                 else f"{cutoffs.min():.3g} to {cutoffs.max():.3g} Hz"
             )
+            where = f", at most {self.position:g} times the motion's bandwidth" if np.isfinite(self.position) else ""
             made.append(
                 f"Position filter{'s' if len(cutoffs) > 1 else ''}: {each}, where the noise that a channel's filter "
-                f"passes balances the motion that it removes."
+                f"passes balances the motion that it removes{where}."
             )
         if "decimation" not in given:
             in_period = f"{1 / (parallel * self.dt * treatment.decimation):.2g} rows per period of the parallel filter"

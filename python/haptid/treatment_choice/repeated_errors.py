@@ -1,4 +1,4 @@
-"""Errors that come back with a motion that repeats itself, which time blocks take for independent.
+"""Variance of errors that repeat with a periodic motion, which clusters of time blocks treat as independent.
 
 An encoder's ripple and its rounding, the sampling of reversals and what the model lacks depend on the state. Where the
 motion is periodic they are the same in every period: their effect does not fall with the number of periods, and the
@@ -30,7 +30,7 @@ from haptid.treatment_choice.nuisance_problem import NuisanceColumn
 _FEWEST, _PHASES, _GROUPS = 6, 48, 32
 # Random signs of the scores, and the standard deviations above their mean from which on errors count as repeated.
 _SIGNS, _BEYOND = 40, 2.0
-# Numbers (rows times columns, of all motors) of a motion that are looked at.
+# Numbers (rows times columns, of all motors) of a motion that are used, at most.
 _ENOUGH = 1 << 21
 
 
@@ -59,7 +59,7 @@ class _Scores:
         return bool(np.sum(self.s.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
 
     def shifts(self, root: Array, prior: Array) -> Array:
-        """By how much the errors of each part move the parameters, (phases, p), SI.
+        """Shift of the parameters by the errors of each part, (phases, p), SI.
 
         Args:
             root: parameters from the fit's coordinates, (p, coordinates of the fit).

@@ -1,0 +1,241 @@
+"""Logs of elastic motors without their links: positions of the joints behind springs, simulated, as more channels.
+
+Initial values need no knowledge of the device. A link on its spring follows its motor like a filter of second order
+with the frequency of the link on its spring; for a frequency, positions of the links follow from those of the motors,
+and the model is linear in its parameters. The frequency of each motor is the one whose model predicts the torque best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device.toml.reader import device_of
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError, IdentifiabilityError
+from haptid.estimation import WLS, Estimate, estimate
+from haptid.estimation.methods.motor_side import MotorSide
+from haptid.estimation.methods.simulation_based import base_columns
+from haptid.log import Log
+from haptid.motion.channels import position_channels
+from haptid.motion.treatment import Treatment, treat
+from haptid.observation.observation import Observation, observe
+from haptid.simulation import smooth
+from haptid.simulation.driven import DrivenJoints
+from haptid.treatment_choice.propose import propose
+
+# Damping ratio of the filters and, of initial values, the least one.
+_DAMPING, _LEAST_DAMPING = 0.05, 0.02
+# Frequencies tried in an octave, and the last refinement of one, octaves.
+_PER_OCTAVE, _FINEST = 2, 1 / 16
+# Frequencies from this share of the bandwidth to this multiple of it, and length of log that they are tried on, s.
+_FROM, _TO, _SECONDS = 0.3, 4.0, 20.0
+# Convergence of the first estimate, standard errors.
+_ROUGH = 1.0
+# Largest relative standard error of a stiffness that counts as known.
+_KNOWN = 0.25
+# End of the names of the channels that are added.
+_SIMULATED = " (simulated)"
+
+
+def lacks_links(model: DynamicModel, log: Log) -> bool:
+    """Whether a log of an elastic device has no positions of the joints that springs alone move."""
+    every = position_channels(model.device, log.channels.position.side)
+    idle = sum(drive.unloaded for drive in model.device.drives)
+    return bool(idle) and log.position.shape[1] == len(every) - idle
+
+
+def command_delay(log: Log) -> float:
+    """Delay of a torque that is commanded from sample to sample, s."""
+    return 0.5 * float(log.dt)
+
+
+def complete_logs(
+    model: DynamicModel, logs: Sequence[Log], fitting: Sequence[bool], **given: Any
+) -> tuple[list[Log], Estimate]:
+    """The logs with positions of the joints that springs alone move, and the estimate that they are simulated with.
+
+    Args:
+        model: the dynamic model, with elastic motors.
+        logs: recordings without positions of these joints.
+        fitting: which of them the parameters are estimated from.
+        given: settings of `Treatment` that are fixed.
+
+    Raises:
+        IdentifiabilityError: the logs do not show the stiffness of a motor.
+        HaptidError: as `propose` and `estimate`.
+    """
+    chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
+    rigid = _rigid(model)
+    # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
+    proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
+    treatment = _shared(proposal.treatment)
+    part = chosen[0]
+    most = round(_SECONDS / float(part.dt))
+    short = part if len(part.t) <= most else part.busiest(most)
+    frequencies = _frequencies(model, short, treatment, proposal.bandwidth_hz)
+    first = estimate(_rows(model, [_followed(model, log, frequencies) for log in chosen], treatment), WLS())
+    initial = _stable(first, frequencies)
+    found = estimate(first.observation, MotorSide(initial=initial, tolerance=_ROUGH))
+    _expect_known(found, frequencies, proposal.bandwidth_hz)
+    return [_simulated(found, _followed(model, log, frequencies), treatment) for log in logs], found
+
+
+def _stable(first: Estimate, frequencies: Array) -> dict[str, float]:
+    """Base parameters by name, their friction not below zero, and with damping enough for stable simulations."""
+    found = dict(zip(first.names, first.beta.tolist(), strict=True))
+    names = {name.removesuffix("R"): name for name in found}
+    for term in first.model.terms:
+        if term.resists and term.name in names:
+            found[names[term.name]] = max(found[names[term.name]], 0.0)
+    for drive, frequency in zip(first.model.device.elastic, frequencies.tolist(), strict=True):
+        own = {t.kind: names[t.name] for t in first.model.terms if t.on == f"elastic {drive.name}" and t.name in names}
+        if "spring" in own and "viscous" in own:
+            least = 2 * _LEAST_DAMPING * found[own["spring"]] / (2 * np.pi * frequency)
+            found[own["viscous"]] = max(found[own["viscous"]], least)
+    return found
+
+
+def _rigid(model: DynamicModel) -> DynamicModel:
+    """The same device with rigid motors."""
+    tables = model.device.tables
+    terms = [term for term in tables.terms if term.kind != "elastic"]
+    return DynamicModel(device_of(tables.model_copy(update={"terms": terms}), model.device.name))
+
+
+def _shared(treatment: Treatment) -> Treatment:
+    """One value for all channels where there is one for each."""
+    slow, cutoff = np.max(treatment.reversal_speed), treatment.cutoff_hz
+    return replace(
+        treatment,
+        reversal_speed=float(slow),
+        rest_speed=float(np.max(treatment.rest_speed)),
+        cutoff_hz=None if cutoff is None else float(np.max(cutoff)),
+        torque_delay_s=float(np.median(treatment.torque_delay_s)),
+    )
+
+
+def _frequencies(model: DynamicModel, log: Log, treatment: Treatment, bandwidth: float) -> Array:
+    """Frequency of each elastic motor's link on its spring, (motors,), Hz: coordinate search over their logarithms."""
+    highest = min(_TO * bandwidth, 0.2 / float(log.dt))
+    octaves = np.log2(highest / (_FROM * bandwidth))
+    tried = highest / 2 ** np.linspace(0, octaves, max(3, round(octaves * _PER_OCTAVE)))
+    f = np.full(len(model.device.elastic), tried[0])
+    for k in range(len(f)):
+        f[k] = min(tried, key=lambda x: _misfit(model, log, treatment, np.where(np.arange(len(f)) == k, x, f)))
+    step = 0.5 / _PER_OCTAVE
+    while step >= _FINEST:
+        for k in range(len(f)):
+            near = f[k] * 2.0 ** np.array([-step, 0.0, step])
+            f[k] = min(near, key=lambda x: _misfit(model, log, treatment, np.where(np.arange(len(f)) == k, x, f)))
+        step /= 2
+    return f
+
+
+def _misfit(model: DynamicModel, log: Log, treatment: Treatment, frequencies: Array) -> float:
+    """Squared error of the torque, relative to its size, with links that follow their motors by these frequencies."""
+    try:
+        rows = _rows(model, [_followed(model, log, frequencies)], treatment)
+        beta = estimate(rows, WLS()).beta
+    except HaptidError:
+        return np.inf
+    return float(sum((motor.residual(beta) / motor.norm) ** 2 for motor in rows.motors))
+
+
+def _rows(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Observation:
+    return observe(model, *(treat(log, treatment) for log in logs))
+
+
+def _followed(model: DynamicModel, log: Log, frequencies: Array) -> Log:
+    """The log with links that follow their motors by filters of second order."""
+    device, dt = model.device, float(log.dt)
+    known = _known(model, log)
+    side = log.channels.position.side
+    ratios = [drive.gear_ratio if side == "motor" else 1.0 for drive in device.elastic]
+    rotors = [
+        known.index(drive.name if side == "motor" else device.joints[drive.first].name) for drive in device.elastic
+    ]
+    theta = np.array([np.asarray(log.position[:, k]) / ratio for k, ratio in zip(rotors, ratios, strict=True)])
+    load = np.array([_follow(x, f, dt) for x, f in zip(theta, frequencies, strict=True)])
+    active = list(device.active)
+    own = [active.index(drive.first) for drive in device.drives if drive.unloaded]
+    rates = np.array([(drive.row - drive.torsion) @ device.closure.constant for drive in device.elastic])
+    offset = np.array([(drive.row - drive.torsion) @ device.closure.offset for drive in device.elastic])
+    rigid = [k for k in range(len(active)) if k not in own and rates[:, k].any()]
+    for k in rigid:
+        place = known.index(device.joints[active[k]].name)
+        load = load - np.outer(rates[:, k], np.asarray(log.position[:, place]))
+    links = np.linalg.pinv(rates[:, own]) @ (load - offset[:, None])
+    return _with_channels(model, log, links)
+
+
+def _follow(theta: Array, frequency: float, dt: float) -> Array:
+    """A position behind a spring: (2 z w s + w^2) / (s^2 + 2 z w s + w^2), from rest."""
+    from scipy import signal  # loaded only where a device is elastic
+
+    w, z = 2 * np.pi * frequency, _DAMPING
+    made = signal.cont2discrete(([2 * z * w, w * w], [1.0, 2 * z * w, w * w]), dt, method="foh")
+    b, a = np.squeeze(made[0]), made[1]
+    start = signal.lfilter_zi(b, a) * theta[0]
+    return np.asarray(signal.lfilter(b, a, theta, zi=start)[0])
+
+
+def _known(model: DynamicModel, log: Log) -> list[str]:
+    """Names of the position channels that the log has, in its order."""
+    device, side = model.device, log.channels.position.side
+    idle = {
+        drive.name if side == "motor" else device.joints[drive.first].name for drive in device.drives if drive.unloaded
+    }
+    return [name for name in position_channels(device, side) if name not in idle]
+
+
+def _with_channels(model: DynamicModel, log: Log, links: Array) -> Log:
+    """The log with positions of the joints that springs alone move, (u, samples), in the device's order."""
+    device, position = model.device, log.channels.position
+    known, names = _known(model, log), position_channels(device, position.side)
+    idle = [name for name in names if name not in known]
+    made = np.empty((len(log.t), len(names)))
+    channels = []
+    for k, name in enumerate(names):
+        hidden = name in idle
+        made[:, k] = links[idle.index(name)] if hidden else log.position[:, known.index(name)]
+        channels.append(f"{name}{_SIMULATED}" if hidden else position.channels[known.index(name)])
+    signal_ = replace(position, channels=tuple(channels), gain=(), offset=())
+    return replace(log, position=made, channels=replace(log.channels, position=signal_))
+
+
+def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
+    """The log with links simulated along its motors with the estimated parameters."""
+    model, method = found.model, found.method
+    assert isinstance(method, MotorSide)
+    motion = treat(log, replace(treatment, torque_delay_s=0.0))  # a delay would shift the positions
+    base = base_columns(model)
+    joints = DrivenJoints(smooth(model, [motion], method.friction), motion, method.segments(motion), base)
+    for _ in range(3):  # initial states of its segments settle
+        course = joints.course(found.beta)
+    made = np.array(log.position)
+    hidden = [k for k, name in enumerate(log.channels.position.channels) if name.endswith(_SIMULATED)]
+    made[:, hidden] = np.linalg.solve(model.device.row_map, course.c)[joints.unknown].T
+    return replace(log, position=made)
+
+
+def _expect_known(found: Estimate, frequencies: Array, bandwidth: float) -> None:
+    """Raise IdentifiabilityError where the log does not show a stiffness."""
+    for drive, frequency in zip(found.model.device.elastic, frequencies, strict=True):
+        terms = {t.name for t in found.model.terms if t.on == f"elastic {drive.name}" and t.kind == "spring"}
+        for name, value, se in zip(found.names, found.beta.tolist(), found.se.tolist(), strict=True):
+            if name.removesuffix("R") in terms and not (value > 0 and se < _KNOWN * value):
+                raise IdentifiabilityError(
+                    f"the log does not show the stiffness of motor {drive.name}: {name} is {value:.3g} with a standard "
+                    f"error of {se:.2g} (limit {_KNOWN:.0%} of it), from motion up to {bandwidth:.3g} Hz; the link on "
+                    f"its spring is near {frequency:.3g} Hz or above.",
+                    where=drive.name,
+                    found=se / abs(value),
+                    limit=_KNOWN,
+                    advice=f"Excite motor {drive.name} up to {0.7 * frequency:.3g} Hz, with a finer encoder if it is "
+                    "coarse; or measure positions of the joints too.",
+                )
