@@ -28,11 +28,13 @@ from haptid.estimation.methods.errors_in_variables import TLS, ErrorsInVariables
 from haptid.estimation.methods.gls import GLS, SUR, TorqueNoise
 from haptid.estimation.methods.instrumental import IV
 from haptid.estimation.methods.kalman import EKF, UKF
+from haptid.estimation.methods.motor_side import MotorSide
 from haptid.estimation.methods.open_loop import OutputErrorMethod
 from haptid.estimation.methods.regularised import Entropic, Ridge
 from haptid.estimation.methods.robust import IRLS, Huber, Loss, StudentT, Tukey
 from haptid.estimation.methods.simulation_based import CLIE, CLOE, DIDIM
 from haptid.estimation.methods.wls import OLS, WLS, Heteroscedastic
+from haptid.estimation.recursive import RecursiveIdentification
 
 __all__ = [
     "CLIE",
@@ -73,10 +75,12 @@ __all__ = [
     "Knowledge",
     "Loss",
     "Method",
+    "MotorSide",
     "OutputErrorMethod",
     "Parameter",
     "PhysicallyConsistent",
     "Profile",
+    "RecursiveIdentification",
     "Reduced",
     "Restricted",
     "Ridge",

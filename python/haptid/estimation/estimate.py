@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields, read_only
 from haptid._internal.display import Overview, displayed
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
@@ -23,6 +23,7 @@ from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, PointEstimate, Reduced, rows_of
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
+from haptid.estimation.torque_uncertainty import torque_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
 from haptid.uncertainty.figures import short_percent, with_digits
@@ -30,6 +31,8 @@ from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
 WELL_CONDITIONED = 200.0
+# Standard error of the torque in other motion above which an estimate is uncertain, per cent, and what is said then.
+TORQUE_TOLD, _UNTOLD = 3.0, "The torque of other motion in the log's poses is uncertain"
 
 
 @runtime_checkable
@@ -108,8 +111,9 @@ class Estimate:
             unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
         classical_covariance: classical, valid for white residuals, (p, p).
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
-        status: "ok"; "ill_conditioned"; "constrained_outside_ci" where constraints contradict an interval;
-            "noisy_positions" where noise of the positions, or their filter, changes the predicted torque too much.
+        status: "ok"; "uncertain" where the log does not tell the torque of other motion, or a standard error;
+            "constrained_outside_ci" where constraints contradict an interval; "noisy_positions" where noise of the
+            positions, or their filter, changes the predicted torque too much.
         notes: for the user.
         constrained_fit: of a method with inequality constraints: the constrained and the unconstrained estimate, and
             the active constraints; None of the others.
@@ -132,8 +136,7 @@ class Estimate:
     nuisances: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("classical_covariance", "weights"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "classical_covariance", "weights")
 
     @property
     def model(self) -> DynamicModel:
@@ -202,6 +205,14 @@ class Estimate:
     def single_block(self) -> tuple[int, ...]:
         """Parameters excited in a single block: their standard errors cannot be estimated and are infinite."""
         return self.quantities.unbounded
+
+    @cached_property
+    def torque_uncertainty(self) -> float:
+        """Standard error of the torque in other motion of the log's poses, per cent of the measured torque.
+
+        nan where the rows are not of motions, but of poses or of a stream.
+        """
+        return torque_uncertainty(self.observation, self.covariance)
 
     @cached_property
     def clusters(self) -> Clusters:
@@ -331,7 +342,6 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
     """Estimate base parameters with cluster-robust confidence intervals.
 
     Args:
-        observation: the rows.
         method: `OLS()`, `WLS()`, `GLS()`, `PhysicallyConsistent()`, ...
         intervals: covariance estimator; `ClusterRobust()` where None.
 
@@ -357,7 +367,7 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
     )
     status, notes = _status_and_notes(observation, method, quantities, constrained, zero)
     own = fit.observation is observation
-    return Estimate(
+    made = Estimate(
         observation=observation,
         method=method,
         fit=fit,
@@ -370,6 +380,20 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         constrained_fit=constrained,
         zero=zero,
     )
+    return made if isinstance(method, PointEstimate) else judged(made)
+
+
+def judged(made: Estimate) -> Estimate:
+    """An estimate whose status and notes say whether the torque of other motion is told, by its present covariance."""
+    notes = tuple(note for note in made.notes if not note.startswith(_UNTOLD))
+    size, unbounded = made.torque_uncertainty, bool(made.single_block)
+    if unbounded or not size > TORQUE_TOLD:
+        return made if notes == made.notes else replace(made, notes=notes)
+    text = (
+        f"{_UNTOLD}: its standard error is {size:.3g} % of the measured torque (limit {TORQUE_TOLD:g} %). Record "
+        f"longer, or motion that differs more in speed and acceleration from pose to pose."
+    )
+    return replace(made, status="uncertain" if made.status == "ok" else made.status, notes=(text, *notes))
 
 
 def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> Fit:
@@ -400,7 +424,6 @@ def _status_and_notes(
     raw, scaled = observation.condition_without(zero)
     status = "ok"
     if scaled > WELL_CONDITIONED:
-        status = "ill_conditioned"
         notes.append(
             f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
             f"Torque is predicted for motion like the log's; single parameters only where the standard error is small."
@@ -408,7 +431,7 @@ def _status_and_notes(
     if isinstance(method, PointEstimate):
         notes.append(method.why_no_intervals)
     elif quantities.unbounded:
-        status = "ill_conditioned"
+        status = "uncertain"
         names = ", ".join(quantities.names[k] for k in quantities.unbounded)
         notes.append(
             f"Excited in a single time block: {names}. The standard error cannot be estimated (interval: unbounded). "

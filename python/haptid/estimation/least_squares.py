@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.errors import IdentifiabilityError, NoRowsError
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
@@ -33,10 +33,7 @@ class Knowledge:
 
     def __post_init__(self) -> None:
         m = np.shape(self.b)[0]
-        expect("A", np.shape(self.A), (m, None))
-        expect("std", np.shape(self.std), (m,))
-        for name in ("A", "b", "std"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "b", A=(m, None), std=(m,))
 
     @property
     def exact(self) -> tuple[Array, Array]:
@@ -93,7 +90,6 @@ def solve(
     """Minimise the norm of the rows, each motor's multiplied by its weight, subject to constraints.
 
     Args:
-        observation: the rows.
         weights: of each motor's rows, (motors,).
         zero: indices of base parameters fixed at zero.
         known: equality constraints, and priors that count as rows of unit variance.

@@ -3,6 +3,7 @@
 May import estimation, validation and all before them; it reads no files and knows no study.
 """
 
+from haptid.inference.alarm import Alarm, ModelAlarm
 from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
@@ -17,9 +18,10 @@ from haptid.inference.elimination import (
 from haptid.inference.payload_body import AttachedBody
 from haptid.inference.payloads import identify_payloads
 from haptid.inference.static_poses import GravityVerdict, StaticIdentification, identify_poses
-from haptid.inference.targets import Targets, side_by_side, target_map, targets
+from haptid.inference.targets import Targets, target_map, targets
 
 __all__ = [
+    "Alarm",
     "AttachedBody",
     "BackwardElimination",
     "Comparison",
@@ -30,6 +32,7 @@ __all__ = [
     "GautierRatio",
     "GravityVerdict",
     "MaxRelativeStd",
+    "ModelAlarm",
     "Series",
     "StaticIdentification",
     "Targets",
@@ -41,7 +44,6 @@ __all__ = [
     "eliminate_by_motor",
     "identify_payloads",
     "identify_poses",
-    "side_by_side",
     "target_map",
     "targets",
 ]

@@ -13,7 +13,7 @@ from typing import Protocol, overload, runtime_checkable
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
@@ -101,8 +101,7 @@ class Comparison:
     joint: JointTests | None = None
 
     def __post_init__(self) -> None:
-        for name in ("first", "second", "first_se", "second_se", "first_dof", "second_dof", "covariance"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "first", "second", "first_se", "second_se", "first_dof", "second_dof", "covariance")
 
     @property
     def difference(self) -> Array:
@@ -238,10 +237,7 @@ class Series:
 
     def __post_init__(self) -> None:
         n, k = len(self.labels), len(self.names)
-        shapes = {"value": (n, k), "se": (n, k), "dof": (n, k), "covariance": (n, k, k)}
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, shape)
+        freeze_fields(self, value=(n, k), se=(n, k), dof=(n, k), covariance=(n, k, k))
 
     def __len__(self) -> int:
         return len(self.labels)

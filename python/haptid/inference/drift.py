@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
 from haptid.uncertainty.multiple_testing import se_above_rounding, together, two_sided
@@ -44,10 +44,8 @@ class Drift:
     leverage: Array
 
     def __post_init__(self) -> None:
-        for name in ("times", "weights", "leverage"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("weights", "leverage"):
-            expect(name, getattr(self, name).shape, self.series.value.shape)
+        each = self.series.value.shape
+        freeze_fields(self, "times", weights=each, leverage=each)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device import Gimbal
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
@@ -42,8 +42,7 @@ class GimbalEffect:
     parameters: Array
 
     def __post_init__(self) -> None:
-        for name in ("share", "parameters"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "share", "parameters")
 
     @property
     def sentences(self) -> tuple[str, ...]:

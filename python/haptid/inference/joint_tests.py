@@ -104,7 +104,6 @@ def joint_tests(
     """Joint tests of independent estimates of one device.
 
     Args:
-        model: of the device.
         values: base parameters of each unconstrained fit, (p,), SI.
         clusters: of each fit.
         confidence: family-wise confidence level.

@@ -7,6 +7,7 @@ shift of the parameters by the most significant one of each coordinate counts as
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,14 @@ from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.method import PointEstimate
 from haptid.inference.diagnosis.added_variable import augment, device_rows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
-from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, best_alternative, columns_at, friction_coordinates
+from haptid.inference.diagnosis.lack_of_fit import (
+    CANDIDATES,
+    TermTest,
+    columns_at,
+    friction_coordinates,
+    known_term_tests,
+    term_tests,
+)
 from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.observation.augmented import CandidateColumns
@@ -46,29 +54,29 @@ def _shifts(estimate: Estimate) -> Array:
     if all(small) or isinstance(estimate.method, PointEstimate):
         return none
     part = subsample(estimate)
-    left, places = residuals(part), friction_coordinates(part.model, device_rows(part))
-    candidates: list[CandidateColumns] = []
-    groups = []
-    for k, place in enumerate(places):
-        for term in CANDIDATES:
-            columns = columns_at(term, place, left)
-            groups.append((k, range(len(candidates), len(candidates) + len(columns))))
-            candidates += columns
-    augmented = augment(part, candidates)
-    tests = [best_alternative(augmented, which) for _, which in groups]
-    significant = together(np.array([test.p for test in tests])) < SIGNIFICANCE
-    reached = np.unique(np.concatenate([own.columns for own in augmented.observation.motors]))
-    fitted = [k for k in reached if k < p and k not in estimate.zero]
+    tests = known_term_tests(part) or _tested(part)
+    significant = dict(zip(tests, together(np.array([test.p for test in tests.values()])) < SIGNIFICANCE, strict=True))
+    reached = np.unique(np.concatenate([own.columns for own in part.observation.motors]))
+    fitted = [k for k in reached if k not in estimate.zero]
     made = []
-    for k in range(len(places)):
-        own = [
-            test
-            for (place, _), test, seen in zip(groups, tests, significant, strict=True)
-            if place == k and seen and test.fit is not None
-        ]
+    for place in sorted({k for _, k in tests}):
+        own = [test for at, test in tests.items() if at[1] == place and significant[at] and test.fit is not None]
         if own:
             shift, best = np.zeros(p), min(own, key=lambda test: test.p)
             assert best.fit is not None
             shift[fitted] = best.fit.shift
             made.append(shift)
     return np.array(made) if made else none
+
+
+def _tested(estimate: Estimate) -> Mapping[tuple[str, int], TermTest]:
+    """Tests of every term at every friction coordinate."""
+    left = residuals(estimate)
+    candidates: list[CandidateColumns] = []
+    which = {}
+    for k, place in enumerate(friction_coordinates(estimate.model, device_rows(estimate))):
+        for term in CANDIDATES:
+            columns = columns_at(term, place, left)
+            which[term.name, k] = range(len(candidates), len(candidates) + len(columns))
+            candidates += columns
+    return term_tests(augment(estimate, candidates), which)

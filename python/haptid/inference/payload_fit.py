@@ -42,7 +42,6 @@ class LoadedRows:
     """Rows of the logs of one load, and its base parameters beta = M x + m.
 
     Attributes:
-        observation: the rows.
         M: (p, unknowns).
         m: (p,).
     """

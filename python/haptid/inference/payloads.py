@@ -181,7 +181,6 @@ class PayloadIdentification:
     """Payloads, and drive gains where asked for, from logs of the bare device and logs with payloads.
 
     Attributes:
-        model: the dynamic model.
         payloads: one for each, in the order given.
         gains: None where the file's were taken as right.
         base: base parameters of the bare device, as far as the logs determine them, at the gains found; friction is

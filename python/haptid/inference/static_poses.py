@@ -185,7 +185,6 @@ def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = No
     The base parameters are those of the static regressor at these poses; what they do not determine is left out.
 
     Args:
-        model: the dynamic model.
         poses: by `find_poses` or `read_poses`.
         method: of estimation, one that works on R factors; `WLS()` where None.
 

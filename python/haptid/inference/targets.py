@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
 from haptid.device.priors import combined_prior
 from haptid.dynamics.base_parameters import base_combinations
@@ -61,11 +60,7 @@ class Targets:
 
     def __post_init__(self) -> None:
         k = len(self.names)
-        expect("C", self.C.shape, (k, None))
-        for name in ("covariance", "classical_covariance"):
-            expect(name, getattr(self, name).shape, (k, k))
-        for name in ("C", "value", "free", "covariance", "classical_covariance", "dof"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "value", "free", "dof", C=(k, None), covariance=(k, k), classical_covariance=(k, k))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -219,25 +214,6 @@ def target_map(model: DynamicModel) -> Array:
         )
     rows = np.array([target.row for target in model.device.targets])
     return base_combinations(model, [target.name for target in model.device.targets], rows)
-
-
-def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:
-    """A text table of the targets of several estimates, after their prior values.
-
-    Layout: Tahmasebi et al. (2005), Table I.
-
-    Args:
-        columns: heading and targets of each estimate, all in SI or all in units of command; blank where an estimate
-            does not have a target.
-        decimals: of every value.
-    """
-    names = list(dict.fromkeys(name for made in columns.values() for name in made.names))
-    known = {p.name: p.prior[0] for made in columns.values() for p in made.parameters if p.prior is not None}
-    rows = [["", "prior", *columns]]
-    for name in names:
-        values = [made[name].value if name in made.names else None for made in columns.values()]
-        rows.append([name, *("" if v is None else f"{v:.{decimals}f}" for v in (known.get(name), *values))])
-    return "\n".join(aligned(rows))
 
 
 def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
 from haptid.uncertainty.distributions import t_quantile
 from haptid.uncertainty.figures import with_digits
@@ -58,9 +58,7 @@ class Quantities:
     def __post_init__(self) -> None:
         k = len(self.names)
         object.__setattr__(self, "dof", np.broadcast_to(np.asarray(self.dof, dtype=float), (k,)))
-        for name, shape in (("values", (k,)), ("covariance", (k, k)), ("dof", (k,))):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, shape)
+        freeze_fields(self, values=(k,), covariance=(k, k), dof=(k,))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -159,10 +157,7 @@ class Field:
     unit: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", read_only(self.values))
-        if self.se is not None:
-            object.__setattr__(self, "se", read_only(self.se))
-            expect("se", self.se.shape, self.values.shape)
+        freeze_fields(self, "values", se=np.shape(self.values))
 
     def conf_int(self, level: float = LEVEL) -> Array | None:
         """Confidence intervals, (..., 2); None without standard errors."""

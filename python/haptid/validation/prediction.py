@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
@@ -34,8 +34,7 @@ class Prediction:
     used: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("t", "measured", "predicted"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "t", "measured", "predicted")
         self.used.flags.writeable = False
 
 

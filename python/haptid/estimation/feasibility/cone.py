@@ -192,7 +192,6 @@ def cone(model: DynamicModel, beta: Array) -> Cone:
     """The cone of a device, scaled for base parameters of about this size.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
     """
     size = Scale.of(model, beta)
@@ -211,6 +210,10 @@ def link_blocks(model: DynamicModel, size: Scale) -> list[ConeBlock]:
         raw = model.device.parameters.S[10 * j : 10 * j + 10] * size.chi
         root = np.array([size.length[j]] * 3 + [1.0]) * np.sqrt(size.mass[j])
         G = PSEUDO @ raw / np.array([root[i] * root[k] for i, k in UPPER])[:, None]
+        for i in range(3):  # no extent along an axis, as of a thin rod: the other rows are the condition
+            own = [row for row, entry in enumerate(UPPER) if i in entry]
+            if not G[own].any():
+                G[UPPER.index((i, i))] = G[UPPER.index((3, 3))]
         if joint.body and G.any():
             blocks.append(ConeBlock(f"link {joint.name}", True, G))
     return blocks

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import Cone, ConeBlock, ConePart, cone, parts, pseudo_inertia
@@ -49,7 +49,6 @@ class FeasibleParameters:
     determine is limited to some thousands of times what its moments suggest.
 
     Attributes:
-        model: the dynamic model.
         beta: base parameters, (p,), SI.
         chi: standard parameters with these base parameters, (n,), SI: the feasible ones of least log-det divergence
             from the prior, or from a homogeneous ball for a link without one. Torque determines only their base
@@ -66,8 +65,7 @@ class FeasibleParameters:
     failing: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("beta", "chi"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "beta", "chi")
 
     @property
     def ok(self) -> bool:
@@ -91,7 +89,6 @@ def feasible_parameters(model: DynamicModel, beta: Array) -> FeasibleParameters:
     """Whether rigid bodies and passive terms can have these base parameters, identified or published.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, in its order, (p,), SI.
 
     Raises:
@@ -123,7 +120,6 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
     With the R factor of an observation, `observation.stack(weights)[:-1, :-1]`, it changes the torque least.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         R: of the metric, (p, p): an R factor, or any other root of its square.
 

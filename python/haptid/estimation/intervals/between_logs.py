@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.estimation.method import BlockMoments, Fit
@@ -63,8 +63,7 @@ class BetweenLogs:
     scatter: Array
 
     def __post_init__(self) -> None:
-        for name in ("values", "effective", "scatter"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "values", "effective", "scatter")
 
     @staticmethod
     def of(fit: Fit, found: Quantities, values: Array, C: Array, shifts: Array) -> BetweenLogs | None:

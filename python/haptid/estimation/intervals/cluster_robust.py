@@ -56,7 +56,6 @@ def clustered(
     """CR2 of rows and a solution of them.
 
     Args:
-        observation: the rows.
         weights: of each motor's rows, (motors,).
         solution: the fit with these weights.
         combinations: of base parameters, (q, p); each base parameter where None.

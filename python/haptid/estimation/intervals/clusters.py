@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.method import Fit
 
@@ -37,11 +37,8 @@ class Clusters:
     misfit_shifts: Array
 
     def __post_init__(self) -> None:
-        for name in ("root", "G", "s", "shifts", "misfit_shifts"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
         k = self.root.shape[1]
-        expect("G", self.G.shape, (len(self.s), k, k))
-        expect("s", self.s.shape, (None, k))
+        freeze_fields(self, "root", "shifts", "misfit_shifts", G=(len(self.s), k, k), s=(None, k))
 
     @staticmethod
     def of(fit: Fit, shifts: Array) -> Clusters:

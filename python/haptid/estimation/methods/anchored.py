@@ -96,7 +96,6 @@ def open_parameters(observation: Observation, A: Array, *covariances: Array) -> 
     the prior says more than the log. Of the parameters those are named whose own does.
 
     Args:
-        observation: the rows.
         A: of `reference_torque`, (p, p).
         covariances: of the base parameters, (p, p) each; the largest variance counts.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.expressions import combination
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
@@ -232,8 +232,7 @@ class BoundedSolution:
     high: Array
 
     def __post_init__(self) -> None:
-        for name in ("beta", "free", "low", "high"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "beta", "free", "low", "high")
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -365,7 +364,7 @@ class Constrained:
     pulled: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "free", read_only(self.free))
+        freeze_fields(self, "free")
 
     @property
     def beta(self) -> Array:

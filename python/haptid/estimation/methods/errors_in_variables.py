@@ -95,7 +95,6 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
     """Least squares with the noise subtracted from the normal equations: (W'W - N) beta = W'y - n.
 
     Args:
-        observation: the rows.
         weights: of each motor's rows, (motors,).
         noise: expected squares of the noise of every motor's blocks in weighted rows, each (blocks, p + 1, p + 1).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -54,18 +54,23 @@ class SUR(UnitVarianceRows):
         Raises:
             IdentifiabilityError: a motor's torque is zero throughout.
         """
-        rows, columns = Rows(observation), _columns_so_far(observation)
-        beta = solve(observation, WLS().weights(observation)).beta
-        for _ in range(self.passes):
-            seen = rows.folded(Decorrelation(covariance(rows, beta)), columns)
-            beta = solve(seen, self.weights(seen)).beta
-        return seen
+        return _whitened(self, observation, self.passes, lambda rows, beta: Decorrelation(covariance(rows, beta)))
 
 
-def _columns_so_far(observation: Observation) -> list[np.ndarray]:
-    """Base parameters that each motor's rows and those before it depend on."""
+def _whitened(
+    method: UnitVarianceRows,
+    observation: Observation,
+    passes: int,
+    whitening: Callable[[Rows, Array], Callable[[Chunk], Chunk]],
+) -> Observation:
+    """Rows times a factor that is estimated from the residuals of the last fit, beginning with weighted rows."""
     before = [observation.motors[: k + 1] for k in range(len(observation.motors))]
-    return [np.unique(np.concatenate([motor.columns for motor in some])) for some in before]
+    columns = [np.unique(np.concatenate([motor.columns for motor in some])) for some in before]
+    rows, beta = Rows(observation), solve(observation, WLS().weights(observation)).beta
+    for _ in range(passes):
+        seen = rows.folded(whitening(rows, beta), columns)
+        beta = solve(seen, method.weights(seen)).beta
+    return seen
 
 
 @dataclass(frozen=True)
@@ -95,12 +100,9 @@ class TorqueNoise(UnitVarianceRows):
         Raises:
             IdentifiabilityError: a row's torque is zero throughout.
         """
-        rows, columns = Rows(observation), _columns_so_far(observation)
-        beta = solve(observation, WLS().weights(observation)).beta
-        for _ in range(self.passes):
-            seen = rows.folded(ChannelWhitening(channel_variances(rows, beta)), columns)
-            beta = solve(seen, self.weights(seen)).beta
-        return seen
+        return _whitened(
+            self, observation, self.passes, lambda rows, beta: ChannelWhitening(channel_variances(rows, beta))
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,6 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
     """Rows whose weighted least squares are the instrumental-variables estimate of the observation.
 
     Args:
-        observation: the rows.
         instruments: rows of the same blocks from another motion.
         weights: of each motor's rows, (motors,).
 

@@ -33,7 +33,7 @@ from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation
 from haptid.simulation import expect_no_history, measured_state, smooth
-from haptid.simulation.closed_loop import FASTEST
+from haptid.simulation.closed_loop import FASTEST, runge_kutta_step
 
 _Figures = tuple[float, ...]
 
@@ -300,25 +300,16 @@ class UKF(Filtering):
         dt, mean = given.motion.dt, state.x
         cdd, *_, inverse = forward.linearised(mean[:n], mean[n : 2 * n], tau, mean[2 * n :])
         steps = self.parts * (SUBSTEPS if forward.turning(mean[:n], mean[n : 2 * n], cdd, dt) else 1)
+        held, beta = np.repeat(tau[:, None], points.shape[1], axis=1), points[2 * n :].T
+
+        def acceleration(c: Array, cd: Array) -> Array:
+            return forward.acceleration(c, cd, held, beta)
+
         for _ in range(steps):
-            points[: 2 * n] = _runge_kutta(forward, points[:n], points[n : 2 * n], tau, points[2 * n :].T, dt / steps)
+            points[: 2 * n] = np.concatenate(runge_kutta_step(acceleration, points[:n], points[n : 2 * n], dt / steps))
         x = points.mean(axis=1)
         process = np.zeros((size, n))
         push = inverse * given.noise[1]
         process[:n], process[n : 2 * n] = 0.5 * dt**2 * push, dt * push
         spread = (points - x[:, None]) / np.sqrt(2 * size)
         return FilterState(x, lower(np.column_stack([spread, process])))
-
-
-def _runge_kutta(forward: ParametricForwardDynamics, c: Array, cd: Array, tau: Array, beta: Array, h: float) -> Array:
-    """One step of the classical Runge-Kutta method of order four, (2n, points), with constant torque."""
-    held = np.repeat(tau[:, None], c.shape[1], axis=1)
-    a1 = forward.acceleration(c, cd, held, beta)
-    v2 = cd + 0.5 * h * a1
-    a2 = forward.acceleration(c + 0.5 * h * cd, v2, held, beta)
-    v3 = cd + 0.5 * h * a2
-    a3 = forward.acceleration(c + 0.5 * h * v2, v3, held, beta)
-    v4 = cd + h * a3
-    a4 = forward.acceleration(c + h * v3, v4, held, beta)
-    sums = cd + 2 * v2 + 2 * v3 + v4, a1 + 2 * a2 + 2 * a3 + a4
-    return np.concatenate([c + h / 6 * sums[0], cd + h / 6 * sums[1]])

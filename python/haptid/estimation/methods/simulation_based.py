@@ -92,20 +92,24 @@ class SimulationBased(Wrapper, ABC):
             ConvergenceError: no convergence within `most` passes.
         """
         self.check(observation)
-        beta, found = None, estimate(observation, self.start)
+        beta, found = None, self.first(observation)
         expect_no_history(observation.model)
         smoothed = smooth(observation.model, observation.motions, self.friction)
         for number in range(self.most):
-            goal = found.beta if beta is None or number < FULL_STEPS else 0.5 * (beta + found.beta)
+            goal = found if beta is None or number < FULL_STEPS else 0.5 * (beta + found)
             beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
-            found = estimate(rows, self.weighting)
-            moved = np.abs(found.beta - beta) / np.maximum(found.se, np.finfo(float).tiny)
+            made = estimate(rows, self.weighting)
+            found, moved = made.beta, np.abs(made.beta - beta) / np.maximum(made.se, np.finfo(float).tiny)
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
         name = observation.base.names[worst]
         raise not_converged(self.name, self.most, name, float(moved[worst]), self.tolerance)
+
+    def first(self, observation: Observation) -> Array:
+        """Base parameters to begin with, (p,)."""
+        return estimate(observation, self.start).beta
 
     def _next(
         self, observation: Observation, smoothed: DynamicModel, before: Array | None, found: Array

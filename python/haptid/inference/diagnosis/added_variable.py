@@ -9,12 +9,12 @@ parameters already fitted are mistaken for structure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
@@ -52,8 +52,7 @@ class AddedVariableTest:
     shift: Array
 
     def __post_init__(self) -> None:
-        for name in ("values", "covariance", "explained", "shift"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "values", "covariance", "explained", "shift")
 
     @property
     def se(self) -> Array:
@@ -90,6 +89,7 @@ class AugmentedRows:
     observation: Observation
     first: tuple[int, ...]
     candidates: tuple[CandidateColumns, ...]
+    _picked: dict[tuple[str, bytes], MotorRows] = field(default_factory=dict, init=False, repr=False)
 
     def test(
         self, which: Sequence[int], excluded: Sequence[int] = (), motor: int | None = None
@@ -107,7 +107,7 @@ class AugmentedRows:
         new = [self.first[e] + j for e in which for j in range(self.candidates[e].count)]
         left_out = {*excluded, *self.estimate.zero}
         kept = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
-        motors = tuple(_pick(own, kept) for own in rows)
+        motors = tuple(self._pick(own, kept) for own in rows)
         whole = triangle(stacked(motors, weights, len(kept)))
         R, z, k = whole[:-1, :-1], whole[:-1, -1], len(new)
         lengths = np.linalg.norm(R, axis=0)
@@ -124,6 +124,17 @@ class AugmentedRows:
         after = [own.residual(beta) for own in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
         return AddedVariableTest(beta[-k:], made.covariance, float(made.dof.min()), explained, shift)
+
+    def _pick(self, motor: MotorRows, kept: np.ndarray) -> MotorRows:
+        """Some columns only, renumbered by their places in `kept`; most candidates are of one motor."""
+        place = {int(column): k for k, column in enumerate(motor.columns)}
+        own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
+        at = np.array([place[int(kept[k])] for k in own] + [len(motor.columns)])
+        asked = (motor.name, np.concatenate([own, at]).tobytes())
+        if asked not in self._picked:
+            triangles = np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r"))
+            self._picked[asked] = replace(motor, columns=own, triangles=triangles)
+        return self._picked[asked]
 
 
 def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> AugmentedRows:
@@ -156,14 +167,6 @@ def _observed(
     blocks, ranges = wide.blocks(log_name(motion)), list(row_ranges(wide, estimate.observation.blocks))
     some = [block for start, stop in ranges for block in blocks[start // wide.block : -(-stop // wide.block)]]
     return tuple(some), reduced(wide, device_rows(estimate), ranges)
-
-
-def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:
-    """Some columns only, renumbered by their places in `kept`."""
-    place = {int(column): k for k, column in enumerate(motor.columns)}
-    own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
-    at = [place[int(kept[k])] for k in own] + [len(motor.columns)]
-    return replace(motor, columns=own, triangles=np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r")))
 
 
 def _groups(blocks: int) -> list[np.ndarray]:

@@ -132,9 +132,10 @@ def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> It
     if (pairs := by.pairs(estimate.observation.motions)) is not None:
         groups["errors"] = exogeneity.unexplained_columns(model, rows, chi, pairs)
     augmented, which = _augmented(estimate, groups)
-    tests = []
+    every = {(term.name, k): which[f"{term.name} {k}"] for k in range(len(places)) for term in terms}
+    found, tests = lack_of_fit.term_tests(augmented, every), []
     for k in range(len(places)):
-        own = {t.name: lack_of_fit.best_alternative(augmented, which[f"{t.name} {k}"]) for t in terms}
+        own = {term.name: found[term.name, k] for term in terms}
         tests.append(lack_of_fit.mark_redundant(augmented, own))
     for term in terms:
         yield lack_of_fit.missing_term(term, places, [at[term.name] for at in tests])

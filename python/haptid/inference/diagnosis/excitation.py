@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
 from haptid.inference.diagnosis.finding import Finding, Status, joined_names
@@ -42,8 +42,7 @@ class Dependencies:
     proportions: Array
 
     def __post_init__(self) -> None:
-        for name in ("index", "directions", "proportions"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "index", "directions", "proportions")
 
 
 def dependencies(R: Array) -> Dependencies:

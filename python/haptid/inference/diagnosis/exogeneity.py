@@ -116,7 +116,6 @@ def unexplained_columns(
     """For every row, torque of the motion minus torque of the instrument: of bodies, and of other terms.
 
     Args:
-        model: the dynamic model.
         rows: its rows.
         chi: the estimate's parameters of the core's columns, (r,), SI.
         pairs: every motion with its instrument.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.errors import EstimationError
 from haptid.estimation import WLS, Estimate, Restricted, estimate
 from haptid.estimation.least_squares import solve
@@ -37,8 +37,7 @@ class Deletions:
     expected: Array
 
     def __post_init__(self) -> None:
-        for name in ("shift", "expected"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "shift", "expected")
 
     @property
     def ratio(self) -> Array:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.model import DynamicModel
+from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, SMALL_SHARE, Finding, graded, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
@@ -38,7 +40,7 @@ class FrictionCoordinate:
     weights: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "weights", read_only(self.weights))
+        freeze_fields(self, "weights")
 
 
 def friction_coordinates(model: DynamicModel, rows: Sequence[int]) -> tuple[FrictionCoordinate, ...]:
@@ -202,6 +204,29 @@ class TermTest:
     candidate: int = -1
     fit: AddedVariableTest | None = None
     redundant_to: str = ""
+
+
+# Tests of a diagnosis by term and friction coordinate, as long as the estimate is kept: comparisons need them again.
+_TESTED: WeakKeyDictionary[Estimate, Mapping[tuple[str, int], TermTest]] = WeakKeyDictionary()
+
+
+def term_tests(
+    augmented: AugmentedRows, which: Mapping[tuple[str, int], Sequence[int]]
+) -> Mapping[tuple[str, int], TermTest]:
+    """The most significant alternative of each term at each friction coordinate.
+
+    Args:
+        augmented: the rows of an estimate with the candidates.
+        which: candidates of a term, by name, at a friction coordinate.
+    """
+    made = {at: best_alternative(augmented, own) for at, own in which.items()}
+    _TESTED[augmented.estimate] = made
+    return made
+
+
+def known_term_tests(estimate: Estimate) -> Mapping[tuple[str, int], TermTest] | None:
+    """Those of the last diagnosis of an estimate; None without one."""
+    return _TESTED.get(estimate)
 
 
 def best_alternative(augmented: AugmentedRows, which: Sequence[int]) -> TermTest:

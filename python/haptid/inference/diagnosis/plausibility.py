@@ -14,7 +14,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import AugmentedRows
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
+from haptid.inference.diagnosis.finding import BODIES, NEGATIVE, SIGNIFICANCE, Finding, Status, joined_names
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import half_width
@@ -179,14 +179,14 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
 
 
 def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
-    """Torque scales with a known cause, negative friction, and clock jitter."""
+    """Torque scales with a known cause, and negative friction."""
     figures = {f"factor {scale.motor}": scale.value for scale in found}
     gears = [motor.gear_ratio for motor in made.model.device.motors] + [
         motor.gear_ratio * motor.torque_constant for motor in made.model.device.motors
     ]
     bad, doubt = [], []
     for scale in found:
-        size = f"The torque of {scale.motor} is {scale.value:.3g} times the inertial torque of the device file's bodies"
+        size = f"The torque of {scale.motor} is {scale.value:.3g} times {BODIES}"
         words = unit_error(scale.value, gears)
         if scale.value < 0:
             bad.append(f"{size}: a sign is wrong, of torque or of position.")
@@ -198,9 +198,7 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
                 "differ."
             )
     if negative := _negative(made):
-        doubt.append(f"{joined_names(negative)} negative, which is impossible.")
-    notes = [note for motion in made.observation.motions if motion.log for note in motion.log.notes]
-    doubt += [note for note in notes if "jitter" in note][:1]
+        doubt.append(f"{joined_names(negative)} {NEGATIVE}, which is impossible.")
     status: Status = "bad" if bad else "doubt" if doubt else "ok"
     if status != "ok":
         return Finding("units and signs", status, figures, " ".join([*bad, *doubt][:3]))

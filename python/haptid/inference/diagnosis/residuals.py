@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
@@ -66,8 +66,7 @@ class Residuals:
     filter_stride: int
 
     def __post_init__(self) -> None:
-        for name in ("t", "e", "predicted", "position", "velocity"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "t", "e", "predicted", "position", "velocity")
         self.block.flags.writeable = False
 
     def used(self, motor: int) -> np.ndarray:
@@ -196,9 +195,9 @@ def autocorrelation_time(e: Array) -> float:
     return max(1.0, 2.0 * float(couples[: ends[0] if len(ends) else None].sum()) - 1.0)
 
 
-def portmanteau(e: Array, lags: int = LAGS) -> tuple[float, float]:
+def portmanteau(e: Array) -> tuple[float, float]:
     """Q of Ljung and Box and its p-value for a white series; missing values as in Stoffer and Toloi (1992)."""
-    rho, pairs = autocorrelation(e, lags)
+    rho, pairs = autocorrelation(e, LAGS)
     n, there = pairs[0], pairs[1:] > 0
     Q = float(n * (n + 2) * np.sum(rho[1:][there] ** 2 / pairs[1:][there]))
     return Q, float(chi2_tail(Q, max(int(there.sum()), 1)))

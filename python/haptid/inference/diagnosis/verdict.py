@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis.finding import Finding, Status, joined_names, worst
+from haptid.inference.diagnosis.finding import BODIES, NEGATIVE, Finding, Status, joined_names, worst
 from haptid.validation.validation import Validation
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
@@ -97,7 +97,7 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     by_name = {finding.name: finding for finding in findings}
 
     def of(names: Sequence[str]) -> list[Reason]:
-        return [Reason(by_name[name].status, MEANING[name], name) for name in names if name in by_name]
+        return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(made), of(COMPENSATION)
     torque = [size, *mild(of(PREDICTION))]
@@ -111,6 +111,13 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     )
     sentences, looks = zip(*parts, strict=True)
     return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
+
+
+def _meaning(finding: Finding) -> str:
+    """What a finding means; negative friction says nothing about the size of the torque."""
+    if finding.name == "units and signs" and BODIES not in finding.sentence and NEGATIVE in finding.sentence:
+        return "a friction or rotor parameter is negative"
+    return MEANING[finding.name]
 
 
 def _worst(reasons: Sequence[Reason]) -> Status:

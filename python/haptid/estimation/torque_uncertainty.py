@@ -1,0 +1,71 @@
+"""How well an estimate tells the torque of motion that differs from the log's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import rows
+from haptid.motion.channels import state
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation
+
+# States that are looked at, the samples that are read around each few of them, and the seed of their combination.
+_STATES, _WINDOW, _EVERY, _SEED = 200, 64, 4, 0
+
+
+def torque_uncertainty(observation: Observation, covariance: Array, W: Array | None = None) -> float:
+    """Standard error of the torque in other motion, per cent of the measured torque, root mean square of the motors.
+
+    The other motion has the log's poses, each with velocities and accelerations that the coordinates had at other
+    times. A condition number says how much the errors of single parameters may exceed those of the torque; this says
+    what is left of them in the torque, at the log's own noise and length.
+
+    Args:
+        observation: the rows of the fit.
+        covariance: of the base parameters, (p, p), SI.
+        W: of `other_motion`, where treatments are compared in the same one; that of these rows where None.
+
+    Returns:
+        Infinity where a variance is; nan where the rows are not of motions, but of poses or of a stream.
+    """
+    if W is None and not observation.motions:
+        return float("nan")
+    if not np.isfinite(covariance).all():
+        return float("inf")
+    W = other_motion(observation) if W is None else W
+    return 100 * float(np.sqrt(max(np.einsum("ij,jk,ik->", W, covariance, W), 0.0) / len(observation.motors)))
+
+
+def other_motion(observation: Observation) -> Array:
+    """Rows of the other motion: each motor's mean square is its torque's in units of the measured, (rows, p)."""
+    model = observation.model
+    c, cd, cdd = (np.ascontiguousarray(x) for x in _mixed(*_states(model, observation.motions)))
+    columns, selection = model.needed
+    Y = rows(model, c, cd, cdd)[list(model.measured_rows)][:, list(columns)]
+    level = np.array([motor.norm / np.sqrt(max(int(motor.rows.sum()), 1)) for motor in observation.motors])
+    level = np.where(level > 0, level, level.max() or 1.0) * np.sqrt(c.shape[1])
+    return np.asarray((Y / level[:, None, None]).transpose(0, 2, 1).reshape(-1, len(columns)) @ selection)
+
+
+def _states(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations of the coordinates at times spread over the motions, (rows, states)."""
+    found = []
+    for motion in motions:
+        low, high = motion.usable
+        many = max(1, _STATES * _EVERY // _WINDOW // len(motions))
+        for start in np.linspace(low, max(high - _WINDOW, low), many).astype(int):
+            c, cd = state(model.device, motion, int(start), min(int(start) + _WINDOW, high))
+            cdd = np.gradient(cd, motion.dt, axis=1) if cd.shape[1] > 1 else np.zeros_like(cd)
+            found.append([x[:, ::_EVERY] for x in (c, cd, cdd)])
+    c, cd, cdd = (np.concatenate(own, axis=1) for own in zip(*found, strict=True))
+    return c, cd, cdd
+
+
+def _mixed(c: Array, cd: Array, cdd: Array) -> tuple[Array, Array, Array]:
+    """The same poses with each coordinate's velocities, and its accelerations, in another order."""
+    rng = np.random.default_rng(_SEED)
+    return c, rng.permuted(cd, axis=1), rng.permuted(cdd, axis=1)
