@@ -220,21 +220,29 @@ def _control_period(
     if not c.size:
         return c, cd
     for part in range(parts):
-        c, cd = _step(forward, c, cd, tau, cdd if part == 0 else None, period / parts)
+        first = cdd if part == 0 else None
+        c, cd = runge_kutta_step(lambda at, speed: forward.acceleration(at, speed, tau), c, cd, period / parts, first)
     return c, cd
 
 
-def _step(
-    forward: ForwardDynamics, c: Array, cd: Array, tau: Array, cdd: Array | None, h: float
+def runge_kutta_step(
+    acceleration: Callable[[Array, Array], Array], c: Array, cd: Array, h: float, first: Array | None = None
 ) -> tuple[Array, Array]:
-    """One step of the fourth-order Runge-Kutta method, with constant torque."""
-    a1 = forward.acceleration(c, cd, tau) if cdd is None else cdd
+    """One step of the classical Runge-Kutta method of order four.
+
+    Args:
+        acceleration: of positions and velocities.
+        c, cd: positions and velocities at the beginning.
+        h: step, s.
+        first: acceleration at the beginning, where it is known.
+    """
+    a1 = acceleration(c, cd) if first is None else first
     v2 = cd + 0.5 * h * a1
-    a2 = forward.acceleration(c + 0.5 * h * cd, v2, tau)
+    a2 = acceleration(c + 0.5 * h * cd, v2)
     v3 = cd + 0.5 * h * a2
-    a3 = forward.acceleration(c + 0.5 * h * v2, v3, tau)
+    a3 = acceleration(c + 0.5 * h * v2, v3)
     v4 = cd + h * a3
-    a4 = forward.acceleration(c + h * v3, v4, tau)
+    a4 = acceleration(c + h * v3, v4)
     return c + h / 6 * (cd + 2 * v2 + 2 * v3 + v4), cd + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
@@ -273,7 +281,6 @@ def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> Dyna
     A sticking joint then creeps, and the integration requires no event detection.
 
     Args:
-        model: the dynamic model.
         motions: the width is a share of each term's root mean square speed along them.
         share: of that speed.
     """

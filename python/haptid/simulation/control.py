@@ -76,7 +76,6 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
 
     Args:
         law: the controller.
-        model: the dynamic model.
         motion: at whose samples.
         place: index of the motion in the observation.
 

@@ -7,7 +7,7 @@ from haptid.experiment.bench.bodies import SimulatedBody, bodies
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
 from haptid.experiment.bench.experiment import Experiment, experiment_schema, read_experiment
-from haptid.experiment.bench.hand import HandleImpedance, Stroke, measure_impedance
+from haptid.experiment.bench.hand import GUIDE, HandleImpedance, Stroke, impedance_curve, measure_impedance
 from haptid.experiment.bench.in_the_loop import InTheLoopResult, simulate_in_the_loop
 from haptid.experiment.bench.limits import check_trajectory, loop_conditioning
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload, mjcf
@@ -18,6 +18,7 @@ from haptid.experiment.bench.setup import (
     Controller,
     Encoders,
     ForceSensor,
+    Hand,
     Push,
     Recording,
     Setup,
@@ -36,6 +37,7 @@ from haptid.experiment.bench.trajectories import (
 )
 
 __all__ = [
+    "GUIDE",
     "Amplifiers",
     "Assistance",
     "Compiled",
@@ -45,6 +47,7 @@ __all__ = [
     "ForceSensor",
     "Fourier",
     "Grid",
+    "Hand",
     "HandleImpedance",
     "InTheLoopResult",
     "Job",
@@ -66,6 +69,7 @@ __all__ = [
     "check_trajectory",
     "draw_strip",
     "experiment_schema",
+    "impedance_curve",
     "loop_conditioning",
     "make_log",
     "make_logs",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel
@@ -16,6 +16,8 @@ from haptid.errors import ExportError, PhysicalConsistencyError
 
 # Relative rounding allowed in the triangle inequality of the principal moments of inertia.
 TRIANGLE_SLACK = 1e-9
+# Share of the largest moment below which that about a thin rod counts as none; the simulator gets twice as much.
+_THIN_ROD = 1e-9
 # Inertia moved from a link to its rotor beyond the minimum that makes the link physical, relative to the other moments.
 MOVED_SPARE = 0.02
 # Rotor inertia given to a massless link in a loop, relative to the largest inertia of the device's bodies.
@@ -41,10 +43,7 @@ class SimulatedBody:
     moved: float = 0.0
 
     def __post_init__(self) -> None:
-        expect("com", self.com.shape, (3,))
-        expect("inertia", self.inertia.shape, (3, 3))
-        for name in ("com", "inertia"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, com=(3,), inertia=(3, 3))
 
     @property
     def weightless(self) -> bool:
@@ -86,7 +85,6 @@ def bodies(model: DynamicModel, chi: Array) -> tuple[SimulatedBody, ...]:
     moved to the rotor where the two have the same regressor column.
 
     Args:
-        model: the dynamic model.
         chi: its free standard parameters, (p,), SI.
 
     Raises:
@@ -144,8 +142,9 @@ def joint_shares(model: DynamicModel, term: TermColumn) -> Array:
     what, _, name = term.on.partition(" ")
     if what == "joint":
         shares[model.device.joint_names.index(name)] = 1.0
-    elif what == "motor":
-        return next(drive.row for drive in model.device.drives if drive.name == name)
+    elif what in ("motor", "elastic"):
+        drive = next(drive for drive in model.device.drives if drive.name == name)
+        return drive.row if what == "motor" else drive.torsion
     else:
         shares[list(model.device.active)] = term.weights @ model.device.row_map
     return shares
@@ -164,7 +163,8 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
         effect.coulomb += value * abs(share) / 2  # F+ and F- are their mean, and half their difference as an offset
         effect.offset += (1 if term.kind == "coulomb+" else -1) * value * share / 2
     elif term.kind == "spring":
-        start = term.offset if term.on.startswith("cut ") else 0.0  # where its combination of joints is zero
+        combined = term.on.startswith(("cut ", "coordinate "))
+        start = term.offset if combined else 0.0  # where its combination of joints is zero
         effect.spring(value * share**2, (term.settings[0] - start) / share)
     elif term.kind == "offset":
         effect.offset += value * share
@@ -203,6 +203,9 @@ def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float
     excess = moments[2] - moments[0] - moments[1]
     if moments[0] > 0 and excess <= TRIANGLE_SLACK * moments[2]:
         return central, 0.0
+    if abs(moments[0]) <= _THIN_ROD * moments[2] and moments[2] - moments[1] <= _THIN_ROD * moments[2]:  # a thin rod
+        line = np.linalg.eigh(central)[1][:, 0]
+        return central + 2 * _THIN_ROD * moments[2] * np.outer(line, line), 0.0
     moved = (1 + 2 * MOVED_SPARE) * excess + MOVED_SPARE * (moments[0] + moments[1])
     less = central - np.diag([0.0, 0.0, moved])
     now = np.linalg.eigvalsh(less)

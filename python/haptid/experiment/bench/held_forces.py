@@ -32,7 +32,6 @@ class HeldForces:
     During a step they are those of its middle, to which positions are extrapolated, so that holding adds no delay.
 
     Args:
-        model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
         step: of the simulator, s.
 

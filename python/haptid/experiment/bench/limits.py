@@ -10,6 +10,7 @@ from haptid.device.loops.newton import conditioning
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import TrajectoryError
+from haptid.experiment.bench.elastic import planned_torque
 from haptid.experiment.bench.trajectories import Trajectory
 
 # Minimum distance of a loop from its singular (flat) configuration: about four degrees of a parallelogram's angle.
@@ -22,7 +23,6 @@ def check_trajectory(model: DynamicModel, trajectory: Trajectory, chi: Array, sa
     """Check a planned motion against the limits of joints, loops and motors.
 
     Args:
-        model: the dynamic model.
         trajectory: the planned motion.
         chi: free standard parameters, (p,), SI.
         saturation: maximum torque of each drive coordinate, (active,), N m or N; None for no limit.
@@ -91,10 +91,9 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
     with respect to the passive joints, its columns scaled to unit length.
 
     Args:
-        model: the dynamic model.
         q: positions of all joints, (samples, joints).
     """
-    cuts = [cut for cut in model.device.closure.cuts if not cut.prismatic]
+    cuts = [cut for cut in model.device.closure.cuts if cut.kind != "prismatic"]
     passive = [j for j in range(len(model.device.joints)) if j not in model.device.active]
     if isinstance(model.device.closure, NewtonClosure):
         return model.device.closure.conditioning(q)
@@ -143,13 +142,13 @@ def frame_origin(at: Array, frame: Frame) -> Array:
 def cuts_of_unknown(closure: NewtonClosure) -> np.ndarray:
     """Whether each cut closes a loop whose rates vary, (cuts,); the others of the mechanism are linear."""
     J = closure.chain.residual(closure.start[None])[1][0][:, list(closure.unknown)]
-    return np.asarray(np.abs(J).reshape(len(closure.cuts), -1).max(axis=1) > 0)
+    return np.array([bool(J[rows].any()) for rows in _rows_of(closure)])
 
 
 def determined_by_pins(closure: NewtonClosure) -> bool:
     """Whether coincident origins of the cut frames alone determine the passive joints, as in a planar mechanism."""
-    rows = 6 * np.arange(len(closure.cuts))[:, None] + np.arange(3)
-    A = closure.chain.residual(closure.start[None])[1][:, rows.ravel()][:, :, list(closure.unknown)]
+    rows = [row for rows in _rows_of(closure) for row in rows[:3]]
+    A = closure.chain.residual(closure.start[None])[1][:, rows][:, :, list(closure.unknown)]
     return bool(A.shape[1] >= A.shape[2] and conditioning(A)[0] > FLAT)
 
 
@@ -166,7 +165,14 @@ def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, satu
             unit = "N" if joint.prismatic else "N m"
             _within("the torque", f"joint {joint.name}", trajectory, np.abs(torque), joint.torque_limit, unit, less)
     if saturation is not None:
-        motors = model.device.drive_torque(model.device.row_map @ q, tau)
+        motors = planned_torque(model.device, model.device.row_map @ q, tau)
         for k, torque in zip(model.device.driven.tolist(), motors, strict=True):
             drive, limit, unit = model.device.drives[k], saturation[k], model.device.drive_units[k]
             _within("the torque", f"motor {drive.name}", trajectory, np.abs(torque), float(limit), unit, less)
+
+
+def _rows_of(closure: NewtonClosure) -> list[range]:
+    """Rows of every cut in the residual; the first three are the distance of the origins, but of prismatic cuts."""
+    counts = [{"revolute": 6, "prismatic": 8, "spherical": 3}[cut.kind] for cut in closure.cuts]
+    ends = np.cumsum(counts).tolist()
+    return [range(end - count, end) for end, count in zip(ends, counts, strict=True)]

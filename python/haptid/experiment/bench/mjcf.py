@@ -16,6 +16,7 @@ from haptid._internal.arrays import Array, expect
 from haptid._internal.escaping import printable
 from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.compensation.hands import HandModel
 from haptid.errors import ExportError, IncompleteDeviceError
 from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
 from haptid.experiment.bench.limits import cuts_of_unknown, determined_by_pins
@@ -28,7 +29,7 @@ STIFF = "0.9999 0.9999 0.001 0.5 2"
 HINGE = 0.1
 # Radius of a link's capsule, relative to the mechanism's size.
 THIN = 0.02
-HANDLE, PAYLOAD = "handle", "payload"
+HANDLE, PAYLOAD, HAND = "handle", "payload", "hand"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,11 @@ class SimulatedPayload:
 
 
 def mjcf(
-    model: DynamicModel, chi: Array, physics: Physics | None = None, payload: SimulatedPayload | None = None
+    model: DynamicModel,
+    chi: Array,
+    physics: Physics | None = None,
+    payload: SimulatedPayload | None = None,
+    hand: tuple[HandModel, Array] | None = None,
 ) -> str:
     """The device as MJCF.
 
@@ -67,10 +72,11 @@ def mjcf(
     motor coordinate, at the joint side, N m or N; the actuators `offset <joint>` are constant forces without input.
 
     Args:
-        model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
         physics: settings of the simulator; the default where None.
         payload: point mass at the handle, if any.
+        hand: that holds the handle, and where the handle is at the start, (3,), m; its joints and its actuators (the
+            grasp along x, y, z, then the arm) are the last of each kind.
 
     Raises:
         PhysicalConsistencyError, ExportError: the device cannot be simulated.
@@ -94,7 +100,9 @@ def mjcf(
     _tree(world, model, made, acts, physics, payload)
     _coordinates(root, model, acts, physics)
     _loops(root, model, physics)
-    _actuators(root, model, acts)
+    actuators = _actuators(root, model, acts)
+    if hand is not None:
+        _hand(world, actuators, *hand)
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
 
@@ -115,20 +123,20 @@ def cut_sites(model: DynamicModel) -> tuple[tuple[str, str], ...]:
 def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
     """Names of both sites of every pin, and its cut joint, shifted along its axis for the second pin of a hinge."""
     cuts = model.device.closure.cuts
-    if any(cut.prismatic for cut in cuts):
+    if any(cut.kind == "prismatic" for cut in cuts):
         if isinstance(model.device.closure, NewtonClosure):
             raise ExportError(
                 f"{model.device.name}: a nonlinear loop is cut at a prismatic joint, which the simulator cannot model "
-                "by pins; only revolute cuts are supported.",
+                "by pins; only revolute and spherical cuts are supported.",
                 where=model.device.name,
-                advice="Cut the loop at a revolute joint, and list the prismatic one in [[joints]].",
+                advice="Cut the loop at a revolute or spherical joint, and list the prismatic one in [[joints]].",
             )
         return []
     closure = model.device.closure
     found = [(f"cut {k + 1} a", f"cut {k + 1} b", cut) for k, cut in enumerate(cuts)]
     if isinstance(closure, NewtonClosure) and not determined_by_pins(closure):
         arm, spatial = HINGE * size(model), cuts_of_unknown(closure)
-        pins = [pin for pin, hinge in zip(found, spatial, strict=True) if hinge]
+        pins = [pin for pin, hinge in zip(found, spatial, strict=True) if hinge and pin[2].kind == "revolute"]
         found += [(f"{a} axis", f"{b} axis", _along_axis(cut, arm)) for a, b, cut in pins]
     return found
 
@@ -136,7 +144,7 @@ def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
 def _along_axis(cut: Cut, arm: float) -> Cut:
     """The cut joint with its frames shifted along their z axes."""
     one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame_a, cut.frame_b))
-    return Cut(cut.prismatic, one, other)
+    return Cut(cut.kind, one, other)
 
 
 def _settings(root: Element, model: DynamicModel, physics: Physics) -> None:
@@ -257,7 +265,7 @@ def _coordinates(root: Element, model: DynamicModel, acts: Sequence[Effect], phy
         act = next((a for a in acts if a.name == name), Effect(name, shares))
         _fixed(tendons, model, name, shares, _effect(act, physics, "springlength"))
     for act in acts:
-        if act.name.startswith("cut "):
+        if act.name.startswith(("cut ", "coordinate ", "elastic ")):
             _fixed(tendons, model, act.name, act.joints, _effect(act, physics, "springlength"))
     if isinstance(model.device.closure, Closure) and not cut_sites(model):
         for j in _passive(model):
@@ -299,7 +307,23 @@ def _loops(root: Element, model: DynamicModel, physics: Physics) -> None:
             SubElement(equality, "tendon", {"tendon1": name, "polycoef": constant, **stiff})
 
 
-def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> None:
+def _hand(world: Element, actuators: Element, hand: HandModel, start: Array) -> None:
+    """The mass of the hand on three slides; the grasp acts between its site and the handle's, the arm on the slides."""
+    # The person carries the weight of the hand.
+    body = SubElement(world, "body", {"name": HAND, "pos": numbers(start), "gravcomp": "1"})
+    SubElement(body, "inertial", mass=repr(hand.mass), pos="0 0 0", diaginertia=numbers([1e-3 * hand.mass] * 3))
+    SubElement(body, "site", name=HAND)
+    affine = {"gainprm": "1", "biastype": "affine"}
+    for k, axis in enumerate(np.eye(3)):
+        SubElement(body, "joint", {"name": f"{HAND} {'xyz'[k]}", "type": "slide", "axis": numbers(axis)})
+        grasp = {"biasprm": numbers([0, -hand.grip_stiffness, -hand.grip_damping]), "gear": numbers([*axis, 0, 0, 0])}
+        SubElement(actuators, "general", {"site": HANDLE, "refsite": HAND, **grasp, **affine})
+    for k in range(3):
+        arm = {"joint": f"{HAND} {'xyz'[k]}", "biasprm": numbers([0, -hand.stiffness, -hand.damping])}
+        SubElement(actuators, "general", arm | affine)
+
+
+def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> Element:
     """The motors in the device's order, then the constant forces."""
     actuators = SubElement(root, "actuator")
     for drive in model.device.motors:
@@ -314,6 +338,7 @@ def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> No
             on = {"joint": act.name} if np.count_nonzero(act.joints) == 1 else {"tendon": act.name}
             constant = {"gainprm": "0", "biastype": "affine", "biasprm": f"{-act.offset!r} 0 0"}
             SubElement(actuators, "general", {"name": f"offset {act.name}", **on, **constant})
+    return actuators
 
 
 def closed(model: DynamicModel, qa: Array) -> Array:

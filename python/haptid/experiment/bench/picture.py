@@ -28,7 +28,6 @@ def draw_strip(
     """Draw stick figures side by side with the path of the handle, seen along the axis of least extent.
 
     Args:
-        model: the dynamic model.
         qa: positions of the active joints along the motion, (samples, active), rad or m.
         times: of the samples, (samples,), s.
         path: of the picture, PNG, PDF or SVG.
@@ -94,7 +93,6 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
     """The same by MuJoCo's off-screen renderer; needs OpenGL (or EGL: MUJOCO_GL=egl).
 
     Args:
-        model: the dynamic model.
         chi: its free standard parameters, (p,), SI.
         qa: positions of the active joints, (pictures, active), rad or m.
         path: of the PNG picture.

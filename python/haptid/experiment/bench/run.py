@@ -17,6 +17,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputFolderError
 from haptid.executors import Executor, ProcessExecutor
+from haptid.experiment.bench.elastic import rotors
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
@@ -40,14 +41,15 @@ def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording,
     model, columns = setup.model, {"t": (made.t, "s")}
     units = [joint_unit(model, j) for j in model.device.active]
     commands = [drive.command_unit for drive in model.device.motors]
-    for k, unit in enumerate(units):
-        columns[f"q{k + 1}"] = (made.position[:, k], unit)
+    names = active_names(model)
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        columns[f"q{name}"] = (made.position[:, k], unit)
     for k, unit in enumerate(commands):
         columns[f"command{k + 1}"] = (made.command[:, k], unit)
-    for k, unit in enumerate(units):
-        columns[f"velocity{k + 1}"] = (made.velocity[:, k], f"{unit}/s")
-    for k, unit in enumerate(units):
-        columns[f"target{k + 1}"] = (made.target[:, k], unit)
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        columns[f"velocity{name}"] = (made.velocity[:, k], f"{unit}/s")
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        columns[f"target{name}"] = (made.target[:, k], unit)
     if made.wrench is not None:
         for k, axis in enumerate("xyz"):
             columns[f"force_{axis}"] = (made.wrench[:, k], "N")
@@ -89,6 +91,14 @@ def description(experiment: Experiment, model: DynamicModel, seed: int) -> dict[
         "experiment": experiment.table.model_dump(mode="json", by_alias=True, exclude_none=True),
         "seed": seed,
     }
+
+
+def active_names(model: DynamicModel) -> list[str]:
+    """The active joints' names in columns: 1, 2, ..., and _rotor1, ... of the elastic motors' rotors."""
+    own, made = rotors(model.device), [str(k + 1) for k in range(len(model.device.active))]
+    for k, place in enumerate(own, 1):
+        made[place] = f"_rotor{k}"
+    return made
 
 
 def joint_unit(model: DynamicModel, j: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.compensation.hands import HandModel
 from haptid.errors import ExperimentError, IncompleteDeviceError
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
@@ -107,6 +108,35 @@ class Push:
 
 
 @dataclass(frozen=True)
+class Hand:
+    """A hand that holds the handle and moves it along a line, in the base frame; passive where the line is a point.
+
+    Its place moves by direction * amplitude * (sin(w t) + third * sin(3 w t)), faded in over the first period.
+
+    Attributes:
+        model: mass, springs and dampers of grasp and arm.
+        direction: of the line, (3,), unit vector.
+        amplitude: of the sine, m.
+        frequency_hz: of the sine.
+        third: amplitude of the third harmonic, share of the first.
+    """
+
+    model: HandModel
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    amplitude: float = 0.0
+    frequency_hz: float = 1.0
+    third: float = 0.0
+
+    def place(self, t: Array) -> Array:
+        """Displacement of the place at these times, (n, 3), m."""
+        phase = 2 * np.pi * self.frequency_hz * t
+        rise = np.clip(phase / (2 * np.pi), 0.0, 1.0)
+        window = rise**3 * (10 - 15 * rise + 6 * rise**2)
+        along = self.amplitude * window * (np.sin(phase) + self.third * np.sin(3 * phase))
+        return np.outer(along, self.direction)
+
+
+@dataclass(frozen=True)
 class ForceSensor:
     """Six-axis force/torque sensor at the handle, in the handle frame: the hand's wrench, without the payload.
 
@@ -123,12 +153,12 @@ class Setup:
     """A simulated set-up: device, true parameters, controller and instruments.
 
     Attributes:
-        model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
         controller, encoders, amplifiers: the control loop.
         physics: settings of the simulator.
         payload: point mass at the handle.
         hand: hand forces at the handle.
+        held: a hand that holds the handle; None for a free one.
         sensor: force/torque sensor at the handle.
         law: control law that adds to the controller's torque, None for none; amplifiers saturate the sum.
     """
@@ -141,11 +171,12 @@ class Setup:
     physics: Physics = field(default_factory=Physics)
     payload: SimulatedPayload | None = None
     hand: tuple[Push, ...] = ()
+    held: Hand | None = None
     sensor: ForceSensor | None = None
     law: TorqueLaw | None = None
 
     def __post_init__(self) -> None:
-        for what, there in (("hand", bool(self.hand)), ("force sensor", self.sensor is not None)):
+        for what, there in (("hand", bool(self.hand or self.held)), ("force sensor", self.sensor is not None)):
             if there and self.model.device.handle is None:
                 raise IncompleteDeviceError(
                     f"the experiment has a {what}, but {self.model.device.name} has no handle.",

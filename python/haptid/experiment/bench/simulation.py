@@ -14,9 +14,11 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
 from haptid.experiment.bench.bodies import has_counterpart
+from haptid.experiment.bench.elastic import balanced_start, planned_torque
 from haptid.experiment.bench.held_forces import HeldForces
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
@@ -102,15 +104,21 @@ class _Plant:
         model = setup.model
         self.mujoco = mujoco
         own = _with_counterpart(model, setup.chi)
-        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, own, setup.physics, setup.payload))
+        hand = None
+        if setup.held is not None:
+            hand = (setup.held.model, handle_motion(model, trajectory.q[:1].T).position[0])
+        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, own, setup.physics, setup.payload, hand))
         self.data: Any = mujoco.MjData(self.mj_model)
         self.held, self.pushed = HeldForces(model, setup.chi, setup.physics.step), np.zeros(self.mj_model.nv)
+        # Positions, velocities and accelerations of the device; a hand's own come after them.
+        n = len(model.device.joints)
+        self.qpos, self.qvel, self.qacc = self.data.qpos[:n], self.data.qvel[:n], self.data.qacc[:n]
         self.order = np.array(depth_first(model))
         self.back = np.argsort(self.order)  # device order to MuJoCo order
         self.active = self.back[list(model.device.active)]
-        self.data.qpos[:] = closed(model, trajectory.q[0])
+        self.qpos[:] = closed(model, balanced_start(model, setup.chi, trajectory.q[0]))
         qd = model.device.closure.follow(trajectory.q[:1].T).velocity(trajectory.qd[:1].T)
-        self.data.qvel[:] = qd[self.order, 0]
+        self.qvel[:] = qd[self.order, 0]
         self.motors = len(model.device.motors)
         limits = [model.device.joints[j].position_limits or (-np.inf, np.inf) for j in self.order]
         self.lowest, self.highest = np.array(limits).T
@@ -137,8 +145,9 @@ class _Plant:
     def _hold(self, ahead: float) -> None:
         """Apply the forces of terms that the simulator lacks, as they are this share of a step later."""
         data = self.data
-        force = self.held(data.time, data.qpos[self.back], data.qvel[self.back], ahead)
-        data.qfrc_applied[:] = self.pushed + force[self.order]
+        force = self.held(data.time, self.qpos[self.back], self.qvel[self.back], ahead)
+        data.qfrc_applied[:] = self.pushed
+        data.qfrc_applied[: len(self.order)] += force[self.order]
 
     def gaps(self, sites: Array) -> Array:
         """Largest distance between the two sites of a pin, (n,), m, from the positions of all sites, (n, sites, 3)."""
@@ -185,7 +194,7 @@ class _Control:
             q, *rates = (np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
             rates = rates if settings.dynamics else [np.zeros_like(q)] * 2
             tau = inverse_dynamics(model, model.base.of(setup.chi), q, *rates)
-            self.feedforward[:] = model.device.drive_torque(c, tau).T
+            self.feedforward[:] = planned_torque(model.device, c, tau).T
         elif model.device.redundant:
             self.feedforward[:] = model.device.drive_torque(c, np.zeros_like(c)).T
         self.sharing = _sharing(model, c) if model.device.redundant else None
@@ -241,11 +250,14 @@ class _Recorder:
         self.exact = np.empty((3, n, len(model.device.joints)))
         self.hand, self.wrench = hand_force(setup.hand, trajectory.t), np.zeros((n, 6))
         self.sites, self.gap, self.sensor = np.empty((n, *plant.data.site_xpos.shape)), 0.0, setup.sensor
-        self.state = (plant.data.qpos, plant.data.qvel, plant.data.qacc, plant.data.site_xpos)
+        self.state = (plant.qpos, plant.qvel, plant.qacc, plant.data.site_xpos)
+        self.held = setup.held
 
     def keep(self, k: int, plant: _Plant) -> None:
         """Record the exact state at the beginning of period k."""
         self.exact[0, k], self.exact[1, k], self.exact[2, k], self.sites[k] = self.state
+        if self.held is not None:
+            self.hand[k] += plant.data.actuator_force[-6:-3]
         if self.sensor is not None:
             self.wrench[k, :3] = plant.data.site_xmat[plant.handle].reshape(3, 3).T @ self.hand[k]
 
@@ -290,7 +302,8 @@ def _run(
     whole, rest = divmod(late, per)
     # A control law of the user's own gets no state that is out of bounds.
     together = _CHECKED if setup.law is None else 1
-    qpos, ctrl, hand = data.qpos, data.ctrl[: plant.motors], bool(setup.hand)
+    qpos, ctrl, hand = plant.qpos, data.ctrl[: plant.motors], bool(setup.hand)
+    place = None if setup.held is None else setup.held.model.stiffness * setup.held.place(trajectory.t)
     with np.errstate(over="ignore", invalid="ignore"):  # states of a simulation that is unstable, before their check
         for k in range(n):
             tape.c[k] = c = control.read(qpos[plant.back])
@@ -300,6 +313,8 @@ def _run(
             ctrl[:] = tape.actual[k] = gain * tape.commanded[before if rest else now] + noise[k]
             if hand:
                 plant.push(tape.hand[k])
+            if place is not None:
+                data.ctrl[-3:] = place[k]
             plant.forward()
             tape.keep(k, plant)
             if (k + 1) % together == 0 or k + 1 == n:

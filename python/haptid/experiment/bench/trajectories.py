@@ -13,9 +13,10 @@ from typing import Protocol
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError, TrajectoryError
+from haptid.experiment.bench.elastic import rotors, without_torsion
 
 Figures = tuple[float, ...]
 Rates = tuple[Array, Array, Array]
@@ -40,9 +41,7 @@ class Trajectory:
     qdd: Array
 
     def __post_init__(self) -> None:
-        for name in ("q", "qd", "qdd"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, self.q.shape)
+        freeze_fields(self, "q", qd=self.q.shape, qdd=self.q.shape)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -61,11 +60,10 @@ class TrajectoryKind(Protocol):
 
 
 def plan(kind: TrajectoryKind, model: DynamicModel, dt: float, rng: np.random.Generator) -> Trajectory:
-    """Plan the motion of the active joints.
+    """Plan the motion of the active joints; rotors of elastic motors follow without torsion.
 
     Args:
         kind: of motion.
-        model: the dynamic model.
         dt: step, s.
         rng: for phases and frequencies.
 
@@ -73,7 +71,10 @@ def plan(kind: TrajectoryKind, model: DynamicModel, dt: float, rng: np.random.Ge
         ExperimentError: a setting has neither one value nor one for each active joint.
         TrajectoryError: the duration is shorter than the two ramps.
     """
-    return Trajectory(dt, *kind.motion([model.device.joints[j].name for j in model.device.active], dt, rng))
+    device = model.device
+    links = np.delete(device.active, rotors(device)).tolist()
+    rates = kind.motion([device.joints[j].name for j in links], dt, rng)
+    return Trajectory(dt, *(without_torsion(device, x, order == 0) for order, x in enumerate(rates)))
 
 
 @dataclass(frozen=True)

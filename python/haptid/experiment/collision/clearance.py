@@ -50,18 +50,17 @@ class Clearance:
         )
 
 
-def clearance_along(collision: CollisionModel, q: Array, dt: float, tolerance: float = LEAST_TOLERANCE) -> Clearance:
+def clearance_along(collision: CollisionModel, q: Array, dt: float) -> Clearance:
     """The least distance of a motion that goes straight between its samples, in all joints.
 
     Args:
         collision: the shapes.
         q: positions of the active joints, (n, active), rad or m.
         dt: step, s.
-        tolerance: of the least distance, m.
     """
     expect("q", q.shape, (None, len(collision.model.device.active)))
     tree = collision.model.device.closure.positions(np.ascontiguousarray(q.T)).T
-    search = _Search(collision, tree, _travelled(collision, tree), tolerance)
+    search = _Search(collision, tree, _travelled(collision, tree))
     least, bound, at, pair = search.run()
     name = collision.label(pair) if collision.pairs else "no pair"
     return Clearance(least, bound, at * dt, name, len(collision.pairs))
@@ -109,8 +108,8 @@ class _Intervals:
 class _Search:
     """Branch and bound over intervals of the motion and pairs of shapes."""
 
-    def __init__(self, collision: CollisionModel, tree: Array, travelled: Array, tolerance: float) -> None:
-        self.collision, self.tree, self.travelled, self.tolerance = collision, tree, travelled, tolerance
+    def __init__(self, collision: CollisionModel, tree: Array, travelled: Array) -> None:
+        self.collision, self.tree, self.travelled = collision, tree, travelled
         self.least, self.at, self.pair = np.inf, 0.0, 0
         self.measured = 0
 
@@ -119,13 +118,13 @@ class _Search:
         waiting = self._by_balls()
         waiting = self._measured(waiting.pair, waiting.ends)
         while True:
-            waiting = waiting[waiting.bound < self.least - self.tolerance]
+            waiting = waiting[waiting.bound < self.least - LEAST_TOLERANCE]
             if not len(waiting.pair) or self.measured > MOST_MEASURED:
                 break
             order = np.argsort(waiting.bound)
             now, later = waiting[order[:_AT_ONCE]], waiting[order[_AT_ONCE:]]
             waiting = _Intervals.join(later, self._halved(now))
-        bound = min(self.least, float(waiting.bound.min())) if len(waiting.pair) else self.least - self.tolerance
+        bound = min(self.least, float(waiting.bound.min())) if len(waiting.pair) else self.least - LEAST_TOLERANCE
         return self.least, bound, self.at, self.pair
 
     def _by_balls(self) -> _Intervals:
@@ -139,7 +138,7 @@ class _Search:
         k = np.searchsorted(grid, ends)
         moved = self.travelled[ends[:, 1]] - self.travelled[ends[:, 0]]
         bound = (far[k[:, 0]] + far[k[:, 1]] - moved) / 2
-        interval, pair = np.nonzero(bound < self.least - self.tolerance)
+        interval, pair = np.nonzero(bound < self.least - LEAST_TOLERANCE)
         return _Intervals(pair, ends[interval].astype(float), np.zeros((len(pair), 2)), bound[interval, pair])
 
     def _measured(self, pair: np.ndarray, ends: Array) -> _Intervals:

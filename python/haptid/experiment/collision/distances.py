@@ -48,7 +48,6 @@ class CollisionModel:
     """The shapes of a device and its surroundings, and the pairs that must not meet.
 
     Attributes:
-        model: the dynamic model.
         shapes: of the device file, then of the world.
         pairs: indices of shapes, the first below the second.
     """

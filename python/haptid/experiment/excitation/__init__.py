@@ -10,6 +10,7 @@ from haptid.experiment.excitation.criteria import (
     RawCondition,
     ScaledCondition,
     Scaling,
+    motion_condition,
     observed_motion,
     quality,
 )
@@ -21,7 +22,7 @@ from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
 from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
-from haptid.experiment.excitation.writing import write_experiment
+from haptid.experiment.excitation.writing import plain_experiment, write_experiment
 
 __all__ = [
     "CRITERIA",
@@ -49,9 +50,11 @@ __all__ = [
     "TrianglesWithSines",
     "compare_with_plan",
     "design_excitation",
+    "motion_condition",
     "next_motions",
     "observed_motion",
     "of_buffer",
+    "plain_experiment",
     "quality",
     "read_motion",
     "write_experiment",

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
@@ -26,7 +26,6 @@ class Actuation:
     """Limits of torques and what follows from them.
 
     Attributes:
-        model: the dynamic model.
         beta: base parameters, (p,), SI.
         torque: maximum of each torque row, (rows,), N m or N; infinite where there is no limit.
         rms_torque: maximum root mean square of each, (rows,), N m or N.
@@ -46,11 +45,8 @@ class Actuation:
     root: Array
 
     def __post_init__(self) -> None:
-        rows = len(self.model.device.row_names)
-        for name, shape in (("torque", (rows,)), ("rms_torque", (rows,)), ("power", (rows,))):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, shape)
-        object.__setattr__(self, "root", read_only(self.root))
+        rows = (len(self.model.device.row_names),)
+        freeze_fields(self, "root", torque=rows, rms_torque=rows, power=rows)
 
     @staticmethod
     def of(

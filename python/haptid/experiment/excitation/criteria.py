@@ -6,6 +6,7 @@ entry scaled and some columns then scaled to unit length. Its derivative is the 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,8 +15,9 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import CoreChannels
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, assemble
@@ -40,9 +42,7 @@ class Quality:
     noise: Array
 
     def __post_init__(self) -> None:
-        for name, length in (("values", len(self.columns)), ("noise", len(self.observation.motors))):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, (length,))
+        freeze_fields(self, values=(len(self.columns),), noise=(len(self.observation.motors),))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,22 +76,34 @@ class Quality:
         return 2 * float(np.log(singular).sum()) - len(self.names) * float(np.log(self.rows))
 
     @cached_property
+    def se(self) -> Array:
+        """Standard error of each parameter under white noise, SI, (k,)."""
+        return freeze(self._scales * standard_errors(self._sized))
+
+    @cached_property
     def relative_se(self) -> Array:
         """Relative standard error of each parameter under white noise, per cent of its value, (k,).
 
         Infinite for a value of zero.
         """
-        return freeze(np.where(self.values != 0, 100 * standard_errors(self._sized), np.inf))
+        known = self.values != 0
+        return freeze(100 * np.divide(self.se, np.abs(self.values), out=np.full(known.size, np.inf), where=known))
 
     @cached_property
-    def _sized(self) -> Array:
-        """R factor of the rows in units of their noise, (p, k), parameters in units of their values.
+    def _weighted(self) -> Array:
+        """R factor of the rows in units of their noise, (p, k), parameters in SI."""
+        return freeze(self.observation.stack(1.0 / self.noise)[:-1, list(self.columns)])
 
-        Columns of zero parameters have unit length.
-        """
-        weighted = self.observation.stack(1.0 / self.noise)[:-1, list(self.columns)]
-        lengths = np.maximum(np.linalg.norm(weighted, axis=0), np.finfo(float).tiny)
-        return weighted * np.where(self.values != 0, np.abs(self.values), 1.0 / lengths)
+    @cached_property
+    def _scales(self) -> Array:
+        """Units of the parameters: their values; for a value of zero, one that gives its column unit length, (k,)."""
+        lengths = np.maximum(np.linalg.norm(self._weighted, axis=0), np.finfo(float).tiny)
+        return freeze(np.where(self.values != 0, np.abs(self.values), 1.0 / lengths))
+
+    @property
+    def _sized(self) -> Array:
+        """R factor of the rows in units of their noise, parameters in their units, (p, k)."""
+        return self._weighted * self._scales
 
 
 def observed_motion(model: DynamicModel, trajectory: Trajectory) -> Observation:
@@ -104,11 +116,30 @@ def observed_motion(model: DynamicModel, trajectory: Trajectory) -> Observation:
     return assemble(whole, [whole.reduce(0, whole.rows)])
 
 
+# Condition number up to which that from a Gram matrix keeps eight digits: its relative error is eps times its square.
+_GRAM_KEEPS = 1e4
+
+
+def motion_condition(model: DynamicModel, trajectory: Trajectory) -> float:
+    """Condition number of W of a planned motion, base parameters in SI units: that of `observed_motion`, without rows.
+
+    It comes from the eigenvalues of W'W, and where it is large from the R factor.
+    """
+    columns, S = model.needed
+    states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
+    channels = CoreChannels.of(model, model.device.row_map @ states)
+    made = model.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
+    W2 = made.sum(axis=0) if all(model.device.measured) else made[list(model.device.measured)].sum(axis=0)
+    eigenvalues = np.linalg.eigvalsh(W2 if len(S) == S.shape[1] else S.T @ W2 @ S)
+    if eigenvalues[0] * _GRAM_KEEPS**2 > eigenvalues[-1]:
+        return float(np.sqrt(eigenvalues[-1] / eigenvalues[0]))
+    return condition(observed_motion(model, trajectory).stack()[:-1])
+
+
 def quality(observation: Observation, columns: tuple[int, ...], beta: Array, noise: Array) -> Quality:
     """Quality of a motion for some base parameters, the others left out.
 
     Args:
-        observation: the rows.
         columns: indices of the parameters.
         beta: base parameters, (p,), SI.
         noise: standard deviation of a row of each motor, (motors,), N m or N.
@@ -153,9 +184,24 @@ class Criterion(Protocol):
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
         """Smooth approximation of the cost, sharper with a larger power, and its derivative B by C, (k, k)."""
 
+    def value(self, C: Array) -> float:
+        """The cost that `smooth` approximates."""
+
+
+class _SmoothCriterion(ABC):
+    """What criteria share."""
+
+    @abstractmethod
+    def smooth(self, C: Array, power: float) -> tuple[float, Array]:
+        """See Criterion."""
+
+    def value(self, C: Array) -> float:
+        """See Criterion."""
+        return self.smooth(C, np.inf)[0]
+
 
 @dataclass(frozen=True)
-class ScaledCondition:
+class ScaledCondition(_SmoothCriterion):
     """Condition number of W with its columns scaled to unit length: independent of units."""
 
     def cost(self, found: Quality) -> float:
@@ -167,13 +213,22 @@ class ScaledCondition:
         return Scaling(np.ones((len(noise), len(values))), np.ones(len(values), dtype=bool))
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """Norms of high power in place of the extreme eigenvalues."""
+        """Norms of high power in place of the extreme eigenvalues: the traces of C^power and C^-power."""
+        if power in _SMALL_POWERS and (inverse := _inverse(C)) is not None:
+            up, down = (np.linalg.matrix_power(X, int(power) - 1) for X in (C, inverse))
+            large, small = float((up * C).sum()), float((down * inverse).sum())
+            return float(np.log(large * small) / (2 * power)), (up / large - down @ inverse @ inverse / small) / 2
         eigenvalues, vectors = _eigen(C)
         up, down = eigenvalues / eigenvalues[-1], eigenvalues[0] / eigenvalues
         large, small = (up**power).sum(), (down**power).sum()
         weights = (up**power / large - down**power / small) / (2 * eigenvalues)
         log_condition = np.log(eigenvalues[-1] / eigenvalues[0]) / 2
         return float(log_condition + np.log(large * small) / (2 * power)), (vectors * weights) @ vectors.T
+
+    def value(self, C: Array) -> float:
+        """See Criterion."""
+        eigenvalues = np.linalg.eigvalsh(C)
+        return float(-np.log(max(eigenvalues[0] / eigenvalues[-1], _SINGULAR)) / 2)
 
 
 @dataclass(frozen=True)
@@ -190,7 +245,7 @@ class RawCondition(ScaledCondition):
 
 
 @dataclass(frozen=True)
-class Information:
+class Information(_SmoothCriterion):
     """D-optimality: volume of the parameters' joint confidence ellipsoid (Swevers et al. 1997)."""
 
     def cost(self, found: Quality) -> float:
@@ -210,7 +265,7 @@ class Information:
 
 
 @dataclass(frozen=True)
-class AverageVariance:
+class AverageVariance(_SmoothCriterion):
     """A-optimality: mean squared relative standard error of all nonzero parameters."""
 
     def cost(self, found: Quality) -> float:
@@ -231,7 +286,7 @@ class AverageVariance:
 
 
 @dataclass(frozen=True)
-class LargestDeviation:
+class LargestDeviation(_SmoothCriterion):
     """Largest relative standard error of all nonzero parameters.
 
     Attributes:
@@ -276,6 +331,23 @@ CRITERIA: Mapping[str, Criterion] = {
 def _in_units_of(values: Array, noise: Array) -> Scaling:
     known = values > 0
     return Scaling(np.where(known, values, 1.0) / noise[:, None], ~known)
+
+
+# Powers of which products take less time than eigenvalues; a Gram matrix that is nearer to singular is not inverted.
+_SMALL_POWERS, _INVERTIBLE = (1, 2, 3, 4, 8), 1e-12
+
+
+def _inverse(C: Array) -> Array | None:
+    """The inverse of a positive definite matrix; None where it is nearly singular."""
+    factor, failed = linalg.lapack.dpotrf(C, lower=1)
+    if failed:
+        return None
+    lower, failed = linalg.lapack.dpotri(factor, lower=1)
+    if failed or not np.trace(C) * np.trace(lower) < 1 / _INVERTIBLE:
+        return None
+    made = np.ascontiguousarray(lower + lower.T)  # above the diagonal there are zeros
+    made.reshape(-1)[:: len(made) + 1] *= 0.5
+    return made
 
 
 def _eigen(C: Array) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ _POINTS = 16
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """States of a motion as an affine function of its point, joint by joint: no plan is made in the search.
+    """States of a motion as an affine function of its point, joint by joint, so that the search makes no plan.
 
     Attributes:
         offset: states at the point of zeros, (3, active, n).

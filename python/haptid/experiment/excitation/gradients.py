@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.device import Followed
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
 from haptid.experiment.collision import CollisionModel
@@ -45,8 +45,7 @@ class Gradients:
     dt: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "information", read_only(self.information))
-        expect("information", self.information.shape, (len(self.columns),) * 2)
+        freeze_fields(self, information=(len(self.columns),) * 2)
 
     @staticmethod
     def of(
@@ -81,6 +80,16 @@ class Gradients:
         kept = model.device.parameters.S[:, [model.base.independent_columns[k] for k in self.columns]]
         needed = np.flatnonzero(kept.any(axis=1))
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
+
+    @cached_property
+    def one_to_one(self) -> bool:
+        """Whether the core's columns are the parameters'."""
+        return np.array_equal(self.selection[1], np.eye(len(self.columns)))
+
+    def mixed(self, products: Array) -> Array:
+        """Products of parameters' columns, (k, k), from those of the core's."""
+        S = self.selection[1]
+        return products if self.one_to_one else np.asarray(S.T @ products @ S)
 
     @cached_property
     def factors(self) -> Array:
@@ -170,15 +179,19 @@ class Evaluation:
 
     def cost(self, power: float = np.inf) -> float:
         """The smooth criterion without penalties; the criterion itself at an infinite power."""
-        return self.gradients.criterion.smooth(self._unit[1], power)[0]
+        criterion, C = self.gradients.criterion, self._unit[1]
+        return criterion.value(C) if np.isinf(power) else criterion.smooth(C, power)[0]
 
     @cached_property
     def _unit(self) -> tuple[Array, Array]:
         """Column lengths that are divided out, (k,), and C of the scaled columns, (k, k)."""
         of = self.gradients
-        model, (columns, S) = of.bounds.model, of.selection
+        model, columns = of.bounds.model, of.selection[0]
         made = model.mechanism.inner_products(*self.channels.motion, self.channels.own, columns, self.channels.loops)
-        C = S.T @ (made[list(model.device.measured)] * of.factors).sum(axis=0) @ S + of.information
+        measured = made if all(model.device.measured) else made[list(model.device.measured)]
+        C = of.mixed(np.einsum("aij,aij->ij", measured, of.factors)) + of.information
+        if not of.scaling.unit.any():
+            return np.ones(len(C)), C
         lengths = np.where(of.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return lengths, C / lengths / lengths[:, None]
@@ -199,15 +212,14 @@ class Evaluation:
         model, (columns, S) = of.bounds.model, of.selection
         lengths, C = self._unit
         cost, B = of.criterion.smooth(C, power)
-        # The length of a unit column is constant: the derivative along it is projected out.
-        B = (B - np.diag(np.where(of.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
+        if of.scaling.unit.any():  # the length of a unit column is constant: the derivative along it is projected out
+            B = B - np.diag(np.where(of.scaling.unit, (B * C).sum(axis=1), 0.0))
+            B = B / lengths / lengths[:, None]
         forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
-        forms[list(model.device.measured)] = of.factors * (S @ B @ S.T)
+        forms[list(model.device.measured)] = of.factors * (B if of.one_to_one else S @ B @ S.T)
         channels = self.channels
         by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
-        return cost, np.tensordot(model.device.row_map.T, channels.by_motion(by_channel), axes=(1, 1)).transpose(
-            1, 0, 2
-        )
+        return cost, model.device.row_map.T @ channels.by_motion(by_channel)
 
     def _limits(self, weight: float) -> tuple[float, Array]:
         """Mean squared violations of the limits, and their gradient."""

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.device import CollisionShape, Joint
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
@@ -95,7 +95,6 @@ class MotionBounds:
     """Limits of one device as arrays.
 
     Attributes:
-        model: the dynamic model.
         position: lowest and highest of each active joint, (active, 2), rad or m.
         speed: maximum, (active,).
         acceleration: maximum, (active,); infinite where there is no limit.
@@ -115,12 +114,10 @@ class MotionBounds:
     actuation: Actuation
 
     def __post_init__(self) -> None:
-        for name in ("position", "speed", "acceleration", "jerk", "beta"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("position", self.position.shape, (len(self.model.device.active), 2))
-        expect("beta", self.beta.shape, (len(self.model.base),))
+        active, p = len(self.model.device.active), len(self.model.base)
+        freeze_fields(self, "speed", "acceleration", "jerk", position=(active, 2), beta=(p,))
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """Names of the active joints."""
         return [self.model.device.joints[j].name for j in self.model.device.active]
@@ -130,7 +127,6 @@ class MotionBounds:
         """Limits as given, else those of the device.
 
         Args:
-            model: the dynamic model.
             limits: as given.
             beta: base parameters, (p,), SI.
             covariance: of their errors, (p, p); with `torque_confidence` the prior's where None.
@@ -173,12 +169,14 @@ class MotionBounds:
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
         """
-        for name, (low, high), x in zip(self.names, self.position, states[0], strict=True):
-            yield _beyond(x, low, high), f"the position of joint {name}"
+        low, high = self.position.T[:, :, None]
+        outside = _beyond(states[0], low, high)
+        yield from zip(outside, (f"the position of joint {name}" for name in self.names), strict=True)
         for what, limits, values in (("speed", self.speed, states[1]), ("acceleration", self.acceleration, states[2])):
-            for name, most, x in zip(self.names, limits, values, strict=True):
+            over = np.abs(values) / limits[:, None] - 1
+            for name, most, excess in zip(self.names, limits, over, strict=True):
                 if np.isfinite(most):
-                    yield np.abs(x) / most - 1, f"the {what} of joint {name}"
+                    yield excess, f"the {what} of joint {name}"
         for c in self.limits.couplings:
             yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
         yield from self._passive(states)
@@ -245,7 +243,7 @@ class MotionBounds:
 
     @cached_property
     def collision(self) -> CollisionModel | None:
-        """The shapes that must not meet; None where neither the device nor the world has any."""
+        """The clearance of collision shapes; None where neither the device nor the world has any."""
         if not self.model.device.collision and not self.limits.world:
             return None
         return CollisionModel.of(self.model, self.limits.world)
@@ -285,7 +283,7 @@ def _given(what: str, joint: str, value: T | None) -> T:
     return value
 
 
-def _beyond(x: Array, low: float, high: float) -> Array:
+def _beyond(x: Array, low: float | Array, high: float | Array) -> Array:
     """Violation of a range, relative to its width."""
     return np.asarray(np.maximum(low - x, x - high) / (high - low))
 

@@ -28,7 +28,7 @@ _CLOCK = 2e-3
 _SHORT = 0.1
 # Share of the log's motion that a plan explains at least, if the log is of it.
 _EXPLAINED = 0.75
-# Relative to the stroke: what is standstill, and what the plan has to go on by for a part to be missing.
+# Relative to the stroke: largest motion at standstill, and least motion of the plan in a missing part.
 _STILL, _ON = 1e-3, 0.02
 # Tracking error, relative to the stroke, that is a finding.
 _WORTH = 0.02
@@ -38,7 +38,7 @@ _ROW, _EQUAL = 4, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PlayedMotion:
-    """What came back of a planned motion.
+    """A planned motion as it was recorded: time scale, missing parts, tracking error, clipped torque.
 
     Attributes:
         joints: names of the active joints.
@@ -126,7 +126,7 @@ class PlayedMotion:
 
 
 def compare_with_plan(log: Log, plan: MotionSamples, device: Device) -> PlayedMotion:
-    """Find a planned motion in a log, and say what came back of it.
+    """Find a planned motion in a log, and compare the two.
 
     Time scale and start are those of the least squared distance of the positions, on a grid and then refined; one
     constant offset of each joint is left out, as of an encoder without a home.

@@ -18,7 +18,7 @@ from haptid.experiment.excitation.samples import MotionSamples, literal_row
 
 @dataclass(frozen=True)
 class PlayerSettings:
-    """What the player watches over.
+    """Settings of the player: limits of tracking, motion and timing, soft start, and the buffer of records.
 
     Attributes:
         tracking: largest distance of a joint from its reference, rad or m.

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SettingError, TrajectoryError
+from haptid.errors import LoopClosureError, SettingError, SingularityError, TrajectoryError
 from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
 from haptid.experiment.collision import Clearance, clearance_along
@@ -23,6 +23,8 @@ from haptid.experiment.excitation.limits import Limits, MotionBounds
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
 _WORST = 50.0
+# Cost of a motion whose loops do not close, above that of any other.
+_OUTSIDE = 1e9
 # Power of the smooth criterion when starting points are compared.
 _STARTING = 4.0
 # Cost of violating a limit by its full size, when starting points are compared.
@@ -74,7 +76,6 @@ class Excitation:
     """An optimised exciting motion with its quality.
 
     Attributes:
-        model: the dynamic model.
         kind: of motion; the bench plans it.
         seed: of its phases.
         before: quality of the first feasible motion of the search.
@@ -113,14 +114,17 @@ class Excitation:
         return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
 
     def summary(self) -> str:
-        """As text: condition number before and after, and the predicted relative standard errors."""
+        """As text: condition number before and after, and the predicted standard errors."""
         lines = [f"{len(self.after.names)} parameters, {self.tried} motions evaluated"]
         for when, found in (("before", self.before), ("after", self.after)):
             lines.append(f"  {when:6s} condition {found.raw:.4g} raw, {found.scaled:.4g} with unit columns")
         if self.clearance is not None:
             lines.append(f"  {self.clearance}")
-        lines.append(f"  predicted relative standard errors, {self.after.rows} rows with white noise:")
-        lines += [f"    {name:8s} {percent:9.3g} %" for name, percent in self.predicted.items()]
+        lines.append(f"  predicted standard errors, {self.after.rows} rows with white noise:")
+        units = [self.after.observation.base.units[k] for k in self.after.columns]
+        for name, se, unit, percent in zip(self.after.names, self.after.se, units, self.after.relative_se, strict=True):
+            share = f" ({percent:.3g} %)" if np.isfinite(percent) else ""
+            lines.append(f"    {name:8s} {se:9.3g} {unit}{share}")
         return "\n".join(lines)
 
 
@@ -149,7 +153,6 @@ def design_excitation(
     the criterion and the limits as growing penalties.
 
     Args:
-        model: the dynamic model.
         family: `FourierSeries()` or `TrianglesWithSines()`.
         limits: of positions, speeds, torques, couplings, loops; default: those of the device file.
         criterion: to be minimised; default: the condition number with unit columns.
@@ -354,8 +357,11 @@ class _Search:
             ).x
 
     def _gradient(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
-        """Smooth cost with penalties and its gradient, (size,)."""
-        cost, by_state = self.evaluate(x, seed).slopes(power, weight)
+        """Smooth cost with penalties and its gradient, (size,); a large cost where loops do not close."""
+        try:
+            cost, by_state = self.evaluate(x, seed).slopes(power, weight)
+        except (LoopClosureError, SingularityError):  # a step beyond the limits: the line search shortens it
+            return _OUTSIDE, np.zeros(len(x))
         if self.basis is not None:
             return cost, self.basis.gradient(by_state, len(x))
         return cost, np.tensordot(self._jacobian(x, seed), by_state, axes=3)
@@ -382,7 +388,10 @@ class _Search:
 
     def _penalised(self, start: _Start) -> float:
         """Cost of a motion plus penalties of all violated limits."""
-        at = self.evaluate(start.x, start.seed)
+        try:
+            at = self.evaluate(start.x, start.seed)
+        except (LoopClosureError, SingularityError):
+            return _OUTSIDE
         return at.cost(_STARTING) + _PENALTY * sum(max(excess, 0.0) for excess, _ in at.excesses)
 
     def evaluate(self, x: Array, seed: int) -> Evaluation:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, listed
 from haptid.estimation.methods.constrained import indices
@@ -26,7 +26,7 @@ from haptid.uncertainty.quantities import half_width
 
 # Parameters whose torque is a smaller share than this of the whole are not essential.
 _WORTH = 0.005
-# Longest time that is foreseen, over that of the motions.
+# Longest predicted time, over that of the motions.
 _LONGEST = 100.0
 # Assumed standard deviation of a torque row at one row a second where there is no log, N m s^0.5 or N s^0.5.
 _NOISE = 0.002
@@ -36,10 +36,9 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LogInformation:
-    """What logs say of the base parameters, and the noise of their rows.
+    """Information of logs on the base parameters, and the noise of their rows.
 
     Attributes:
-        model: the dynamic model.
         values: base parameters, (p,), SI.
         information: of all rows, each in units of its noise, (p, p), SI; zero for parameters that are not estimated.
         factor: standard error of each parameter over the one of white noise, (p,): serial correlation, misfit.
@@ -59,23 +58,14 @@ class LogInformation:
     seconds: float
 
     def __post_init__(self) -> None:
-        p = len(self.model.base)
-        for name, shape in (
-            ("values", (p,)),
-            ("information", (p, p)),
-            ("factor", (p,)),
-            ("dof", (p,)),
-            ("noise", (sum(self.model.device.measured),)),
-        ):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, shape)
+        p, measured = len(self.model.base), sum(self.model.device.measured)
+        freeze_fields(self, values=(p,), information=(p, p), factor=(p,), dof=(p,), noise=(measured,))
 
     @staticmethod
     def none(model: DynamicModel, beta: Array | None = None, noise: float = _NOISE) -> LogInformation:
         """No log yet: the prior values, and an assumed noise of all motors.
 
         Args:
-            model: the dynamic model.
             beta: base parameters, (p,), SI; the prior where None, zero for parameters without one.
             noise: standard deviation of a torque row at one row a second, N m s^0.5 or N s^0.5.
         """
@@ -222,7 +212,7 @@ def next_motions(
     search: Search | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> FurtherMotions:
-    """Find the motions that lower the largest relative interval most, given what the logs so far say.
+    """Find the motions that lower the largest relative interval most, given the information of the logs so far.
 
     Args:
         known: the logs so far.
@@ -329,7 +319,7 @@ def standard_errors_of(information: Array) -> Array:
 
 
 def _weights(known: LogInformation, chosen: Sequence[int]) -> tuple[float, ...]:
-    """Half width over the white standard error for parameters that count, else 0, over the estimated ones."""
+    """Half width over the white standard error of the essential parameters, 0 of others; of the estimated ones."""
     size = half_width(known.factor, known.dof)
     return tuple(float(size[k]) if k in chosen and known.values[k] else 0.0 for k in known.estimated)
 

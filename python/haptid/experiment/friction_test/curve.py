@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy import ndimage
 
-from haptid._internal.arrays import Array, expect, positive, read_only
+from haptid._internal.arrays import Array, freeze_fields, positive
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
@@ -136,9 +136,8 @@ class JointFriction:
     dof: Array
 
     def __post_init__(self) -> None:
-        for name in ("velocity", "torque", "se", "dof"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, self.velocity.shape)
+        each = np.shape(self.velocity)
+        freeze_fields(self, velocity=each, torque=each, se=each, dof=each)
 
     def conf_int(self, level: float = 0.95) -> Array:
         """Confidence intervals of the torque, (n, 2)."""
@@ -151,7 +150,6 @@ class FrictionCurve:
     """Friction curves of the tested joints.
 
     Attributes:
-        model: the dynamic model.
         joints: curves by torque row.
         notes: warnings, as sentences.
     """
@@ -179,7 +177,6 @@ def friction_curve(
     """Friction torque against velocity of every joint that moves at constant velocities.
 
     Args:
-        model: the dynamic model.
         motion: each joint in turn, in both directions, at several constant speeds; with a model, any motion with parts
             at constant velocity.
         gravity: `DirectionPairs()` (default) or `ModelSubtraction(estimate)`.

@@ -1,0 +1,73 @@
+"""What noise of the motors' positions does to a simulation of joints that springs alone move.
+
+Near the resonance of a link on its spring the predicted torque amplifies such noise, and a fit would choose parameters
+that amplify less: too much damping, another stiffness. At a pose, for small noise, the torque is a linear filter H of
+the positions' noise, and E(J'e) = -integral of S Re(dH* H) is what it adds to the score, E(J'J) = integral of
+S Re(dH* dH) to the information. Source: Nakamura (1990), Biometrika 77(1), of corrected scores.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.forward import ForwardDynamics
+from haptid.dynamics.model import DynamicModel
+from haptid.motion.channels import coordinates, position_map
+from haptid.motion.treatment import Motion
+from haptid.simulation.driven import unloaded_joints
+
+# Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.
+_POSES, _FREQUENCIES = 24, 600
+# Times its cut-off where the parallel filter passes nothing.
+_BEYOND = 2.0
+
+
+def noise_moments(
+    model: DynamicModel, base: Array, beta: Array, motion: Motion, variance: Array
+) -> tuple[Array, Array]:
+    """What noise adds to a row's information, (n, p, p), and to its score with opposite sign, (n, p), by row of torque.
+
+    Args:
+        model: the dynamic model, its dry friction smoothed.
+        base: maps base parameters to the core's columns, (r, p).
+        beta: base parameters, (p,).
+        motion: of all joints; its filters are those that the noise passes.
+        variance: of the white noise of every position channel, (channels,), rad^2 or m^2.
+    """
+    device, dt = model.device, motion.dt
+    taps = motion.treatment.taps(dt)
+    highest = min(_BEYOND * (motion.treatment.parallel(dt) or np.inf), 0.5 / dt)
+    f = (np.arange(_FREQUENCIES) + 0.5) * highest / _FREQUENCIES
+    passed = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(len(taps))) * dt) @ taps) ** 2
+    power = 2 * dt * highest / _FREQUENCIES * passed
+    low, high = motion.usable
+    at = np.linspace(low, high - 1, _POSES + 2).astype(int)[1:-1]
+    c, cd, cdd = (np.ascontiguousarray(x[:, at - low]) for x in coordinates(device, motion, low, high))
+    B, unknown = np.asarray(device.row_map), unloaded_joints(model)
+    known = np.delete(np.arange(len(B)), unknown)
+    channels = np.eye(len(variance))
+    spread = (np.linalg.inv(B) @ position_map(device, motion)(channels))[known] * np.sqrt(variance)
+    spread = spread[:, spread.any(axis=0)]
+    parts = [_impedances(ForwardDynamics(model, base[:, k]), c, cd, cdd, B) for k in range(len(beta))]
+    N, b = np.zeros((len(B), len(beta), len(beta))), np.zeros((len(B), len(beta)))
+    for w, weight in zip(2 * np.pi * f, power, strict=True):
+        each = np.array([K + 1j * w * D - w**2 * M for K, D, M in parts])  # (p, poses, rows, joints)
+        A = np.tensordot(beta, each, 1)
+        own = B[:, unknown].T
+        inverse = np.linalg.inv(own @ A[:, :, unknown])
+        x = -inverse @ (own @ (A[:, :, known] @ spread))
+        v = np.zeros((len(at), len(B), spread.shape[1]), dtype=complex)
+        v[:, known], v[:, unknown] = spread, x
+        H = A @ v
+        direct = each @ v
+        dH = direct - A[:, :, unknown] @ (inverse @ (own @ direct))
+        N += weight * np.einsum("pnkj,qnkj->kpq", dH.conj(), dH).real / len(at)
+        b += weight * np.einsum("pnkj,nkj->kp", dH.conj(), H).real / len(at)
+    return N, b
+
+
+def _impedances(forward: ForwardDynamics, c: Array, cd: Array, cdd: Array, B: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the rows' torque by positions, velocities and accelerations of the joints, (poses, n, n)."""
+    by_c, by_cd = forward.gradients(c, cd, cdd)
+    return by_c @ B, by_cd @ B, forward.mass(c) @ B
