@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Workspace
 from haptid.estimation import Estimate
@@ -51,9 +51,8 @@ class Definiteness:
     unit: str
 
     def __post_init__(self) -> None:
-        for name in ("at", "direction"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, (len(self.workspace.model.device.active),))
+        active = (len(self.workspace.model.device.active),)
+        freeze_fields(self, at=active, direction=active)
 
     @property
     def positive(self) -> bool:

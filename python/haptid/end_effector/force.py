@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, positive, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positive
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
@@ -40,7 +40,6 @@ class HandleForce:
     device. The wrench that the device exerts on the hand is its opposite: `on_hand`.
 
     Attributes:
-        model: the dynamic model.
         t: (rows,), s.
         wrench: force, N, and moment, N m, of the hand on the device, (rows, 6); NaN at poses that are not usable.
         bare: the same without the dynamic model, as if motors balanced the hand alone, (rows, 6).
@@ -65,11 +64,8 @@ class HandleForce:
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("t", "wrench", "bare", "se", "external"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("wrench", "bare", "se"):
-            expect(name, getattr(self, name).shape, (len(self.t), 6))
-        expect("external", self.external.shape, (None, len(self.t)))
+        each = (len(self.t), 6)
+        freeze_fields(self, "t", wrench=each, bare=each, se=each, external=(None, len(self.t)))
 
     @property
     def force(self) -> Array:

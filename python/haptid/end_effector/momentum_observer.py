@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, positive, read_only
+from haptid._internal.arrays import Array, expect, freeze_fields, positive
 from haptid.dynamics.inverse import core_torque, momentum, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of
 from haptid.dynamics.model import DynamicModel
@@ -60,8 +60,7 @@ class ObserverResult:
     pushed: Array
 
     def __post_init__(self) -> None:
-        for name in ("torque", "mean", "p", "pushed"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_fields(self, "torque", "mean", "p", "pushed")
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,6 @@ class MomentumObserver:
         """Watch some more samples, one or many.
 
         Args:
-            model: the dynamic model.
             beta: its base parameters, (p,), SI.
             dt: step, s.
             qa: positions of the active joints, (active, samples), rad or m.

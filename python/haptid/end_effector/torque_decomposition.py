@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.device.terms.friction import LoadDependentFriction
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn
@@ -60,10 +60,8 @@ class TorqueDecomposition:
     measured: Array
 
     def __post_init__(self) -> None:
-        for name in ("t", "torque", "measured"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("torque", self.torque.shape, (len(self.parts), len(self.motors), len(self.t)))
-        expect("measured", self.measured.shape, self.torque.shape[1:])
+        motors, samples = len(self.motors), len(self.t)
+        freeze_fields(self, "t", torque=(len(self.parts), motors, samples), measured=(motors, samples))
 
     def __getitem__(self, part: str) -> Array:
         """Torque of one part, (motors, rows)."""
@@ -109,7 +107,6 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
 
     Args:
         estimate: with parameters.
-        motion: the motion.
 
     Raises:
         LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.

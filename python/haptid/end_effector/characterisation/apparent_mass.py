@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid import _core
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.end_effector.characterisation.jacobian import LINEAR, check_pose_settings
@@ -43,9 +43,7 @@ class ApparentMass:
     worst: float
 
     def __post_init__(self) -> None:
-        for name in ("directions", "condition"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("condition", self.condition.shape, self.mass.values.shape[:1])
+        freeze_fields(self, "directions", condition=self.mass.values.shape[:1])
 
     @property
     def usable(self) -> np.ndarray:

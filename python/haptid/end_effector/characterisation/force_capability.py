@@ -33,7 +33,7 @@ def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Arr
         UnknownNameError: a limit of an unknown motor.
     """
     known = given or {}
-    made = [known.get(drive.name, _of_joint(model, drive)) for drive in model.device.motors]
+    made = [known.get(drive.name, limit_of_joint(model, drive)) for drive in model.device.motors]
     for drive, limit in zip(model.device.motors, made, strict=True):
         if limit is None or not (np.isfinite(limit) and limit > 0):
             raise IncompleteDeviceError(
@@ -54,7 +54,7 @@ def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Arr
     return np.array(made, dtype=float)
 
 
-def _of_joint(model: DynamicModel, drive: Motor) -> float | None:
+def limit_of_joint(model: DynamicModel, drive: Motor) -> float | None:
     """Limit of the one joint that a motor drives, at the motor; None where it drives several."""
     limit = model.device.joints[drive.first].torque_limit if np.count_nonzero(drive.row) == 1 else None
     return None if limit is None else limit / abs(float(drive.row[drive.first]))

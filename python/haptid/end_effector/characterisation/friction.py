@@ -30,7 +30,6 @@ def dry_torque(model: DynamicModel, beta: Array, qa: Array, rates: Array) -> Arr
     Stribeck terms have their value at rest. Coordinates at rest have no friction here, though they may have stiction.
 
     Args:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         qa: positions of the active joints, (active, samples), rad or m.
         rates: of the torque rows' coordinates, (active, samples).

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, freeze, positive, read_only
+from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positive
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.force import force_setting_error
@@ -22,7 +22,6 @@ class HandleJacobian:
     """Poses, and the handle's Jacobian by the coordinates with measured torque; the others are constrained.
 
     Attributes:
-        model: the dynamic model.
         qa: positions of the active joints, (active, poses), rad or m.
         rows: components of the handle's velocity in the base frame: 0 to 2 linear, 3 to 5 angular, (m,).
         moving: coordinates that move, (n,).
@@ -43,10 +42,7 @@ class HandleJacobian:
 
     def __post_init__(self) -> None:
         poses, m, n = self.qa.shape[1], len(self.rows), len(self.moving)
-        for name, shape in (("position", (poses, 3)), ("jacobian", (poses, m, n)), ("condition", (poses,))):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, shape)
-        object.__setattr__(self, "qa", read_only(self.qa))
+        freeze_fields(self, "qa", position=(poses, 3), jacobian=(poses, m, n), condition=(poses,))
 
     def __len__(self) -> int:
         return int(self.qa.shape[1])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnknownNameError, suggestion
 from haptid.estimation import Estimate
@@ -22,7 +22,6 @@ class GivenParameters:
     """Base parameters that do not come from an estimate: published or true ones.
 
     Attributes:
-        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where unknown.
         dof: degrees of freedom of intervals from the covariance.
@@ -37,11 +36,7 @@ class GivenParameters:
 
     def __post_init__(self) -> None:
         p = len(self.model.base)
-        object.__setattr__(self, "beta", read_only(self.beta))
-        expect("beta", self.beta.shape, (p,))
-        if self.covariance is not None:
-            object.__setattr__(self, "covariance", read_only(self.covariance))
-            expect("covariance", self.covariance.shape, (p, p))
+        freeze_fields(self, beta=(p,), covariance=(p, p))
 
     @classmethod
     def of(
@@ -50,7 +45,6 @@ class GivenParameters:
         """From a table as published; parameters that it does not have are zero.
 
         Args:
-            model: the dynamic model.
             values: by name of the base parameter, SI.
             se: standard errors by name, taken as independent; None where unknown.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid._internal.extras import needing
 from haptid.uncertainty.quantities import Field
 
@@ -42,7 +42,7 @@ class SweepCurve:
     figures: Mapping[str, Field]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "x", read_only(self.x))
+        freeze_fields(self, "x")
         for name, figure in self.figures.items():
             expect(name, figure.values.shape[:1], self.x.shape)
 

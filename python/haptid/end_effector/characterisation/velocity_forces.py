@@ -24,7 +24,6 @@ def velocity_product_acceleration(model: DynamicModel, qa: Array, qda: Array) ->
     Forward recursion in the base frame (Siciliano et al. 2009, section 7.5.1, with all joint accelerations zero).
 
     Args:
-        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
         qda: their velocities.
     """

@@ -2,7 +2,7 @@
 
 The motors' torque is
 
-    tau = share dp/dt + weight * gravity torque + friction * friction torque,   p = A(q) qd,
+    tau = share dp/dt + weight * gravity torque + friction * friction torque - damping J' J qd,   p = A(q) qd,
 
 with dp/dt from the momentum through one low-pass filter: positions are differentiated once, and no acceleration is
 needed. The apparent mass is then (1 - share) M where the model is correct, below the bandwidth of the filters.
@@ -13,6 +13,11 @@ A constant share keeps the ratio of masses between poses. For a constant apparen
 
 m the largest principal mass at the handle: the apparent mass is m0 wherever neither limit is reached. Coriolis and
 centrifugal forces are scaled with the mass, although they are then not those of a constant mass.
+
+Activity. Late feedback of acceleration is negative damping: with a lag T the hand feels - share m w^2 T at the
+frequency w. `damping`, an isotropic damper at the handle through the velocity filter, outweighs it in the band of a
+hand's motion. `loop` gives the impedance at the handle, the verdict on passivity and the stability with a hand, exactly
+for sampling, filters and delay; `design.py` searches for settings that a hand can hold.
 
 Stability. All lags are one delay T to first order (`Compensation.lag`). For a mode with inertia a, of which the hand's
 own part h is not compensated, with stiffness k and damping b (of the hand and of the joints), the characteristic
@@ -41,17 +46,22 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive
 from haptid.device.terms.friction import LoadDependentFriction
-from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
-from haptid.dynamics.kinematics import handle_of
+from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, mass_matrix, raw_parameters, rigid
+from haptid.dynamics.kinematics import handle_motion, handle_of
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.characterisation.apparent_mass import apparent_mass
+from haptid.end_effector.characterisation.friction import coulomb_level, viscous_matrix
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
+from haptid.end_effector.compensation.sampled import Feedback, SampledLoop, filtered_difference
 from haptid.end_effector.force import force_setting_error
 from haptid.observation.reversals import smoothed_friction
 
 # From time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
 # coordinates, (motors,), N m or N.
 _Step = Callable[[float, Array], Array]
+# Step of the central difference of static torques, rad or m.
+_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +76,7 @@ class Compensation:
         slow: speed scale of dry friction, tanh(rate / slow): none is compensated at rest, rad/s or m/s.
         velocity_cutoff_hz: of the first-order filter on position differences.
         momentum_cutoff_hz: of the filter on the rate of momentum.
+        damping: of the isotropic damper that is added at the handle, N s/m.
         towards: apparent mass (largest principal mass) to reach at every pose, kg; None for a constant share.
     """
 
@@ -76,6 +87,7 @@ class Compensation:
     slow: float = 0.05
     velocity_cutoff_hz: float = 100.0
     momentum_cutoff_hz: float = 60.0
+    damping: float = 0.0
     towards: float | None = None
 
     def __post_init__(self) -> None:
@@ -85,6 +97,10 @@ class Compensation:
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
                 raise force_setting_error(name, getattr(self, name), "a finite number above 0")
+        if not 0 <= self.damping < np.inf:
+            raise force_setting_error("damping", self.damping, "a finite number from 0")
+        if self.damping:
+            handle_of(self.identified.model)
         for term in self.identified.model.terms if self.friction else ():
             if isinstance(term.shape, LoadDependentFriction):
                 wanted = f"0: term {term.name} depends on accelerations, which the controller does not have"
@@ -115,6 +131,35 @@ class Compensation:
             dt: control period, s.
         """
         return _Controller(self, dt).step
+
+    def loop(self, qa: Array, dt: float, delay: float = 0.0) -> SampledLoop:
+        """Device and law at a pose, linear about rest, by the model itself.
+
+        Friction compensation has its slope at rest, where it is steepest; dry friction is left out.
+
+        Args:
+            qa: positions of the active joints, (active,), rad or m.
+            dt, delay: as in `lag`.
+        """
+        model, beta, q = self.identified.model, self.identified.beta, np.asarray(qa, dtype=float)[:, None]
+        J = handle_motion(model, q).row_jacobian[0, :3]
+        A, B, K = mass_matrix(model, beta, q)[0], viscous_matrix(model, beta, q)[0], _static_stiffness(model, beta, q)
+        velocity, rate = (
+            filtered_difference(self.velocity_cutoff_hz, dt),
+            filtered_difference(self.momentum_cutoff_hz, dt),
+        )
+        # Dry friction of coordinates, compensated by tanh(rate / slow).
+        steep = B + np.diag(coulomb_level(model, beta, q)[:, 0]) / self.slow
+        parts = [
+            Feedback(
+                -self.share_at(q)[0] * A,
+                tuple(np.convolve(velocity[0], rate[0])),
+                tuple(np.convolve(velocity[1], rate[1])),
+            ),
+            Feedback(self.damping * J.T @ J - self.friction * steep, tuple(velocity[0]), tuple(velocity[1])),
+            Feedback(-self.weight * K, (1.0,)),
+        ]
+        return SampledLoop(A, B, K, J, tuple(part for part in parts if part.matrix.any()), dt, delay)
 
     def lag(self, dt: float, delay: float = 0.0) -> float:
         """Total lag T of two differences, two filters, the amplifiers and the zero-order hold, s.
@@ -171,6 +216,15 @@ def stable_share(inertia: Array, damping: Array, stiffness: Array, lag: float, h
     return (1 + least) / (1 + lag * max(stiffest, 0.0))
 
 
+def _static_stiffness(model: DynamicModel, beta: Array, q: Array) -> Array:
+    """Derivative of gravity and springs by the coordinates at a pose, (active, active): symmetric, as of an energy."""
+    n = len(q)
+    near = q + _STEP * np.linalg.inv(model.device.row_map)[:, [*range(n), *range(n)]] * np.repeat([1, -1], n)
+    tau = inverse_dynamics(model, beta, near, np.zeros_like(near), np.zeros_like(near))
+    slope = (tau[:, :n] - tau[:, n:]) / (2 * _STEP)
+    return np.asarray((slope + slope.T) / 2)
+
+
 class _Controller:
     """The controller's state between control periods."""
 
@@ -200,6 +254,9 @@ class _Controller:
         self.momentum = self.momentum + self.dt * rate
         share = settings.share_at(self.to_joints @ c)
         tau = share * rate + settings.weight * self._static(c) + settings.friction * self._friction(c)
+        if settings.damping:
+            J = handle_motion(self.model, self.to_joints @ c).row_jacobian[0, :3]
+            tau -= settings.damping * J.T @ (J @ self.velocity)
         shares = self.model.device.law.shares(self.model.device.drive_jacobian(c))
         return freeze(((shares[0] if shares.ndim == 3 else shares) @ tau)[self.model.device.driven, 0])
 
