@@ -19,7 +19,7 @@ _LARGEST = 4 * 2**20
 
 
 class Asked:
-    """Values of a call: those of the address, and those of the JSON body.
+    """Parameters of a call: of its query string and of its JSON body.
 
     Args:
         given: by name.
@@ -53,7 +53,7 @@ class Asked:
 
 
 def call(function: Callable[[Asked], Any]) -> Callable[[HttpRequest], Awaitable[JSONResponse]]:
-    """An endpoint that runs a function of the values asked for in a thread, and answers with what it returns."""
+    """An endpoint that runs a function of a call's parameters in a thread, and answers with its value."""
 
     async def answered(request: HttpRequest) -> JSONResponse:
         try:
@@ -70,7 +70,7 @@ def call(function: Callable[[Asked], Any]) -> Callable[[HttpRequest], Awaitable[
 
 
 def refusing(error: HaptidError, status: int = 400, **more: Any) -> JSONResponse:
-    """The answer for an error of what was given."""
+    """The answer for an error in the input."""
     return JSONResponse({"error": str(error), "where": repr(error.where) if error.where else "", **more}, status)
 
 

@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from haptid.app.answers import Asked, refusing
-from haptid.app.workspace import LOGS, free_name
+from haptid.app.workspace import EXPERIMENTS, LOGS, free_name
 from haptid.errors import HaptidError, WorkbenchError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def log_streams(session: Session) -> list[BaseRoute]:
 
     def samples(request: HttpRequest) -> Response:
         try:
-            path = session.workspace.inside(request.query_params.get("path", ""), LOGS)
+            path = session.workspace.inside(request.query_params.get("path", ""), LOGS, EXPERIMENTS)
             names = request.query_params.getlist("channel")
             return Response(
                 packed_samples(path, request.query_params.get("time", ""), names), media_type="application/octet-stream"

@@ -1,4 +1,4 @@
-"""Calls of the device page: the shipped devices, and what a text that is being edited means."""
+"""Calls of the device page: shipped devices, and the model of a device text that is being edited."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may talk to the workbench: its own pages with its own token, and nobody else.
+"""Access control of the workbench: requests need its address, its token and its origin.
 
 - The Host header must be the address that was bound: a foreign name that resolves to this machine (DNS rebinding) is
   answered with 421.

@@ -27,7 +27,7 @@ _KEPT, _GRACE = 200, 0.5
 
 
 class JobState(StrEnum):
-    """Of a job."""
+    """State of a job."""
 
     RUNNING = "running"
     DONE = "done"
@@ -38,7 +38,7 @@ class JobState(StrEnum):
 
 @dataclass
 class JobRecord:
-    """What a page is told of a job.
+    """A job as JSON for a page.
 
     Attributes:
         id: in its address.
@@ -159,7 +159,7 @@ class Jobs:
         return record
 
     def close(self) -> None:
-        """End what runs, at the end of the server."""
+        """Cancel the running job when the server ends."""
         record = self.running()
         if record is not None:
             self.cancel(record.id)
@@ -173,7 +173,7 @@ class Jobs:
                 self._process.join()
 
     def _follow(self, record: JobRecord, pipe: Connection, process: BaseProcess) -> None:
-        """Read what a process says until it ends."""
+        """Read the messages of a job's process until it ends."""
         said: dict[str, Any] | None = None
         with suppress(EOFError, OSError):
             while True:
@@ -195,7 +195,7 @@ class Jobs:
         self._store(record)
 
     def _leave(self, record: JobRecord) -> None:
-        """Remove what a job that did not finish has left."""
+        """Remove the partial output of a job that did not finish."""
         from haptid._internal.atomic_folder import sweep_beside
         from haptid.observation.cache import partial_of
 

@@ -13,7 +13,17 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from haptid.app import data_calls, device_calls, result_calls, study_calls
+from haptid.app import (
+    data_calls,
+    device_calls,
+    experiment_calls,
+    forms,
+    live_calls,
+    registry_calls,
+    remedies,
+    result_calls,
+    study_calls,
+)
 from haptid.app.answers import Asked, call
 from haptid.app.jobs import Jobs
 from haptid.app.workspace import WorkbenchFolder
@@ -23,8 +33,8 @@ if TYPE_CHECKING:
     from haptid.registry.index import IndexedKind
 
 # Names of the pages; the first part of their addresses.
-PAGES = ("device", "data", "solve", "results", "use")
-# A look at the disk is good for this many times what it took: many pages at once do not scan a large folder each.
+PAGES = ("device", "experiment", "data", "solve", "results", "use", "live", "registry")
+# An index is used for this many times the duration of its scan: pages loaded together scan a large folder once.
 _FRESH = 2.0
 
 
@@ -40,6 +50,7 @@ class Session:
     def __init__(self, workspace: WorkbenchFolder, largest_log: int, reindex: bool = False) -> None:
         self.workspace, self.largest_log = workspace, largest_log
         self.jobs = Jobs(workspace.folder, workspace.own() / "jobs")
+        self.live = live_calls.Live(workspace, self.changed)
         self._reindex, self._lock, self._good_until = reindex, threading.Lock(), 0.0
 
     @cached_property
@@ -63,7 +74,7 @@ class Session:
             return self._index
 
     def changed(self) -> None:
-        """Have the next look see a file that was written just now."""
+        """Scan the folder again at the next use of the index, after a file was written."""
         self._good_until = 0.0
 
     def routes(self) -> list[BaseRoute]:
@@ -78,6 +89,9 @@ class Session:
             **data_calls.log_reads(self),
             **study_calls.study_reads(self),
             **result_calls.result_reads(self),
+            **live_calls.live_reads(self),
+            **experiment_calls.experiment_reads(self),
+            **registry_calls.registry_reads(self),
         }
         changes = {
             "file": self._save,
@@ -86,17 +100,24 @@ class Session:
             **data_calls.log_changes(self),
             **study_calls.study_changes(self),
             **result_calls.result_changes(self),
+            **live_calls.live_changes(self),
+            **experiment_calls.experiment_changes(self),
+            **registry_calls.registry_changes(self),
+            **forms.form_changes(),
+            **remedies.remedy_changes(self),
         }
         return [
             *(Route(f"/api/{path}", call(made), methods=["POST"]) for path, made in changes.items()),
             *(Route(f"/api/{path}", call(made)) for path, made in calls.items()),
             *data_calls.log_streams(self),
             *result_calls.result_streams(self),
+            *live_calls.live_streams(self),
             Route("/report/{name}", _report_part),
         ]
 
     def close(self) -> None:
-        """End jobs and release the index."""
+        """End jobs and a recording, and release the index."""
+        self.live.close()
         self.jobs.close()
         if "_index" in self.__dict__:
             self._index.close()
@@ -106,7 +127,7 @@ class Session:
         from importlib.util import find_spec
 
         index, words = self.index, asked.text("words", "")
-        kinds: tuple[IndexedKind, ...] = ("device", "study", "log", "result")
+        kinds: tuple[IndexedKind, ...] = ("device", "study", "experiment", "log", "result")
         return {
             "folder": str(self.workspace.folder),
             "lists": {kind: [asdict(entry) for entry in index.search(kind, words)] for kind in kinds},

@@ -13,7 +13,7 @@ from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from haptid.app.answers import Asked, refusing
-from haptid.app.workspace import EXPORTS, RESULTS
+from haptid.app.workspace import EXPERIMENTS, EXPORTS, RESULTS
 from haptid.errors import HaptidError, WorkbenchError
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def result_reads(session: Session) -> _Calls:
         return {"command": shlex.join(command), **page_parts(sections)}
 
     def formats(_: Asked) -> list[str]:
-        from haptid.export.all_formats import EXPORTERS
+        from haptid.export.all_formats import export_formats
 
-        return list(EXPORTERS)
+        return list(export_formats())
 
     def preview(asked: Asked) -> dict[str, Any]:
         """What an export would write, made in a folder that is removed again."""
@@ -108,7 +108,7 @@ def result_streams(session: Session) -> list[BaseRoute]:
 
     def file(request: HttpRequest) -> Response:
         try:
-            path = session.workspace.inside(request.query_params.get("path", ""), RESULTS, EXPORTS)
+            path = session.workspace.inside(request.query_params.get("path", ""), RESULTS, EXPORTS, EXPERIMENTS)
         except HaptidError as error:
             return refusing(error, 404)
         if not path.is_file():

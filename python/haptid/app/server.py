@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
@@ -23,6 +24,10 @@ from haptid.errors import WorkbenchError
 
 STATIC = Path(__file__).with_name("static")
 _ADDRESS = "127.0.0.1"
+# Of a message to a socket: a frame of samples is smaller.
+_LARGEST_MESSAGE = 1 << 16
+# Between threads, s: the one that receives samples must not wait for those that compute.
+_SWITCH_S = 5e-4
 
 
 def serve(
@@ -45,6 +50,7 @@ def serve(
     Raises:
         WorkbenchError: there is no such folder, the port is taken, or the folder has a workbench already.
     """
+    sys.setswitchinterval(_SWITCH_S)
     workspace = WorkbenchFolder(folder)
     listening = _bound(port)
     port = listening.getsockname()[1]
@@ -57,7 +63,8 @@ def serve(
             application,
             log_level="warning",
             access_log=False,
-            ws="none",
+            ws="websockets-sansio",
+            ws_max_size=_LARGEST_MESSAGE,
             timeout_graceful_shutdown=1,
             server_header=False,
         )

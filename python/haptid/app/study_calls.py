@@ -1,4 +1,4 @@
-"""Calls of studies: a draft from dropped logs, what a text means, the check, and the jobs."""
+"""Calls of studies: a draft from dropped logs, the contents of an edited text, the check, and the jobs."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def study_changes(session: Session) -> _Calls:
         return {"text": text, "path": name, "notes": list(found.notes), "command": shlex.join(typed)}
 
     def read(asked: Asked) -> dict[str, Any]:
-        """What a text says, by the reader of studies."""
+        """The contents of a study's text, as `read_study` reads them."""
         from haptid.study import read_study
 
         name = asked.text("path")

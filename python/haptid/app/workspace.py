@@ -156,7 +156,7 @@ class WorkbenchFolder:
             raise WorkbenchError(f"{name!r} must end in {' or '.join(endings)}.", where=name, limit=endings)
 
     def own(self) -> Path:
-        """The folder of what can be made again, created at its first use."""
+        """The folder of derived files (index, records of jobs), created at its first use."""
         path = self.folder / _OWN
         path.mkdir(exist_ok=True)
         return path

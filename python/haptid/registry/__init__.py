@@ -1,4 +1,4 @@
-"""The index of a folder of devices, studies, logs and results: found by name, by content, and by what was made of what.
+"""The index of a folder of devices, studies, logs and results: searched by name, by content hash, and by provenance.
 
 The files are the truth; the index is made of them again at any time.
 """

@@ -27,8 +27,8 @@ _FOLDERS: dict[IndexedKind, str] = {
     "result": "results",
 }
 _RESULT = "result.json"
-# Of the tables below: another one is made again from the files.
-_VERSION = 1
+# Version of the tables below; an index of another version is rebuilt from the files.
+_VERSION = 2
 _TABLES = """
 create table entries (
   path text primary key, kind text not null, sha256 text not null, size integer not null, modified integer not null,
@@ -105,14 +105,14 @@ class Index:
         self._base.close()
 
     def rebuild(self) -> int:
-        """Forget everything and read all files again; how many there are."""
+        """Rebuild the index from all files; their number."""
         with self._lock, self._base:
             self._base.execute("delete from entries")
             self._base.execute("delete from inputs")
         return self.refresh()
 
     def refresh(self) -> int:
-        """Read what was added or changed since the last time, and forget what is gone; how many entries changed."""
+        """Update the index from added, changed and removed files; the number of changed entries."""
         with self._lock:
             known = {row[0]: row[1:] for row in self._base.execute("select path, size, modified from entries")}
             there = dict(self._there())
@@ -207,7 +207,7 @@ def _definition(path: Path) -> _Read:
     """A TOML file: its name, and of a study its device and logs."""
     content = read_bounded(path, DEFINITION_FILE)
     values = tomllib.loads(content.decode("utf-8"))
-    about = {key: values[key] for key in ("device", "description") if isinstance(values.get(key), str)}
+    about = {key: values[key] for key in ("device", "description", "serial") if isinstance(values.get(key), str)}
     logs = values.get("logs")
     if isinstance(logs, list):
         about["logs"] = [str(log.get("path")) for log in logs if isinstance(log, dict)]
@@ -219,7 +219,7 @@ def _recording(path: Path) -> _Read:
 
 
 def _identified(path: Path) -> _Read:
-    """A result folder: what a list of results shows, and the hashes of its logs."""
+    """A result folder: figures of the list of results, and the hashes of its logs."""
     content = read_bounded(path / _RESULT, RESULT_FILE)
     found = json.loads(content)
     unseen = [entry for entry in found["validation"] if entry["rows"] != "fit"]
@@ -227,6 +227,7 @@ def _identified(path: Path) -> _Read:
     errors = [entry["relative_error_percent"] for entry in whole if entry["motor"] == "all" or len(whole) == 1]
     about = {
         "device": found.get("device", ""),
+        "serial": str(found.get("device_file", {}).get("serial", "")),
         "method": found["estimate"]["method"],
         "parameters": len(found["estimate"]["parameters"]),
         "error_percent": max((float(value) for value in errors if value is not None), default=None),

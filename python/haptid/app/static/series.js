@@ -2,11 +2,11 @@
 import uPlot from "./vendor/uPlot.esm.js";
 import { el } from "./common.js";
 
-const INKS = ["--c-blue", "--vermillion", "--green", "--purple", "--orange", "--sky", "--black", "--yellow"];
+export const INKS = ["--c-blue", "--vermillion", "--green", "--purple", "--orange", "--sky", "--black", "--yellow"];
 const ink = (name) => getComputedStyle(document.body).getPropertyValue(name);
 
 // A colour that depends on light and dark, as a canvas needs it.
-function resolved(name) {
+export function resolved(name) {
   const probe = document.body.appendChild(document.createElement("i"));
   probe.style.color = `var(${name})`;
   const made = getComputedStyle(probe).color;

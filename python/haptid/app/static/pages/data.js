@@ -1,6 +1,8 @@
 // Data: logs are dropped, their channels guessed with reasons and drawn; a study is drafted from them.
 import { acting, answered, bytes, call, el, field, link, options, reached, table, typed } from "../common.js";
 import { Editor } from "../editor.js";
+import { Form } from "../form.js";
+import { remedies } from "../remedies.js";
 import { Curves } from "../series.js";
 
 export async function show(main, query) {
@@ -127,6 +129,14 @@ async function drafting(main, path, logs, device, own) {
     check: (at, text) => call("study/read", { path: at, text }, "POST"),
     found: (said) => { if (!said.error) editor.words.textContent = words(said); press.disabled = Boolean(said.error); },
   });
+  new Form(place, editor, "study");
+  const found = el("div", { id: "remedies" }, place);
+  const zoom = (from, to) => {
+    const first = document.querySelector("#plots .plot")?.curves;
+    first?.all(from, to);
+    first?.holder.scrollIntoView({ block: "nearest" });
+  };
+  el("button", { type: "button", onclick: acting(part, () => remedies(found, editor, zoom)) }, el("p", { class: "row" }, place), "Read the logs again");
   const save = el("form", { class: "row" }, place);
   const name = field(save, "Save as studies/", el("input", { type: "text", size: 24, required: true, autocomplete: "off" }));
   const press = el("button", { type: "submit", class: "main" }, save, "Save and go on to solve");
@@ -138,6 +148,7 @@ async function drafting(main, path, logs, device, own) {
     name.value = made.path.replace(/^studies\/|\.toml$/g, "");
     typed(made.command);
     await editor.show(made.path, made.text, "");
+    await remedies(found, editor, zoom);
   }));
   save.addEventListener("submit", acting(part, async (event) => {
     event.preventDefault();

@@ -1,6 +1,7 @@
 // Device: the file as text, what it means by haptid's own reader, and the mechanism in three dimensions.
 import { acting, call, el, field, link, options, table, typed } from "../common.js";
 import { Editor } from "../editor.js";
+import { Form } from "../form.js";
 import { drawAll } from "/report/charts.js";
 
 export async function show(main, query) {
@@ -21,6 +22,7 @@ export async function show(main, query) {
       buttons();
     },
   });
+  new Form(left, editor, "device");
   const save = el("form", { class: "row" }, left);
   const place = field(save, "Save as devices/", el("input", { type: "text", size: 24, required: true, autocomplete: "off" }));
   const press = el("button", { type: "submit" }, save, "Save");

@@ -1,6 +1,7 @@
 // Solve: a study is checked first, then identified by a job that outlives the tab.
 import { acting, call, el, field, link, options, typed, uncomplain } from "../common.js";
 import { Editor } from "../editor.js";
+import { Form } from "../form.js";
 import { Progress } from "../progress.js";
 
 export async function show(main, query) {
@@ -42,6 +43,7 @@ class Solving {
         return this.state();
       },
     });
+    new Form(left, this.editor, "study");
     this.save = el("button", { type: "button" }, el("p", { class: "row" }, left), "Save");
     this.save.addEventListener("click", acting(main, async () => { await this.editor.save(); await this.state(); }));
     el("h2", {}, right, "1. Check");

@@ -1,0 +1,325 @@
+"""Calls of the live page: a recording begins and ends, and what its samples say meanwhile."""
+
+from __future__ import annotations
+
+import json
+import queue
+import struct
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from starlette.requests import Request as HttpRequest
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from haptid.app.answers import Asked
+from haptid.app.workspace import LOGS, STUDIES, WorkbenchFolder, free_name
+from haptid.errors import HaptidError, WorkbenchError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from haptid.app.pages import Session
+    from haptid.live import LiveAnalysis, Receiver, SampleRun
+    from haptid.log import Channels
+
+_Calls = dict[str, Callable[[Asked], Any]]
+# Samples that are kept for drawing, s, and most of one answer: a slow tab loses what it did not ask for.
+_KEPT_S, _ANSWERED_S = 60.0, 12.0
+_PATIENCE = 0.1
+# Frames in a second of a log that is played: few, so that the system's buffer bridges a busy machine.
+_FRAMES_HZ = 100.0
+
+
+class LiveRecording:
+    """One recording: a port, a file, the last samples for drawing, and the analysis in a thread of its own.
+
+    Args:
+        path: of the file.
+        channels: of the samples.
+        analysis: of the samples.
+        port: for frames, 0 for a free one.
+    """
+
+    def __init__(self, path: Path, channels: Channels, analysis: LiveAnalysis, port: int) -> None:
+        import numpy as np
+
+        from haptid.live import Receiver, Recorder
+        from haptid.log import units
+
+        self.path, self.channels, self.analysis = path, channels, analysis
+        self.names = [*channels.position.channels, *channels.torque.channels]
+        self.rate_hz = analysis.settings.rate_hz
+        self.error = ""
+        unit = units.scale(channels.time_unit, "time")[1]
+        columns = [channels.time or "t", *self.names]
+        recorder = Recorder(path, self.rate_hz, columns, len(channels.position.channels), time_unit=unit)
+        self._ring: NDArray[np.float64] = np.full((max(2, round(_KEPT_S * self.rate_hz)), len(columns)), np.nan)
+        self.drawn = 0
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._waiting: queue.SimpleQueue[SampleRun | None] = queue.SimpleQueue()
+        self.receiver: Receiver = Receiver(recorder, port)
+        self._threads = [threading.Thread(target=each, daemon=True) for each in (self._keep, self._analyse)]
+        for thread in self._threads:
+            thread.start()
+        self._player: threading.Thread | None = None
+
+    def play(self, path: Path) -> None:
+        """Send a log to the own port as a controller would, again and again."""
+        import numpy as np
+
+        from haptid.live import play
+        from haptid.log.read import format_of
+        from haptid.log.request import Request
+
+        found = format_of(path).columns(path, self.names, Request())
+        missing = [name for name in self.names if name not in found]
+        if missing:
+            raise WorkbenchError(f"{path.name} has no channel {missing[0]!r}.", where=missing[0])
+        values = np.column_stack([found[name] for name in self.names]).astype(float)
+        many = len(self.channels.position.channels)
+        arguments = (values[:, :many], values[:, many:], self.rate_hz, ("127.0.0.1", self.receiver.port))
+        settings = {"each": max(1, round(self.rate_hz / _FRAMES_HZ)), "again": True, "stop": self._ended.is_set}
+        self._player = threading.Thread(target=play, args=arguments, kwargs=settings, daemon=True)
+        self._player.start()
+
+    def close(self) -> None:
+        """End everything; the file has its name then."""
+        self._ended.set()
+        if self._player is not None:
+            self._player.join()
+        self.receiver.close()
+        for thread in self._threads:
+            thread.join()
+
+    def since(self, first: int) -> tuple[int, NDArray[np.float64]]:
+        """Number of the first sample that is given, and samples from there on, (n, 1 + channels)."""
+        with self._lock:
+            size = len(self._ring)
+            begin = max(first, self.drawn - min(size, round(_ANSWERED_S * self.rate_hz)))
+            places = [k % size for k in range(begin, self.drawn)]
+            return begin, self._ring[places]
+
+    def to_json(self) -> dict[str, Any]:
+        """What the page shows."""
+        receiver = self.receiver
+        return {
+            "path": f"{LOGS}/{self.path.name}",
+            "port": receiver.port,
+            "rate_hz": self.rate_hz,
+            "names": self.names,
+            "positions": len(self.channels.position.channels),
+            "units": [self.channels.position.unit, self.channels.torque.unit],
+            "rows": [self.analysis.model.device.row_labels[k] for k in self.analysis.model.measured_rows],
+            "counts": asdict(receiver.recorder.counts),
+            "broken": receiver.broken,
+            "foreign": receiver.foreign,
+            "skipped": receiver.skipped,
+            "drawn": self.drawn,
+            "error": receiver.error or self.error,
+            "analysis": self.analysis.to_json(),
+        }
+
+    def _keep(self) -> None:
+        """Samples for drawing, as they come."""
+        import numpy as np
+
+        while not (self._ended.is_set() and self.receiver.runs.empty()):
+            with suppress(queue.Empty):
+                run = self.receiver.runs.get(timeout=_PATIENCE)
+                times = run.t + np.arange(len(run.position)) / self.rate_hz
+                rows = np.column_stack([times, run.position, run.torque])
+                with self._lock:
+                    self._ring[(self.drawn + np.arange(len(rows))) % len(self._ring)] = rows
+                    self.drawn += len(rows)
+                self._waiting.put(run)
+        self._waiting.put(None)
+
+    def _analyse(self) -> None:
+        """What the samples say; a run that continues the last is taken together with it."""
+        import numpy as np
+
+        from haptid.live import SampleRun
+
+        over = False
+        while not over:
+            runs = [self._waiting.get()]
+            while not self._waiting.empty():
+                runs.append(self._waiting.get())
+            over = runs[-1] is None
+            parts: list[list[SampleRun]] = []
+            for run in runs:
+                if run is not None and (run.gap or not parts):
+                    parts.append([run])
+                elif run is not None:
+                    parts[-1].append(run)
+            for part in parts:
+                q, tau = (np.concatenate([getattr(run, name) for run in part]) for name in ("position", "torque"))
+                try:
+                    self.analysis.take(SampleRun(part[0].t, part[0].gap, q, tau))
+                except HaptidError as error:  # the samples are no motion of this device: recorded all the same
+                    self.error = str(error)
+
+
+class Live:
+    """The recording of a session, if there is one.
+
+    Args:
+        space: the folder.
+        changed: told when there is a new file.
+    """
+
+    def __init__(self, space: WorkbenchFolder, changed: Callable[[], None]) -> None:
+        self._space, self._changed, self._lock = space, changed, threading.Lock()
+        self.recording: LiveRecording | None = None
+
+    def start(self, asked: Asked) -> dict[str, Any]:
+        """Begin a recording.
+
+        Raises:
+            WorkbenchError: one runs already, or a value is none.
+            HaptidError: the study cannot be used.
+        """
+        from haptid.live import LiveSettings, analysed_study, recover
+        from haptid.live.analysis import study_channels
+        from haptid.study import read_study
+
+        name, log = f"{asked.text('name')}.csv", asked.text("play", "")
+        self._space.check_name(name, ".csv")
+        path = self._space.inside(asked.text("study"), STUDIES)
+        source = self._space.inside(log, LOGS) if log else None
+        forgetting = asked.text("forgetting", "")
+        settings = LiveSettings(
+            rate_hz=_number("rate", asked.text("rate"), 1.0, 1e5),
+            forgetting_s=_number("forgetting", forgetting, 1.0, 1e6) if forgetting else None,
+        )
+        with self._lock:
+            if self.recording is not None:
+                raise WorkbenchError("a recording runs already.", advice="End it first.")
+            study = read_study(path)
+            analysis = analysed_study(study, settings)
+            folder = self._space.folder / LOGS
+            folder.mkdir(exist_ok=True)
+            recover(folder)
+            port = int(_number("port", asked.text("port", "0"), 0, 65535))
+            made = LiveRecording(free_name(folder, name), study_channels(study), analysis, port)
+            self.recording = made
+        if source is not None:
+            try:
+                made.play(source)
+            except HaptidError:
+                self.stop()
+                raise
+        return made.to_json()
+
+    def stop(self) -> dict[str, Any]:
+        """End the recording; what it was at the end."""
+        with self._lock:
+            made, self.recording = self.recording, None
+        if made is None:
+            raise WorkbenchError("no recording runs.")
+        made.close()
+        self._changed()
+        return made.to_json() | {"ended": True}
+
+    def running(self) -> LiveRecording:
+        """The recording.
+
+        Raises:
+            WorkbenchError: there is none.
+        """
+        if self.recording is None:
+            raise WorkbenchError("no recording runs.", advice="Begin one on the page Live.")
+        return self.recording
+
+    def close(self) -> None:
+        """End what runs, at the end of the server."""
+        if self.recording is not None:
+            self.stop()
+
+
+def live_reads(session: Session) -> _Calls:
+    """Calls that change nothing."""
+
+    def state(_: Asked) -> dict[str, Any]:
+        made = session.live.recording
+        return {"running": made is not None, **(made.to_json() if made else {})}
+
+    def rows(asked: Asked) -> dict[str, Any]:
+        """Treated torques after a time: measured, predicted, and the force of the hand with a model that is held."""
+        import numpy as np
+
+        found = session.live.running().analysis.rows_since(_number("since", asked.text("since"), -1e12, 1e12))
+        if not found:
+            return {"t": [], "measured": [], "predicted": [], "force": None}
+        measured, predicted = (
+            np.concatenate([getattr(rows, name) for rows in found], axis=-1) for name in ("measured", "predicted")
+        )
+        blank = (np.full((3, len(rows.t)), np.nan) if rows.force is None else rows.force for rows in found)
+        return {
+            "t": np.concatenate([rows.t for rows in found]).tolist(),
+            "measured": measured.tolist(),
+            "predicted": predicted.tolist(),
+            "force": None if found[-1].force is None else np.concatenate(list(blank), axis=1).tolist(),
+        }
+
+    return {"live/state": state, "live/rows": rows}
+
+
+def live_changes(session: Session) -> _Calls:
+    """Calls that begin, end, hold."""
+
+    def hold(asked: Asked) -> dict[str, Any]:
+        made = session.live.running()
+        made.analysis.hold(asked.text("held") == "true")
+        return made.to_json()
+
+    return {"live/start": session.live.start, "live/stop": lambda _: session.live.stop(), "live/hold": hold}
+
+
+def live_streams(session: Session) -> list[BaseRoute]:
+    """Samples for drawing, and frames by WebSocket."""
+
+    def samples(request: HttpRequest) -> Response:
+        made = session.live.recording
+        given = request.query_params.get("since", "0")
+        if made is None or not given.isdigit() or len(given) > 15:
+            return Response("There is no recording.\n", 404)
+        first, rows = made.since(int(given))
+        head = json.dumps({"first": first, "rows": len(rows), "next": first + len(rows)}).encode()
+        head += b" " * (-(4 + len(head)) % 8)
+        parts = [rows[:, 0].astype("<f8").tobytes(), *(column.astype("<f4").tobytes() for column in rows[:, 1:].T)]
+        content = b"".join([struct.pack("<I", len(head)), head, *parts])
+        return Response(content, media_type="application/octet-stream")
+
+    async def frames(socket: WebSocket) -> None:
+        await socket.accept()
+        with suppress(WebSocketDisconnect, KeyError):
+            while True:
+                content = await socket.receive_bytes()
+                made = session.live.recording
+                if made is not None:
+                    made.receiver.take(content, id(socket))
+
+    return [Route("/api/live/samples", samples), WebSocketRoute("/api/live/frames", frames)]
+
+
+def _number(name: str, text: str, low: float, high: float) -> float:
+    """A number of a request.
+
+    Raises:
+        WorkbenchError: it is none, or out of range.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not low <= value <= high:
+        raise WorkbenchError(f"{name} is {text[:40]!r}; write a number from {low:g} to {high:g}.", where=name)
+    return value

@@ -1,0 +1,107 @@
+"""`Receiver`: a thread that takes frames from a UDP port: recorded first, then handed on.
+
+The port is one of this machine's own address unless another one is asked for. The first sender is the only one that is
+heard until the end: what others send is counted and thrown away.
+"""
+
+from __future__ import annotations
+
+import queue
+import socket
+import threading
+from collections.abc import Iterable
+
+from haptid.errors import WorkbenchError
+from haptid.live.frames import LARGEST, FrameError, read_frame
+from haptid.live.recorder import Recorder, SampleRun
+
+# Longest wait for a datagram before the thread looks whether it is to end, s; wanted buffer of the system, bytes.
+_PATIENCE, _BUFFER = 0.1, 1 << 22
+# Runs that may wait for who analyses them; what is more is recorded, and not analysed.
+_QUEUE = 1 << 16
+
+
+class Receiver:
+    """Records what a sender sends until it is closed.
+
+    Args:
+        recorder: which takes the frames.
+        port: 0 for one that is free.
+        address: of this machine, to which the port belongs.
+
+    Attributes:
+        port: that was bound.
+        runs: what was written, in order, for who analyses it.
+        broken: messages that were no frames.
+        foreign: messages of other senders than the first.
+        skipped: runs that were recorded and did not fit into the queue.
+        error: why the recording ended by itself, a sentence; empty where it did not.
+
+    Raises:
+        WorkbenchError: the port cannot be used.
+    """
+
+    def __init__(self, recorder: Recorder, port: int = 0, address: str = "127.0.0.1") -> None:
+        self.recorder, self.runs = recorder, queue.Queue[SampleRun](_QUEUE)
+        self.broken = self.foreign = self.skipped = 0
+        self.error = ""
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._sender: object = None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+            self._socket.bind((address, port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            list(recorder.close())
+            raise WorkbenchError(
+                f"UDP port {port} of {address} cannot be used: {getattr(error, 'strerror', None) or error}.",
+                where=port,
+                advice="Give another one, or 0 for any that is free.",
+            ) from error
+        self._socket.settimeout(_PATIENCE)
+        self.port = int(self._socket.getsockname()[1])
+        self._thread = threading.Thread(target=self._listen, name="haptid frames", daemon=True)
+        self._thread.start()
+
+    def take(self, content: bytes, sender: object) -> None:
+        """One message of a sender, by UDP or by another way."""
+        try:
+            frame = read_frame(content)
+        except FrameError:
+            self.broken += 1
+            return
+        with self._lock:
+            if self._sender is None:
+                self._sender = sender
+            if sender != self._sender:
+                self.foreign += 1
+            elif not self._closed.is_set():
+                self._hand_on(self.recorder.take(frame))
+
+    def close(self) -> None:
+        """End the recording; the file has its name then."""
+        self._closed.set()
+        self._thread.join()
+        self._socket.close()
+        with self._lock:
+            self._hand_on(self.recorder.close())
+
+    def _hand_on(self, runs: Iterable[SampleRun]) -> None:
+        for run in runs:
+            try:
+                self.runs.put_nowait(run)
+            except queue.Full:
+                self.skipped += 1
+
+    def _listen(self) -> None:
+        while not self._closed.is_set():
+            try:
+                content, sender = self._socket.recvfrom(LARGEST)
+                self.take(content, sender)
+            except TimeoutError:
+                continue
+            except OSError as error:  # the disk is full, or the port is gone
+                self.error = f"The recording ended: {error.strerror or error}."
+                return
