@@ -13,6 +13,7 @@ from haptid import executors as executors
 from haptid import experiment as experiment
 from haptid import export as export
 from haptid import inference as inference
+from haptid import live as live
 from haptid import log as log
 from haptid import motion as motion
 from haptid import observation as observation

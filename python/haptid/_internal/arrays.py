@@ -33,6 +33,19 @@ def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> N
         raise ShapeError(f"{name} has shape {got}; {shown} is required.", where=name, found=got, limit=wanted)
 
 
+def freeze_fields(held: object, /, *names: str, **shapes: tuple[int | None, ...]) -> None:
+    """Make array fields of a frozen dataclass read-only float64, and check the shapes that are given; None stays None.
+
+    Raises:
+        ShapeError: a field has another shape.
+    """
+    for name in (*names, *shapes):
+        if (given := getattr(held, name)) is not None:
+            array = read_only(given)
+            expect(name, array.shape, shapes.get(name, array.shape))
+            object.__setattr__(held, name, array)
+
+
 def whole(value: object) -> bool:
     """Whether a value is an integer (booleans are not)."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)

@@ -90,7 +90,7 @@ _CHANGE: Mapping[str, str] = {
     "other log": "leave out {where}, which is not of the device that the other logs are of",
     "filter": "set the cut-off of the position filter to {where}",
 }
-# What the proof of a kind does not tell.
+# Limits of the proof of each kind.
 _OPEN: Mapping[str, str] = {
     "offset": "whether it is friction or the amplifier's offset",
     "torque by position": "what exerts it: a cable, a spring, or gravity of a link",
@@ -145,7 +145,7 @@ class Action:
 
     @property
     def sentence(self) -> str:
-        """The change, its proof, and what the proof does not tell."""
+        """The change, its proof, and the limits of the proof."""
         return " ".join([f"{self.change[0].upper()}{self.change[1:]}{self._proof}", *self._open])
 
     @property
@@ -190,7 +190,7 @@ class Action:
 
 @dataclass(frozen=True)
 class Advice:
-    """Actions by their gain, and what the log cannot tell.
+    """Actions by their gain, and questions that the log leaves open.
 
     Attributes:
         actions: those with proof, sorted.
@@ -219,7 +219,7 @@ class Advice:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The first actions, further motion, then what cannot be told."""
+        """The first actions, further motion, then open questions."""
         shown = [
             f"{k}. {action.sentence}{'' if action.adds else ' Not in addition to the others.'}"
             for k, action in enumerate(self.actions[:SHOWN], 1)
@@ -302,7 +302,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
 
 
 def _other_motion(found: Identification, before: float) -> Iterator[str]:
-    """What the logs that validate show, where their error is far above that of the unseen blocks of the fit."""
+    """Sentences on validation logs whose error is far above that of the unseen blocks of the fit."""
     errors = [
         (validation.comparable.relative, run.entry.path)
         for run in found.runs
@@ -319,7 +319,7 @@ def _other_motion(found: Identification, before: float) -> Iterator[str]:
 
 
 def _too_slow(found: Identification) -> str:
-    """Why nothing is tried where the log's rate is too low for its motion; empty where it is not."""
+    """The reason why no change is tried, for a log sampled too slowly for its motion; empty for others."""
     motion, proposal = found.estimate.observation.motions[0], found.proposal
     limit = motion.treatment.parallel(motion.dt)
     if limit is None or "parallel_cutoff_hz" in found.study.treatment or proposal.bandwidth_hz <= limit:
@@ -433,7 +433,7 @@ def _helped(before: Trial, after: Trial) -> int:
 
 
 def _size(one: Proven) -> str:
-    """How large what was found is, in words."""
+    """The size of the effect, in words."""
     kind = one.candidate.kind
     if kind in ("gain", "torque sign"):
         return f", which is {float(one.trial.whole.factors[one.candidate.indices[0]]):.4g} times the model's"

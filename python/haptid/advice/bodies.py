@@ -56,7 +56,7 @@ def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
     for m, (row, motor) in enumerate(zip(device_rows(estimate), estimate.observation.motors, strict=True)):
         others = [set(o.columns.tolist()) for k, o in enumerate(estimate.observation.motors) if k != m]
         combinations, names = [M[row]], ["inertia"]
-        sizes = [_middle(acceleration[row])]  # of what each is multiplied by
+        sizes = [_middle(acceleration[row])]  # of the factor of each
         for k in motor.columns:
             own = model.base.independent_columns[int(k)]
             if kinds[own] in ("FC", "FV") and not any(int(k) in there for there in others):

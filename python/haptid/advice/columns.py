@@ -66,7 +66,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Range:
-    """Speed and range of a friction coordinate along the log: what velocities and positions are scaled by."""
+    """Speed and range of a friction coordinate along the log, the scales of velocities and positions."""
 
     speed: float
     low: float
@@ -134,7 +134,7 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
 
 
 def _presliding(place: FrictionCoordinate, distance: float) -> Callable[[ResidualContext], Array]:
-    """Dahl friction less Coulomb friction of a coordinate: what is missing after a reversal."""
+    """Dahl friction minus Coulomb friction of a coordinate, which differ after a reversal."""
     shape = Presliding("dahl", distance)
 
     def values(context: ResidualContext) -> Array:
@@ -200,7 +200,6 @@ def channel_faults(
     """What coarse steps, and a clipped extreme, add to the model's torque of a motor.
 
     Args:
-        model: the dynamic model.
         rows: its rows with measured torque, in the order of the torque channels.
         scales: torque of a row per unit of its channel.
         found: faults of the channels.

@@ -58,7 +58,6 @@ def other_filter(
     The torque and the parallel filter stay as they are, and the rows are those that both have, so that errors compare.
 
     Args:
-        model: the dynamic model.
         motions: treated signals of the fit.
         beta: base parameters, (p,), SI.
         bandwidth_hz: of the motion.

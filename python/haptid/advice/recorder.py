@@ -1,4 +1,4 @@
-"""What the channels of a log show by themselves: dead, coarse, clipped and stuck ones; and their noise, simulated."""
+"""Faults of channels that a log shows without a model (dead, coarse, clipped, stuck), and simulated noise."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _stuck(x: Array) -> np.ndarray:
             continue
         after, before = x[min(stop + n, len(x) - 1)] - x[min(stop + 1, len(x) - 1)], x[start] - x[max(start - n, 0)]
         jump = abs(x[min(stop + 1, len(x) - 1)] - x[start])
-        # The motion on both sides would have gone on; a jump at the end says that it did.
+        # The motion on both sides extends through the range, or the position jumps at its end.
         if (before * after > 0 and min(abs(before), abs(after)) > least) or jump > max(least, 3 * abs(after) / n):
             made[start : stop + 1] = True
     return made

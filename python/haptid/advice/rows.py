@@ -78,13 +78,15 @@ class TrialRows:
         """
         motors, columns = len(self.W), self.W.shape[2] if columns is None else columns
         order = np.searchsorted(self.block, np.arange(self.blocks + 1))
-        made = np.empty((self.blocks, motors, columns + motors, columns + motors))
+        made = np.zeros((self.blocks, motors, columns + motors, columns + motors))
         for k in range(motors):
             kept = self.used[k] if mask is None else self.used[k] & mask[k]
             whole = np.column_stack([self.W[k, :, :columns], self.y.T]) * kept[:, None]
+            acting = np.flatnonzero(whole.any(axis=0))  # most candidates are of one joint
+            whole = np.ascontiguousarray(whole[:, acting])
             for b, (low, high) in enumerate(pairwise(order)):
                 part = whole[low:high]
-                made[b, k] = part.T @ part
+                made[b, k][np.ix_(acting, acting)] = part.T @ part
         return made
 
 
@@ -98,7 +100,6 @@ def trial_rows(
     """The rows of motions with candidate columns; of long logs, those of blocks spread evenly over them.
 
     Args:
-        model: the dynamic model.
         motions: treated signals.
         beta: base parameters from which the candidates' signals are computed, (p,), SI.
         columns: candidates.

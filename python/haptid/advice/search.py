@@ -41,15 +41,17 @@ _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "len
 # Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
 # the best one leaves.
 NEARLY, _LEAVES = 0.97, 1.25
-# Terms that joints of coupled motors may have besides the motors.
 # The unit that an angle may be in instead, and the factor.
 _OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
+# The friction that others refine.
+_PLAIN = {"load friction": "coulomb", "stribeck": "coulomb", "presliding": "coulomb", "bent viscosity": "viscous"}
+# Terms that joints of coupled motors may have besides the motors.
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
 _MANY = 24
 # A channel is dead where the unseen error of its motor is this share of its torque.
 DEAD_ERROR = 0.15
-# Factors between torque and model that are no other than 1, on either side.
+# Factors between torque and model that cannot be distinguished from 1, on either side.
 SAME = 0.03
 # A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
 # state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
@@ -102,7 +104,6 @@ class Trials:
     """A log's rows with all candidates, and the trials on them.
 
     Attributes:
-        model: the dynamic model.
         motions: treated signals of the fit.
         beta: the estimate, (p,).
         rows: with candidate columns.
@@ -134,7 +135,6 @@ def search_of(
     """Rows and candidates of motions.
 
     Args:
-        model: the dynamic model.
         motions: treated signals of the fit.
         beta: base parameters, (p,), SI.
         zero: those of them that are fixed at zero.
@@ -467,24 +467,21 @@ def _embedded(grams: Array, bench: Bench) -> Array:
     return made
 
 
-def proven(search: Trials, before: Trial | None = None, on: Setting | None = None) -> list[Proven]:
-    """All candidates whose proof holds, in addition to a setting, sorted by their gain."""
-    on = on or Setting()
-    base = before or search.base(on)
+def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
+    """All candidates whose proof holds, sorted by their gain."""
+    base = before or search.base()
     singles: dict[str, list[tuple[TriedChange, Trial, Gain]]] = {}
     tests = len(search.candidates)
     for one in search.candidates:
-        if _contained(one.setting, on):
-            continue
-        trial = search.bench.run(on.plus(one.setting))
+        trial = search.bench.run(one.setting)
         made = gain(base, trial)
-        p = min(1.0, 2 * min(trial.p, made.p)) if one.setting.terms and not on.terms else made.p
+        p = min(1.0, 2 * min(trial.p, made.p)) if one.setting.terms else made.p
         if min(p * tests, 1.0) < SIGNIFICANCE and made.share > made.se and _matters(one, trial):
             singles.setdefault(_group(one), []).append((one, trial, made))
     found = []
     for members in singles.values():
         merged = _merged([one for one, _, _ in members])
-        trial = members[0][1] if len(members) == 1 else search.bench.run(on.plus(merged.setting), test=False)
+        trial = members[0][1] if len(members) == 1 else search.bench.run(merged.setting, test=False)
         made = members[0][2] if len(members) == 1 else gain(base, trial)
         best = max(members, key=lambda each: each[2].share)
         if best[2].share > made.share:
@@ -504,9 +501,16 @@ def _ranked(found: Sequence[Proven]) -> list[Proven]:
     left, made = sorted(found, key=lambda each: -each.gain.share), []
     while left:
         alike = [one for one in left if _within(left[0], one)]
-        made.append(min(alike, key=lambda one: (len(one.trial.whole.columns), -one.gain.share)))
+        best = min(alike, key=lambda one: (len(one.trial.whole.columns), -one.gain.share))
+        made.append(next((one for one in left if _refines(best.candidate, one.candidate)), best))
         left.remove(made[-1])
     return made
+
+
+def _refines(one: TriedChange, plain: TriedChange) -> bool:
+    """Whether a friction term comes on top of another one, which its coordinate lacks: load, speed and history change
+    dry friction, so that they explain much of it where there is none."""
+    return _PLAIN.get(one.kind) == plain.kind and bool(set(one.places) & set(plain.places))
 
 
 def _within(best: Proven, other: Proven) -> bool:
@@ -514,14 +518,6 @@ def _within(best: Proven, other: Proven) -> bool:
     worse = gain(other.trial, best.trial)
     alike = worse.share <= worse.se and other.trial.total <= _LEAVES * best.trial.total
     return alike or other.gain.share > NEARLY * best.gain.share
-
-
-def _contained(one: Setting, on: Setting) -> bool:
-    return bool(
-        (one.terms and set(one.terms) <= set(on.terms))
-        or (one.free and set(one.free) <= set(on.free))
-        or (one.source and one.source == on.source)
-    )
 
 
 def _matters(one: TriedChange, trial: Trial) -> bool:

@@ -64,7 +64,6 @@ def other_side(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero
     """The sides of the largest proven gain; None where none is proven, or sides are the same for this device.
 
     Args:
-        model: the dynamic model.
         motions: treated signals of the fit.
         beta: base parameters, (p,), SI.
         zero: those parameters that are fixed at zero.

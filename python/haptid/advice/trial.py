@@ -146,6 +146,7 @@ class Bench:
     channel_factors: Array
     artefact: Array | None = None
     _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
+    _trials: dict[tuple[Setting, str | None, bool], Trial] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def motors(self) -> int:
@@ -266,13 +267,13 @@ class Bench:
         """Squared torque of each block and motor, (blocks, motors)."""
         return self._squares(self.grams[setting.rows], setting)
 
-    def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None) -> Array:
-        """Squared errors of each block and motor, weighted, (blocks, motors)."""
-        G, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
-        n, theta = len(self.kept), fitted.theta
-        inner = (self._base(G) @ theta[:n]) @ theta[:n]
+    def errors(self, fitted: Fitted, setting: Setting, rows: str | None = None, part: slice = slice(None)) -> Array:
+        """Squared errors of each block of a part and each motor, weighted, (blocks, motors)."""
+        every, c, h = self.grams[rows or setting.rows], fitted.columns, fitted.factors
+        n, theta, G = len(self.kept), fitted.theta, every[part]
+        inner = (self._base(every)[part] @ theta[:n]) @ theta[:n]
         if len(c) > n:
-            added = _rows(G, c[n:], c)
+            added = _rows(every, c[n:], c)[part]  # of the whole: a part would be copied first
             inner = inner + (added @ theta + added[..., :n] @ theta[:n]) @ theta[n:]
         cross = self._right(G, setting, c) @ fitted.theta
         squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
@@ -286,14 +287,17 @@ class Bench:
             judged: the rows on which errors are stated; those of the fit where None.
             test: whether to test the added columns.
         """
-        every = np.arange(self.blocks)
-        errors = np.empty((self.blocks, self.motors))
-        for half in (0, 1):
-            fitted = self.fit(setting, every[every % 2 == half])
-            errors[every % 2 != half] = self.errors(fitted, setting, judged)[every % 2 != half]
-        whole = self.fit(setting, every)
-        made = Trial(setting, errors, whole)
-        return self._tested(made) if test and len(whole.theta) > len(self.kept) else made
+        asked = (setting, judged, test)
+        if asked not in self._trials:  # the search and what it cannot tell ask for the same ones
+            every = np.arange(self.blocks)
+            errors = np.empty((self.blocks, self.motors))
+            for half in (0, 1):
+                fitted, unseen = self.fit(setting, every[half::2]), slice(1 - half, None, 2)
+                errors[unseen] = self.errors(fitted, setting, judged, unseen)
+            whole = self.fit(setting, every)
+            made = Trial(setting, errors, whole)
+            self._trials[asked] = self._tested(made) if test and len(whole.theta) > len(self.kept) else made
+        return self._trials[asked]
 
     def _tested(self, made: Trial) -> Trial:
         """With the Wald test of the added columns, by scores of the blocks corrected for their leverage.

@@ -15,8 +15,9 @@ from haptid.errors import MissingDependencyError
 
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
-from haptid.cli import check, identify, advise, report, compare, characterise, eliminate, friction, payload, poses  # noqa: F401
-from haptid.cli import export, channels, import_, model, devices, excite, bench, workbench, demo, schema, completion  # noqa: F401
+from haptid.cli import check, identify, advise, report, compare, characterise, datasheet, eliminate, friction  # noqa: F401
+from haptid.cli import payload, poses, export, channels, import_, model, devices, excite, bench, workbench  # noqa: F401
+from haptid.cli import demo, fetch, schema, completion  # noqa: F401
 # isort: on
 
 

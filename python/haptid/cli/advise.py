@@ -17,6 +17,7 @@ from haptid.cli.common import (
     command,
     errors_shown,
     out,
+    print_lines,
     progress_bars,
     progress_callback,
 )
@@ -66,12 +67,11 @@ def advise(
             values["applied"] = {"kinds": [a.kind for a in after.actions], "before": after.before, "after": after.after}
         sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
     elif not quiet:
-        lines = made.sentences or (f"None of {made.tried} changes is proven to lower the error on unseen blocks.",)
-        for line in lines:
-            out.print(line, highlight=False, soft_wrap=True)
+        none = f"None of {made.tried} changes is proven to lower the error on unseen blocks."
+        print_lines(*(made.sentences or (none,)))
         if after is not None:
             kinds = ", ".join(action.kind for action in after.actions)
             text = f"{after.study} has {kinds}: identified again, the error on unseen rows is {after.after:.3g} %"
-            out.print(f"{text} instead of {after.before:.3g} %.", highlight=False, soft_wrap=True)
+            print_lines(f"{text} instead of {after.before:.3g} %.")
         elif apply is not None:
             out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")

@@ -15,8 +15,8 @@ from haptid.cli.common import (
     StudyFile,
     command,
     errors_shown,
-    out,
     print_json,
+    print_lines,
     progress_bars,
     progress_callback,
 )
@@ -52,7 +52,6 @@ def check(
     if as_json:
         print_json(found.to_json())
     elif not quiet:
-        for line in found.summary().splitlines():
-            out.print(line, highlight=False, soft_wrap=True)
+        print_lines(*found.summary().splitlines())
     if found.problems:
         raise typer.Exit(EXIT_ERROR)

@@ -125,6 +125,36 @@ def errors_shown() -> Iterator[None]:
         raise typer.Exit(EXIT_ERROR) from None
 
 
+def compute_into(
+    out_folder: Path,
+    quiet: bool,
+    as_json: bool,
+    compute: Callable[[Path, Callable[[str, float], None]], tuple[str, str]],
+) -> None:
+    """Compute figures, publish their files in a folder, and print them as JSON, as a summary or not at all.
+
+    Args:
+        out_folder: where the files are published, all or none.
+        compute: writes the files into a folder, reports progress, and returns the figures as JSON and as a summary.
+    """
+    from haptid._internal.atomic_folder import check_writable, publishing
+
+    with errors_shown():
+        check_writable(out_folder)
+        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
+            text, summary = compute(folder, progress_callback(bars))
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
+        print_lines(*summary.splitlines(), "", f"Figures in {out_folder}")
+
+
+def print_lines(*lines: str) -> None:
+    """Print lines as they are: neither highlighted nor broken."""
+    for line in lines:
+        out.print(line, highlight=False, soft_wrap=True)
+
+
 def complain(sentence: str) -> None:
     """Print one line on standard error."""
     err.print(Text.assemble(("error: ", "bold red"), sentence), soft_wrap=True)

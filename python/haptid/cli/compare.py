@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import AsJson, command, errors_shown, out
+from haptid.cli.common import AsJson, command, errors_shown, print_lines
 
 if TYPE_CHECKING:
     from haptid.inference.comparison import Series
@@ -59,7 +59,7 @@ def compare(
         return
     for made in (series, lines):
         if made is not None:
-            out.print(made.summary(), highlight=False, soft_wrap=True)
+            print_lines(made.summary())
 
 
 def _time(text: str) -> float:

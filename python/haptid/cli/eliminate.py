@@ -16,6 +16,7 @@ from haptid.cli.common import (
     errors_shown,
     out,
     print_json,
+    print_lines,
     progress_bars,
     progress_callback,
 )
@@ -92,7 +93,7 @@ def eliminate(
     elif not quiet:
         for name, one in reductions.items():
             out.print(name, style="bold")
-            out.print(one.summary(), highlight=False, soft_wrap=True)
+            print_lines(one.summary())
         out.print(f"Steps in {out_folder / 'elimination.json'}; the reduced model in {out_folder / 'result.json'}")
 
 

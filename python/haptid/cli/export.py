@@ -34,9 +34,9 @@ Example: `haptid export first-result --to c --to mjcf --out first-model`
 
 
 def _formats(incomplete: str) -> list[str]:
-    from haptid.export.all_formats import EXPORTERS
+    from haptid.export.all_formats import export_formats
 
-    return [name for name in EXPORTERS if name.startswith(incomplete)]
+    return [name for name in export_formats() if name.startswith(incomplete)]
 
 
 @command(HELP)

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import (
-    AsJson,
-    DataFolder,
-    DeviceName,
-    Quiet,
-    StudyFile,
-    app,
-    errors_shown,
-    out,
-    progress_bars,
-    progress_callback,
-    unwrapped,
-)
+from haptid.cli.common import AsJson, DataFolder, DeviceName, Quiet, StudyFile, app, compute_into, unwrapped
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -89,33 +76,26 @@ def _run(
     read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool, as_json: bool
 ) -> None:
     """Fit the friction curves of a test, and write them."""
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text
     from haptid.experiment.friction_test.choice import choose_friction
     from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
     from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
 
-    with errors_shown():
-        check_writable(out_folder)
+    def compute(folder: Path, progress: _Progress) -> tuple[str, str]:
         settings = {"tolerance": tolerance, "slowest": slowest}
         constant = ConstantVelocity(**{name: value for name, value in settings.items() if value is not None})
-        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
-            progress = progress_callback(bars)
-            model, motion = read(progress)
-            progress("friction by velocity", 0.0)
-            curve = friction_curve(model, motion, constant=constant)
-            choice = choose_friction(curve)
-            write_points(curve, folder / "friction.csv")
-            text = json_text(choice_values(choice))
-            (folder / "friction.json").write_text(text, encoding="utf-8")
-            plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
-            progress("friction by velocity", 1.0)
-    if as_json:
-        sys.stdout.write(text)
-    elif not quiet:
-        for sentence in (*choice.summary().splitlines(), *curve.notes):
-            out.print(sentence, highlight=False, soft_wrap=True)
-        out.print(f"Figures in {out_folder}")
+        model, motion = read(progress)
+        progress("friction by velocity", 0.0)
+        curve = friction_curve(model, motion, constant=constant)
+        choice = choose_friction(curve)
+        write_points(curve, folder / "friction.csv")
+        text = json_text(choice_values(choice))
+        (folder / "friction.json").write_text(text, encoding="utf-8")
+        plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
+        progress("friction by velocity", 1.0)
+        return text, "\n".join((choice.summary(), *curve.notes))
+
+    compute_into(out_folder, quiet, as_json, compute)
 
 
 def _of_study(path: Path, data: Path | None, progress: _Progress) -> tuple[DynamicModel, Motion]:

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptid.cli.common import (
-    AsJson,
-    DataFolder,
-    Quiet,
-    StudyFile,
-    command,
-    errors_shown,
-    out,
-    progress_bars,
-    progress_callback,
-)
+from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into
 
 HELP = """\
 Identify payloads: mass, centre of mass and inertia of bodies fixed to links; and drive gains from known masses.
@@ -49,22 +39,15 @@ def payload(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text, write_csv
     from haptid.study import read_study
     from haptid.study.payloads import study_payloads
 
-    with errors_shown():
-        check_writable(out_folder)
-        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
-            found = study_payloads(
-                read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress_callback(bars)
-            )
-            text = json_text(found.to_json())
-            (folder / "payload.json").write_text(text, encoding="utf-8")
-            write_csv(folder / "payload.csv", found.table())
-    if as_json:
-        sys.stdout.write(text)
-    elif not quiet:
-        for line in (*found.summary().splitlines(), "", f"Figures in {out_folder}"):
-            out.print(line, highlight=False, soft_wrap=True)
+    def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
+        found = study_payloads(read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress)
+        text = json_text(found.to_json())
+        (folder / "payload.json").write_text(text, encoding="utf-8")
+        write_csv(folder / "payload.csv", found.table())
+        return text, found.summary()
+
+    compute_into(out_folder, quiet, as_json, compute)

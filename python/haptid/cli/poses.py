@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptid.cli.common import (
-    AsJson,
-    DataFolder,
-    Quiet,
-    StudyFile,
-    command,
-    errors_shown,
-    out,
-    progress_bars,
-    progress_callback,
-)
+from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into
 
 HELP = """\
 Identify gravity, springs and Coulomb friction from held poses, and whether to compensate gravity.
@@ -45,22 +35,17 @@ def poses(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid._internal.escaping import json_text, write_csv
     from haptid.results.result import finite
     from haptid.study import read_study
     from haptid.study.payloads import study_poses
 
-    with errors_shown():
-        check_writable(out_folder)
-        with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
-            found = study_poses(read_study(study), data, progress_callback(bars))
-            text = json_text(finite(found.to_json()))
-            (folder / "static.json").write_text(text, encoding="utf-8")
-            head, rows = found.poses.table()
-            write_csv(folder / "poses.csv", [head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
-    if as_json:
-        sys.stdout.write(text)
-    elif not quiet:
-        for line in (*found.summary().splitlines(), "", f"Figures in {out_folder}"):
-            out.print(line, highlight=False, soft_wrap=True)
+    def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
+        found = study_poses(read_study(study), data, progress)
+        text = json_text(finite(found.to_json()))
+        (folder / "static.json").write_text(text, encoding="utf-8")
+        head, rows = found.poses.table()
+        write_csv(folder / "poses.csv", [head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
+        return text, found.summary()
+
+    compute_into(out_folder, quiet, as_json, compute)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json
+from haptid.cli.common import AsJson, Quiet, command, errors_shown, print_json, print_lines
 
 HELP = """\
 Write the report of a result as one HTML file, or compare several results.
@@ -54,5 +54,4 @@ def report(
         print_json({"page": str(written), "pairs": pairs})
     elif not quiet:
         sentences = (f"{pair['second']}: {line}" for pair in pairs for line in pair["sentences"])
-        for line in (*sentences, f"Report in {written}"):
-            out.print(line, highlight=False, soft_wrap=True)
+        print_lines(*sentences, f"Report in {written}")

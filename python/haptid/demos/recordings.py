@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid._internal.extras import needing
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
@@ -103,11 +103,8 @@ class BenchRecording:
     sensor: Array
 
     def __post_init__(self) -> None:
-        for name in ("beta", "t", "q", "qd", "qdd", "hand", "sensor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("beta", self.beta.shape, (len(self.model.base),))
-        for name in ("q", "qd", "qdd"):
-            expect(name, getattr(self, name).shape, (len(self.model.device.active), len(self.t)))
+        states = (len(self.model.device.active), len(self.t))
+        freeze_fields(self, "t", "hand", "sensor", beta=(len(self.model.base),), q=states, qd=states, qdd=states)
 
     @property
     def dt(self) -> float:

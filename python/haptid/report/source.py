@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.advice import Advice, advise
 from haptid.dynamics.inverse import raw_parameters
 from haptid.end_effector.characterisation.model import GivenParameters
@@ -58,10 +58,8 @@ class Track:
     trail: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "trail", read_only(self.trail))
-        for name in ("measured", "predicted", "position", "velocity"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, (len(self.labels), self.used.shape[1]))
+        each = (len(self.labels), self.used.shape[1])
+        freeze_fields(self, "trail", measured=each, predicted=each, position=each, velocity=each)
 
     @property
     def motors_used(self) -> list[int]:
@@ -108,12 +106,8 @@ class HandForceData:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        shapes = {"force": (3,), "conf_int": (3, 2), "measured": (3,)}
-        object.__setattr__(self, "t", read_only(self.t))
-        for name, shape in shapes.items():
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, read_only(getattr(self, name)))
-                expect(name, getattr(self, name).shape, (len(self.t), *shape))
+        n = len(self.t)
+        freeze_fields(self, "t", force=(n, 3), conf_int=(n, 3, 2), measured=(n, 3))
 
     @staticmethod
     def of(name: str, found: HandleForce, measured: Array | None = None) -> HandForceData:

@@ -95,6 +95,7 @@ class Result(ResultTable):
     schema_: Literal[2] = Field(default=_SCHEMA, alias="schema", description="version of this format")
     haptid: str = Field(default=__version__, description="version of the program")
     device: str = Field(default="", description="its name")
+    aliases: dict[str, str] = Field(default={}, description="names of joints in the robot description, by the device's")
     study: str = Field(description="its name")
     logs: list[ResultLog]
     treatment: dict[str, Any] = Field(description="every setting by its name in a study")
@@ -125,6 +126,7 @@ class Result(ResultTable):
         projection = identification.projection
         made = cls(
             device=model.device.name,
+            aliases={joint.name: joint.alias for joint in model.device.joints if joint.alias},
             study=study.name,
             logs=[ResultLog.of(run) for run in identification.runs],
             treatment=finite(treatment(identification.proposal.treatment)),

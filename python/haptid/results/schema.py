@@ -266,7 +266,7 @@ class ResultEstimate(ResultTable):
 
     method: str = Field(description="as in a study: ols, wls, ..")
     method_description: str = Field(default="", description="with its settings and constraints")
-    status: str = Field(description="ok, ill_conditioned or constrained_outside_ci; the notes say why")
+    status: str = Field(description="ok, uncertain, noisy_positions or constrained_outside_ci; the notes say why")
     intervals: str = Field(description="as in a study: cluster-robust, ..")
     intervals_description: str = Field(default="", description="how they were made, and where they were cut or widened")
     level: float = Field(default=LEVEL, description="confidence level of every conf_int")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
 
+import numpy as np
+
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoRowsError
-from haptid.estimation import Estimate, estimate
+from haptid.errors import IdentifiabilityError, NoRowsError
+from haptid.estimation import Estimate, MotorSide, estimate
+from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
 from haptid.executors import Executor
@@ -27,6 +31,7 @@ from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.study.schema import fault
 from haptid.treatment_choice.calibration import Calibration, find_calibration
+from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from haptid.validation.cross_validation import alternate, each_log
@@ -34,6 +39,8 @@ from haptid.validation.model_for_use import ModelForUse, model_for_use
 from haptid.validation.motor_torques import MotorShare, motor_shares
 from haptid.validation.validation import Validation, fit_errors, pooled, validate
 
+# Range of a position, rad or m, up to which a joint stands still: that of a constant which was resampled.
+_STILL = 1e-9
 _Progress = Callable[[str, float], None]
 
 
@@ -69,7 +76,6 @@ class Identification:
     """A study carried out.
 
     Attributes:
-        study: the study.
         model: the dynamic model, at the nonlinear constants that were found.
         proposal: treatment of the logs, with reasons.
         estimate: from all logs with role "identify", from which parameters and intervals are quoted.
@@ -139,8 +145,10 @@ def identify(
     as_filed = DynamicModel(read_device(study.device))
     study = study.on(as_filed.device)
     logs = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    study, logs = _completed(study, as_filed, logs, progress)
     progress("choosing a treatment", 0.0)
-    proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
+    with _naming_still_joints(as_filed, logs, study):
+        proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
     progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     calibration, logs = _calibrated(study, as_filed, logs, proposal.treatment, progress)
@@ -151,8 +159,12 @@ def identify(
     observations = observe_all(model, motions, workers, cache, _pace(progress))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     progress("estimating", 0.0)
-    final = estimate(reduce(add, fitted), study.method, intervals)
-    final = with_treatment_uncertainty(final, proposal)
+    with _naming_still_joints(as_filed, logs, study):
+        final = estimate(reduce(add, fitted), study.method, intervals)
+    if isinstance(study.method, MotorSide):
+        final = with_noise_uncertainty(final)
+    else:
+        final = with_treatment_uncertainty(final, proposal.delays, proposal.effects)
     final = calibration.with_uncertainty(final) if calibration else final
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
@@ -171,6 +183,30 @@ def identify(
     return Identification(
         study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
     )
+
+
+@contextmanager
+def _naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study) -> Iterator[None]:
+    """Where parameters cannot be told and joints stand still in every log of the fit, name these and what to do."""
+    try:
+        yield
+    except IdentifiabilityError as error:
+        fitted = [log for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+        names = [model.device.joints[k].name for k in model.device.active]
+        if any(not isinstance(log.position, np.ndarray) or log.position.shape[1] != len(names) for log in fitted):
+            raise
+        still = [k for k in range(len(names)) if all(np.ptp(log.position[:, k]) < _STILL for log in fitted)]
+        if not still or len(still) == len(names):
+            raise
+        options = " ".join(f"--hold {names[k]}={float(fitted[0].position[0, k]):.6g}" for k in still)
+        moving = ", ".join(name for k, name in enumerate(names) if k not in still)
+        raise IdentifiabilityError(
+            f"{study.path}: no log moves {', '.join(names[k] for k in still)}, so their parameters cannot be told.",
+            where=tuple(names[k] for k in still),
+            limit="motion of every joint in some log",
+            advice=f"For a model of {moving} alone, import the robot with `{options}` and map the channels of "
+            f"{moving}; for one of the whole robot, add logs that move the others.",
+        ) from error
 
 
 def _reference_rows(
@@ -218,6 +254,22 @@ def read_entry(entry: LogEntry, data: Path, progress: _Progress) -> Log:
         log = read_log(path, entry.channels, entry.time_range, entry.episodes).without(entry.exclude)
     progress(f"reading {name}", 1.0)
     return log
+
+
+def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Progress) -> tuple[Study, list[Log]]:
+    """Logs of elastic motors without their links, with simulated links, and the study with the method for them."""
+    if not any(lacks_links(model, log) for log in logs):
+        return study, logs
+    progress("finding stiffness", 0.0)
+    fitting = [entry.role == "identify" for entry in study.logs]
+    made, found = complete_logs(model, logs, fitting, **study.treatment)
+    # Simulated links hold no noise but the motors', and tell no delay but that they were simulated with.
+    used = found.observation.motions[0].treatment
+    names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s")
+    treatment = {**{name: getattr(used, name) for name in names}, **study.treatment}
+    method = MotorSide(weighting=study.method, initial=dict(zip(found.names, found.beta.tolist(), strict=True)))
+    progress("finding stiffness", 1.0)
+    return replace(study, method=method, use="free", treatment=treatment), made
 
 
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:

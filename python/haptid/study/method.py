@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptid.errors import SettingError
+from haptid._internal.extensions import extension, extension_names
+from haptid.errors import SettingError, suggestion
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -32,6 +33,7 @@ from haptid.estimation import (
     Intervals,
     Loss,
     Method,
+    MotorSide,
     OutputErrorMethod,
     PhysicallyConsistent,
     Profile,
@@ -65,6 +67,7 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "clie": (CLIE, ()),
     "cloe": (CLOE, ()),
     "output-error": (OutputErrorMethod, ()),
+    "motor-side": (MotorSide, ()),
     "ekf": (EKF, ()),
     "ukf": (UKF, ()),
 }
@@ -106,11 +109,21 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             controller, and there is none.
     """
     method = table.method or "wls"
-    make, keys = METHODS[method]
+    make, keys = METHODS[method] if method in METHODS else (_of_extension(study, method), ())
     given = {key: value for key in _SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
         if key not in keys:
             raise fault(study, f"estimate.{key}", f"the method {method!r} has no such setting", given[key])
+    if table.settings is not None:
+        if method in METHODS:
+            raise fault(
+                study,
+                "estimate.settings",
+                "it holds the arguments of a method of an extension",
+                method,
+                "Write the settings of this method as keys of [estimate].",
+            )
+        given = table.settings
     if "loss" in given:
         given["loss"] = _LOSSES[given["loss"]]()
     if isinstance(make, type) and issubclass(make, ClosedLoop):
@@ -142,6 +155,25 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         return _constrained(table, make(**given))
     except SettingError as error:
         raise fault(study, "estimate", str(error).rstrip(".")) from error
+    except TypeError as error:
+        if method in METHODS:
+            raise
+        raise fault(study, "estimate.settings", f"the method {method!r} refuses them: {error}", given) from error
+
+
+def _of_extension(study: Path, method: str) -> Callable[..., Method]:
+    """The constructor of a method that an installed package declares.
+
+    Raises:
+        StudyFileError: there is none.
+        MissingDependencyError: it cannot be imported.
+    """
+    found: Callable[..., Method] | None = extension("haptid.methods", method)
+    if found is None:
+        known = (*METHODS, *extension_names("haptid.methods"))
+        advice = suggestion(method, known)
+        raise fault(study, "estimate.method", f"there is no method {method!r}", method, advice)
+    return found
 
 
 def _constrained(table: EstimateTable, weighting: Method) -> Method:

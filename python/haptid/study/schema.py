@@ -237,15 +237,18 @@ class EstimateTable(_Table):
             "clie",
             "cloe",
             "output-error",
+            "motor-side",
             "ekf",
             "ukf",
         ]
+        | str
         | None
     ) = Field(
         None,
-        description="estimation method; default: wls, or torque-noise where motors are redundant or on passive joints "
-        "whose rates vary",
+        description="estimation method, or one of an installed extension; default: wls, or torque-noise where motors "
+        "are redundant or on passive joints whose rates vary",
     )
+    settings: dict[str, Any] | None = Field(None, description="arguments of a method of an extension")
     passes: int | None = Field(
         None, ge=1, description="iterations of the weights; only of wls, sur, gls, heteroscedastic and ridge"
     )

@@ -1,117 +1,152 @@
-"""Inertia compensation on the bench: apparent mass with and without the control law, and the stable share."""
+"""Mass compensation that a hand can hold: the search for settings, and the bench with friction and hands."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.plan import Compensating, Sweep
-from haptid.dynamics.inverse import mass_matrix
-from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import apparent_mass
-from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
-from haptid.end_effector.compensation import Compensation, stable_share
+from haptid.end_effector.compensation import (
+    STIFF_HAND,
+    TYPICAL_HAND,
+    Compensation,
+    CompensationDesign,
+    DesignPoint,
+    design_compensation,
+)
 from haptid.estimation import Estimate
-from haptid.experiment.bench.setup import Controller, Push, Setup
-from haptid.experiment.bench.simulation import simulate
-from haptid.experiment.bench.trajectories import Trajectory
+from haptid.experiment.bench.hand import (
+    HandleImpedance,
+    Stroke,
+    along_line,
+    guided,
+    impedance_curve,
+    impedance_of,
+    measure_impedance,
+)
+from haptid.experiment.bench.setup import Setup
 
-# The motors apply the torque of the law alone; the hand moves the device freely.
-OFF = Controller((0.0,), (0.0,), tracking_limit=1.0)
-# Linear components of the handle's velocity.
-_LINEAR = slice(0, 3)
+# Hands of the trials on the bench.
+HANDS = {"typical": TYPICAL_HAND, "stiff": STIFF_HAND}
+# Periods of a stroke, the first one is left out of the fit.
+_PERIODS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class HandTrial:
+    """A hand that moves the handle on the bench.
+
+    Attributes:
+        hand: its name.
+        law: name of the law.
+        predicted: spectral radius of the linear loop at the pose; below 1 is stable.
+        power: mean power that the hand gets, W; negative where it gives.
+        unrest: rms of the handle's speed above the hand's frequencies, m/s.
+    """
+
+    hand: str
+    law: str
+    predicted: float
+    power: float
+    unrest: float
 
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Effect of compensation at some poses.
+    """Compensation at some poses, dry friction and encoders as they are.
 
     Attributes:
         degrees: of the sweep's joint, as plotted, (poses,).
         estimated: largest apparent mass of the model, kg.
-        before, after: largest apparent mass on the bench with the weight compensated, and with the law, kg.
-        promised: `after` as predicted from the model and the law's delay, kg.
-        target: apparent mass towards which a law with a pose-dependent share goes, kg.
-        even: largest apparent mass with that law, kg.
-        bound: share below which the loop is stable with the assumed hand, least of the poses.
-        lag: delay of the law, s.
+        design: the search, by the identified parameters at all poses.
+        chosen: its point with the wanted reduction and the least damping; None where there is none.
+        laws: by name: "weight only", "mass alone" (the chosen share by the default filters, no damping), "chosen".
+        felt: impedance on the bench at every pose, by law, at the frequency of the search.
+        promised: felt mass and damping there by the model, (poses, 2), by law.
+        curves: impedance over frequency at the middle pose, by law.
+        trials: hands that move the handle at the middle pose.
     """
 
     degrees: Array
     estimated: Array
-    before: Array
-    after: Array
-    promised: Array
-    target: float
-    even: Array
-    bound: float
-    lag: float
+    design: CompensationDesign
+    chosen: DesignPoint | None
+    laws: dict[str, Compensation]
+    felt: dict[str, tuple[HandleImpedance, ...]]
+    promised: dict[str, Array]
+    curves: dict[str, tuple[HandleImpedance, ...]]
+    trials: tuple[HandTrial, ...]
 
 
 def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Setup) -> Compensated:
-    """Shake the handle at every pose: without the law, with it, and with a pose-dependent share."""
-    made = without_friction(bench)
+    """Search settings by the identified parameters, and try them on the bench."""
     angles = {"degrees": (plan.degrees[0], plan.degrees[-1]), "poses": len(plan.degrees)}
     qa = sweep.model_copy(update=angles).along(estimated.model)
     mass = apparent_mass(estimated, qa)
-    target = (1 - plan.share) * float(mass.mass.values.max())
-    laws = [Compensation(estimated, share) for share in (0.0, plan.share)]
-    laws.append(Compensation(estimated, plan.share, towards=target))
-    masses = np.array(
-        [
-            [shaken(plan, made, pose, direction, law) for law in laws]
-            for pose, direction in zip(qa.T, mass.directions[:, 0], strict=True)
-        ]
+    design = design_compensation(
+        Compensation(estimated),
+        qa,
+        bench.dt,
+        bench.amplifiers.delay,
+        felt_hz=plan.felt_hz,
+        velocity_cutoffs_hz=plan.velocity_cutoffs_hz,
+        momentum_cutoffs_hz=plan.momentum_cutoffs_hz,
+        shares=plan.shares,
     )
-    left = 1 - plan.share * laws[1].passed(plan.shaken_hz, made.dt).real
-    lag = laws[1].lag(made.dt)
+    chosen = design.best(plan.reduction)
+    share = chosen.law.share if chosen else plan.reduction
+    laws = {"weight only": Compensation(estimated, 0.0), "mass alone": Compensation(estimated, share)}
+    laws |= {"chosen": chosen.law} if chosen else {}
+    poses = list(zip(qa.T, mass.directions[:, 0], strict=True))
+    middle = poses[len(poses) // 2]
+    stroke = Stroke(plan.speed / (2 * np.pi * plan.felt_hz), plan.felt_hz, _PERIODS / plan.felt_hz, 0.0)
     return Compensated(
         degrees=np.array(plan.degrees),
         estimated=mass.mass.values[:, 0],
-        before=masses[:, 0],
-        after=masses[:, 1],
-        promised=left * mass.mass.values[:, 0],
-        target=target,
-        even=masses[:, 2],
-        bound=min(bound(plan, estimated, pose, lag) for pose in qa.T),
-        lag=lag,
+        design=design,
+        chosen=chosen,
+        laws=laws,
+        felt={
+            name: tuple(measure_impedance(bench, *pose, law, stroke) for pose in poses) for name, law in laws.items()
+        },
+        promised={
+            name: np.array([_predicted(law, *pose, plan.felt_hz, bench) for pose in poses])
+            for name, law in laws.items()
+        },
+        curves={
+            name: impedance_curve(bench, *middle, plan.frequencies_hz, law, plan.speed, _PERIODS)
+            for name, law in laws.items()
+        },
+        trials=tuple(_trial(plan, bench, hand, name, law, *middle) for hand in HANDS for name, law in laws.items()),
     )
 
 
-def without_friction(setup: Setup) -> Setup:
-    """The same without friction, and with motors that apply the torque of a law alone."""
-    model = setup.model
-    rubbing = {term.name for term in model.terms if term.resists}
-    chi = np.where([name in rubbing for name in model.device.parameters.names], 0.0, setup.chi)
-    return replace(setup, chi=chi, controller=replace(OFF, rate_hz=setup.controller.rate_hz))
+def _predicted(law: Compensation, pose: Array, direction: Array, hz: float, bench: Setup) -> Array:
+    """Felt mass and damping along a direction with none across, (2,), kg and N s/m."""
+    Z = law.loop(pose, bench.dt, bench.amplifiers.delay).impedance(np.array([hz]))[0]
+    along = direction @ Z @ direction
+    return np.array([along.imag / (2 * np.pi * hz), along.real])
 
 
-def shaken(plan: Compensating, made: Setup, pose: Array, direction: Array, law: Compensation) -> float:
-    """Apparent mass along a direction, from the hand's force and the handle's exact motion, kg.
-
-    The hand's force is a cosine, so that the handle moves to and fro about its start.
-    """
-    model = made.model
-    x, y, z = plan.newtons * direction
-    push = Push((x, y, z), plan.shaken_hz, start=-0.25 / plan.shaken_hz)
-    setup = replace(made, hand=(push,), law=law)
-    q = np.tile(pose, (round(plan.seconds / setup.dt), 1))
-    found = simulate(setup, Trajectory(setup.dt, q, 0 * q, 0 * q), np.random.default_rng(0))
-    late = round(plan.settled / setup.dt)
-    qa, qda, qdda = (x[late:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
-    J = handle_motion(model, qa).jacobian[:, _LINEAR]
-    speed = np.einsum("pij,jp->pi", J, qda) @ direction
-    acceleration = (
-        np.einsum("pij,jp->pi", J, qdda) + velocity_product_acceleration(model, qa, qda)[:, _LINEAR]
-    ) @ direction
-    columns = np.column_stack([acceleration, speed, np.ones_like(speed)])
-    return float(np.linalg.lstsq(columns, found.hand[late:] @ direction, rcond=None)[0][0])
+def _trial(
+    plan: Compensating, bench: Setup, hand: str, name: str, law: Compensation, pose: Array, direction: Array
+) -> HandTrial:
+    """One hand moves the handle at the greatest frequency of the plan."""
+    hz, model = max(plan.frequencies_hz), HANDS[hand]
+    stroke = Stroke(plan.speed / (2 * np.pi * hz), hz, plan.seconds, 0.0, model)
+    made = guided(bench, pose, direction, law, stroke)
+    felt = impedance_of(bench, made, pose, direction, stroke)
+    _, speed, _, _ = along_line(bench, made, pose, direction)
+    loop = law.loop(pose, bench.dt, bench.amplifiers.delay)
+    return HandTrial(hand, name, loop.spectral_radius(model), felt.power, _above(speed, 4 * hz, bench.dt))
 
 
-def bound(plan: Compensating, estimated: Estimate, pose: Array, lag: float) -> float:
-    """Share below which the loop is stable while a hand holds the handle."""
-    J = handle_motion(estimated.model, pose[:, None]).jacobian[0, _LINEAR]
-    inertia = mass_matrix(estimated.model, estimated.beta, pose[:, None])[0]
-    return stable_share(inertia, plan.hand_damping * J.T @ J, plan.hand_stiffness * J.T @ J, lag)
+def _above(values: Array, hz: float, dt: float) -> float:
+    """Rms of the second half of a signal above a frequency."""
+    from scipy import signal
+
+    passed = signal.sosfiltfilt(signal.butter(4, hz, "high", fs=1 / dt, output="sos"), values)
+    return float(np.sqrt(np.mean(passed[len(passed) // 2 :] ** 2)))

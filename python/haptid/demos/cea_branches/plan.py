@@ -102,18 +102,19 @@ class Posture(Part):
 
 
 class Compensating(Part):
-    """Inertia compensation on the bench: a hand shakes the handle along its largest mass; friction is off."""
+    """Mass compensation: the search for settings, and a hand on the bench; dry friction is on."""
 
     branch: str
     sweep: str
     degrees: tuple[float, ...] = Field(description="of the sweep's joint")
-    share: float
-    shaken_hz: float
-    newtons: float
-    seconds: float
-    settled: float = Field(description="left out at the beginning, s")
-    hand_stiffness: float = Field(description="of a hand that holds the handle, assumed, N/m")
-    hand_damping: float = Field(description="of the same, N s/m")
+    reduction: float = Field(description="wanted, of the felt mass")
+    felt_hz: float = Field(description="frequency at which mass and damping are judged")
+    velocity_cutoffs_hz: tuple[float, ...]
+    momentum_cutoffs_hz: tuple[float, ...]
+    shares: tuple[float, ...] = Field(description="of the mass, that are searched")
+    frequencies_hz: tuple[float, ...] = Field(description="of the strokes on the bench")
+    speed: float = Field(description="of the hand on the bench, m/s")
+    seconds: float = Field(description="of the trials with hands")
 
 
 class Interface(Part):

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.demos.cea_branches.compensation_section import compensation_section
 from haptid.demos.cea_branches.interface import IdentifiedInterface
 from haptid.demos.cea_branches.plan import Drawn, Sweep
 from haptid.demos.cea_branches.results import Identified, Results
 from haptid.demos.cea_branches.tables import friction, handle_of_interface, parameters, posture, ranged, sweeps
-from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
+from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
 from haptid.validation.validation import Validation
@@ -24,7 +25,7 @@ _COLOURS = ("blue", "vermillion", "green")
 
 def sections(found: Results) -> list[DocumentSection]:
     """All sections of the page but the claims."""
-    makers = (_friction, _identification, _elimination, _parameters, _masses, _posture, _compensation)
+    makers = (_friction, _identification, _elimination, _parameters, _masses, _posture, compensation_section)
     whole = [_interface(found.interface)] if found.interface else []
     return [*(make(found) for make in makers), *whole]
 
@@ -231,43 +232,6 @@ def _posture(found: Results) -> DocumentSection:
         "force includes the weight, as in the paper.",
     )
     return DocumentSection("posture", "Characterisation at a posture", text, (TextTable("", posture(found)),))
-
-
-def _compensation(found: Results) -> DocumentSection:
-    made, plan = found.compensated, found.demo.compensation
-    ratios = [mass.max() / mass.min() for mass in (made.before, made.after, made.even)]
-    text = (
-        f"The motors carry {100 * plan.share:.0f} % of the mass and the whole weight, by the identified essential "
-        f"parameters. On the bench a hand shakes the handle of the {plan.branch} branch at {plan.shaken_hz:g} Hz along "
-        f"its largest mass; friction is off, so that the apparent mass is inertia alone.",
-        f"The apparent mass varies by {np.ptp(made.before):.3f} kg without the law and {np.ptp(made.after):.3f} kg "
-        f"with it; the ratio of maximum to minimum is {ratios[0]:.2f} and {ratios[1]:.2f}, and {ratios[2]:.2f} with a "
-        f"pose-dependent share towards {made.target:.3f} kg. With a hand of {plan.hand_stiffness:g} N/m and "
-        f"{plan.hand_damping:g} N s/m and a delay of {1e3 * made.lag:.1f} ms the loop is stable below a share of "
-        f"{made.bound:.2f}, by the worst pose.",
-    )
-    columns = {
-        "model": made.estimated,
-        "weight carried": made.before,
-        "with the law": made.after,
-        "predicted": made.promised,
-        "pose-dependent share": made.even,
-    }
-    cells = [["angle", *columns]]
-    cells += [[f"{a:g}", *(f"{m:.3f}" for m in row)] for a, *row in zip(made.degrees, *columns.values(), strict=True)]
-    sweep = found.demo.sweep(plan.sweep)
-    mass = found.handles[plan.branch].sweeps[sweep.key].mass.values[:, 0]
-    curves = [chart_series("model", "line", "black", x=packed(sweep.plotted), y=packed(mass))]
-    colours = {"weight carried": "blue", "with the law": "vermillion", "predicted": "purple"}
-    colours["pose-dependent share"] = "green"
-    for name, colour in colours.items():
-        y = packed(columns[name])
-        curves.append(chart_series(name, "interval", colour, x=packed(made.degrees), y=y, low=y, high=y))
-    label, _, unit = sweep.label.partition(", ")
-    drawing = plot(axis(label, unit), axis("apparent mass", "kg", zero=True), curves, height=240)
-    caption = f"Stable share {figure(made.bound)}, target {figure(made.target)} kg."
-    chart = Chart("compensation", "Largest apparent mass", "Apparent mass along the sweep.", caption, drawing)
-    return DocumentSection("law", "Inertia compensation", text, (TextTable("Apparent mass, kg", cells),), (chart,))
 
 
 def _interface(one: IdentifiedInterface) -> DocumentSection:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.demos.cea_branches.compensation import Compensated
 from haptid.demos.cea_branches.interface import IdentifiedInterface
 from haptid.demos.cea_branches.results import Handle, Identified, Results, coulomb_of
 from haptid.demos.plan import write_csv
 from haptid.end_effector.characterisation import Characterisation
+from haptid.end_effector.compensation import DesignPoint
 from haptid.uncertainty.quantities import Field, aligned
 from haptid.validation.validation import Validation
 
@@ -162,19 +165,32 @@ def values(found: Results) -> dict[str, Any]:
     made = found.compensated
     return {
         "branches": {key: _branch(found, key) for key in found.found},
-        "compensation": {
-            "degrees": made.degrees.tolist(),
-            "mass": made.estimated.tolist(),
-            "mass_before": made.before.tolist(),
-            "mass_after": made.after.tolist(),
-            "mass_promised": made.promised.tolist(),
-            "target": made.target,
-            "mass_even": made.even.tolist(),
-            "stable_share": made.bound,
-            "lag": made.lag,
-        },
+        "compensation": _compensation(made),
         "interface": _interface(found.interface) if found.interface else None,
     }
+
+
+def _compensation(made: Compensated) -> dict[str, Any]:
+    return {
+        "degrees": made.degrees.tolist(),
+        "mass": made.estimated.tolist(),
+        "search": [_point(point) for point in made.design.points],
+        "chosen": _point(made.chosen) if made.chosen else None,
+        "promised": {name: values.tolist() for name, values in made.promised.items()},
+        "felt": {name: [one.quantities.to_json() for one in felt] for name, felt in made.felt.items()},
+        "over_frequency": {
+            name: {f"{one.frequency_hz:g} Hz": one.quantities.to_json() for one in felt}
+            for name, felt in made.curves.items()
+        },
+        "hands": [asdict(trial) for trial in made.trials],
+    }
+
+
+def _point(point: DesignPoint) -> dict[str, Any]:
+    """A point of the search, as JSON."""
+    names = ("share", "velocity_cutoff_hz", "momentum_cutoff_hz", "damping")
+    figures = {name: value for name, value in vars(point).items() if name != "law"}
+    return {name: getattr(point.law, name) for name in names} | figures
 
 
 def _interface(one: IdentifiedInterface) -> dict[str, Any]:

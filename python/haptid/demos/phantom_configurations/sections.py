@@ -8,6 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.demos.phantom_configurations.fits import Fit, accuracy
+from haptid.demos.phantom_configurations.redesign import redesign_section
 from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.phantom_configurations.tables import beside, cells2, ours, published, table1, table2, truth
 from haptid.dynamics.model import DynamicModel
@@ -26,7 +27,7 @@ FIRST_OF_PARTS = 7
 def sections(found: Results) -> list[DocumentSection]:
     """All sections of the page but the claims."""
     makers = (_bench, _parameters, _errors, _delay, _accuracy, _consistency, _decomposition, _hand, _comparisons)
-    return [make(found) for make in makers]
+    return [*(make(found) for make in makers), redesign_section(found)]
 
 
 def per_command(model: DynamicModel) -> Array:
@@ -279,7 +280,8 @@ def beginning(motion: Motion, seconds: float) -> Motion:
     n = min(len(motion), round(seconds / motion.dt))
     assert motion.rates is not None
     qd, qdd = motion.rates
-    return replace(motion, q=motion.q[:n], tau=motion.tau[:n], rates=(qd[:n], qdd[:n]))
+    # Segments and gaps are those of the log, which is longer.
+    return replace(motion, q=motion.q[:n], tau=motion.tau[:n], rates=(qd[:n], qdd[:n]), log=None)
 
 
 def _torque_parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:

@@ -53,6 +53,7 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
         )
         for k, name in enumerate(found.names)
     ]
+    joint = series.joint.sentences if series.joint else ()
     return DocumentSection(
-        "drift", "Drift", tuple(found.sentences), (TextTable("Slopes", (head, *rows)),), tuple(charts)
+        "drift", "Drift", (*found.sentences, *joint), (TextTable("Slopes", (head, *rows)),), tuple(charts)
     )

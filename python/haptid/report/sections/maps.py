@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.arrays import Array, freeze_fields
 from haptid.end_effector.characterisation import Characterisation, GivenParameters, characterise
 from haptid.errors import RedundancyError, SettingError
 from haptid.report.chart import Chart, figure, packed
@@ -81,9 +81,7 @@ class Slices:
     about: str
 
     def __post_init__(self) -> None:
-        for name in ("x", "y"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, (CELLS,))
+        freeze_fields(self, x=(CELLS,), y=(CELLS,))
 
     def values(self, pick: Pick) -> list[Array]:
         """A figure on each slice, NaN where it is unknown, (CELLS^2,) each.

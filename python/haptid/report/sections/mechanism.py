@@ -65,7 +65,6 @@ class MechanismSection(Section):
         """The section of any device.
 
         Args:
-            model: the dynamic model.
             beta: its base parameters, (p,), SI; None where they are unknown, and no mass is shown.
             qa: a motion of its active joints, (active, samples), rad or m, for the ranges of the sliders.
         """
@@ -125,7 +124,7 @@ def scene(model: DynamicModel, beta: Array | None, qa: Array, sliders: list[dict
         "sliders": sliders,
         "closure": _closure(model.device.closure),
         "cuts": [
-            {"slides": cut.prismatic, "frame_a": _frame(cut.frame_a), "frame_b": _frame(cut.frame_b)}
+            {"kind": cut.kind, "frame_a": _frame(cut.frame_a), "frame_b": _frame(cut.frame_b)}
             for cut in model.device.closure.cuts
         ],
         "handle": None if model.device.handle is None else _frame(model.device.handle),

@@ -84,11 +84,11 @@ class Mechanism {
   // Closure residual of each cut joint, as in the library.
   gaps(q) {
     const links = this.links(q), size = this.closure.size;
-    return this.cuts.flatMap(({ slides, frame_a, frame_b }) => {
+    return this.cuts.flatMap(({ kind, frame_a, frame_b }) => {
       const [a, b] = [frame_a, frame_b].map((f) => this.placed(links, f));
       const apart = add(a.p, b.p, -1);
-      const axes = (slides ? [0, 2] : [2]).flatMap((k) => add(column(a.R, k), column(b.R, k), -1).map((v) => size * v));
-      return [...(slides ? [0, 1].map((k) => dot(column(b.R, k), apart)) : apart), ...axes];
+      const axes = ({ prismatic: [0, 2], revolute: [2], spherical: [] })[kind].flatMap((k) => add(column(a.R, k), column(b.R, k), -1).map((v) => size * v));
+      return [...(kind === "prismatic" ? [0, 1].map((k) => dot(column(b.R, k), apart)) : apart), ...axes];
     });
   }
 
