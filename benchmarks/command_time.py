@@ -27,7 +27,11 @@ from typing import Any
 HERE = Path(__file__).parent
 # Stage of each function, by the module that calls it: names are bound there at import.
 STAGES = {
-    "reading": ("haptid.study.identify:_read", "haptid.study.read:read_study", "haptid.device.toml.reader:read_device"),
+    "reading": (
+        "haptid.study.identify:read_entry",
+        "haptid.study.read:read_study",
+        "haptid.device.toml.reader:read_device",
+    ),
     "treatment": ("haptid.study.identify:propose",),
     "observation": ("haptid.study.identify:observe_all", "haptid.study.identify:_treat"),
     "estimation": ("haptid.study.identify:estimate", "haptid.study.identify:with_treatment_uncertainty"),

@@ -16,10 +16,9 @@ from compare_peers import alone, compared
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.experiment.excitation import Limits, RawCondition, observed_motion
+from haptid.experiment.excitation import Limits, RawCondition, motion_condition
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import MotionBounds
-from haptid.observation.r_factor import condition
 from stopwatch import Work
 
 # As `peers/common.py` has them.
@@ -67,7 +66,7 @@ def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
         np.ones(arm.n),
     )
     states = np.array([motion.q.T, motion.qd.T, motion.qdd.T])
-    return Work(1, lambda: slopes.cost(states)), Work(1, lambda: slopes(states, POWER, WEIGHT))
+    return Work(1, lambda: slopes.at(states).cost()), Work(1, lambda: slopes(states, POWER, WEIGHT))
 
 
 def searched(taken: float, sloped: float, figures: dict[str, float]) -> dict[str, float]:
@@ -86,7 +85,7 @@ def main() -> None:
     arm = Arm()
     motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
     ours = works(arm)
-    ours["condition number of a motion"] = Work(1, lambda: condition(observed_motion(arm.model, motion).stack()[:-1]))
+    ours["condition number of a motion"] = Work(1, lambda: motion_condition(arm.model, motion))
     figures = compared(arm.case(), ours, PEERS)
     figures |= searched(*(work.microseconds() for work in search(arm, motion)), figures)
     print(json.dumps(figures))

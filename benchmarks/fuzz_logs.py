@@ -65,8 +65,17 @@ def seeds(folder: Path) -> dict[str, tuple[Path, list[str]]]:
             file[name] = column
     with nptdms.TdmsWriter(folder / "log.tdms") as writer:
         writer.write_segment([nptdms.ChannelObject("g", name, column) for name, column in table.items()])
+    records = [{"t": k, "name": ["a", "b"], "q": [float(p), 1.0], "s": {"x": None}} for k, p in enumerate(q[:, 0])]
+    (folder / "log.jsonl").write_text("\n".join(map(json.dumps, records)))
+    (folder / "log.json").write_text(json.dumps({"rec": {name: column.tolist() for name, column in table.items()}}))
+    (folder / "rows.txt").write_text("\n".join(" ".join([name, *map(repr, x.tolist())]) for name, x in table.items()))
     plain = {f"log.{s}": (folder / f"log.{s}", [*table]) for s in ("csv", "parquet", "npz", "mat", "h5")}
     plain["log.parquet"] = (folder / "log.parquet", ["t", "list[2]"])
+    plain |= {
+        "jsonl": (folder / "log.jsonl", ["t", "q[a]", "s.x"]),
+        "json": (folder / "log.json", ["rec.t", "rec.q1"]),
+        "rows.txt": (folder / "rows.txt", ["t", "q1"]),
+    }
     return files | plain | {"npy": (folder / "log.npy", ["data[1]"]), "tdms": (folder / "log.tdms", ["g.t", "g.q1"])}
 
 
@@ -107,6 +116,7 @@ def main() -> int:
     parser.add_argument("--tries", type=int, default=2000, help="of each format")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"))
+    parser.add_argument("--only", nargs="*", help="formats by name; all by default")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     from haptid.log.read import format_of
@@ -116,6 +126,8 @@ def main() -> int:
     found: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, (path, wanted) in seeds(Path(folder)).items():
+            if given.only and name not in given.only:
+                continue
             raw, rng, counts = path.read_bytes(), np.random.default_rng(given.seed), Counter[str]()
             reader = format_of(path)
             for _ in range(given.tries):

@@ -114,7 +114,7 @@ def default_path(model: haptid.DynamicModel, beta: np.ndarray, seed: int, *how: 
         log = recorded(model, beta, 2 * seed + k, *how)
         proposal = haptid.propose(model, log)
         found = haptid.estimate(haptid.observe(model, haptid.treat(log, proposal.treatment)), haptid.WLS())
-        made.append(with_treatment_uncertainty(found, proposal))
+        made.append(with_treatment_uncertainty(found, proposal.delays, proposal.effects))
     return compare(*made)
 
 

@@ -19,7 +19,8 @@ from speed_report import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-MARK = re.compile(r"<!-- (?P<title>[^\n]*) -->\n\n(?P<old>.*?)(?=\n\n|\n*\Z)", re.DOTALL)
+# Below a new mark there is a heading or another mark, and nothing that the part replaces.
+MARK = re.compile(r"<!-- (?P<title>[^\n]*) -->\n\n(?:(?!#|<!--)(?P<old>.*?)(?=\n\n|\n*\Z))?", re.DOTALL)
 OF_A_DEMO = re.compile(r"(?P<record>\S+-demo): (?P<section>[\w-]+), (?P<part>text|table (?P<number>\d+))")
 NUMBER = re.compile(r"(-?[\d.]+(e[-+]\d+)?)?( .*\d.*)?")
 WIDTH = 120
@@ -62,7 +63,12 @@ def main() -> None:
 
 def filled(page: str, part_of: Callable[[str], str]) -> str:
     """The page with every part below its mark."""
-    return MARK.sub(lambda found: f"<!-- {found['title']} -->\n\n{part_of(found['title'])}", page)
+
+    def with_part(found: re.Match[str]) -> str:
+        made = f"<!-- {found['title']} -->\n\n{part_of(found['title'])}"
+        return f"{made}\n\n" if found["old"] is None else made
+
+    return MARK.sub(with_part, page)
 
 
 def part(title: str) -> str:
@@ -190,6 +196,7 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Twenty seeds of each mounting": ("phantom-study", mountings),
     "Twenty seeds of each branch": ("medical-study", branches),
     "Workbench": ("workbench", workbench_figures),
+    "Live": ("live", workbench_figures),
 }
 
 if __name__ == "__main__":

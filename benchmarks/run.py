@@ -26,6 +26,7 @@ import groupings
 import in_the_loop
 import instructions
 import kernel
+import live
 import long_log
 import loops
 import medical_study
@@ -70,6 +71,7 @@ STUDIES = {
     "simulated-coverage": simulated_coverage.run,
     "estimator-benchmark": estimator_benchmark.run,
     "workbench": workbench.run,
+    "live": live.run,
     "zoo": zoo_study.run,
 }
 

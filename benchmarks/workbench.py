@@ -48,7 +48,7 @@ class Served:
         headers = {"cookie": self.cookie, "origin": f"http://127.0.0.1:{self.port}"}
         connection.request("POST" if body else "GET", path, json.dumps(body) if body else None, headers)
         answer = connection.getresponse()
-        answer.read()
+        answer.content = answer.read()  # type: ignore[attr-defined]
         connection.close()
         return answer
 
