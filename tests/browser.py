@@ -31,7 +31,7 @@ SETTINGS = (
 # What a slow machine may take to start, or to draw, s.
 PATIENCE = 60.0
 # Widths of windows, pixels.
-LAPTOP, PHONE = 1280, 390
+LAPTOP, PHONE, NARROW = 1280, 390, 320
 
 
 def browser() -> str | None:

@@ -28,8 +28,9 @@ def true_parameters(model: haptid.Device, **sizes: float) -> np.ndarray:
     chi = np.nan_to_num(model.device.chi_prior)
     if not model.device.name.startswith("PHANToM"):
         rng = np.random.default_rng(3)
+        known = CEA if model.device.name.startswith("CEA") else {}
         for joint in model.device.joints:
-            put(model, chi, joint.name, *(CEA[joint.name] if model.device.name.startswith("CEA") else drawn(rng)))
+            put(model, chi, joint.name, *(known.get(joint.name) or drawn(rng)))
     for k, kind in enumerate(model.device.parameters.kinds):
         if kind in sizes:
             chi[k] = sizes[kind]

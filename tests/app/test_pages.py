@@ -17,14 +17,14 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from browser import LAPTOP, needs_browser
+from browser import LAPTOP, NARROW, needs_browser
 from haptid.robot_files import import_robot
 
 pytestmark = needs_browser
 PROJECT = Path(__file__).resolve().parents[2]
 IMAGES, EXAMPLES = PROJECT / "docs" / "images", PROJECT / "examples"
-PAGES = ("/", "/device", "/device?path=sr400", "/data", "/solve", "/results", "/use")
-NARROW = 320
+STAGES = ("/", "/device", "/experiment", "/data", "/solve", "/results", "/use", "/live", "/registry")
+PAGES = (*STAGES, "/device?path=sr400")
 
 
 @pytest.fixture(autouse=True)
@@ -83,7 +83,7 @@ CONTRAST = """(() => {
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_texts_have_contrast_in_light_and_dark(bench, tab, theme):
-    for path in ("/", "/device", "/data", "/solve"):
+    for path in STAGES:
         tab.go(bench.origin + path, LAPTOP)
         while tab.ask("document.getElementById('theme').value") != theme:
             tab.ask("document.getElementById('theme').click()")
@@ -271,11 +271,12 @@ def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab):
 def test_stages_are_reached_by_keyboard_alone(bench, tab):
     tab.go(f"{bench.origin}/", LAPTOP)
     seen = []
-    for _ in range(10):
+    for _ in range(13):
         tab.press("Tab")
         seen.append(tab.ask("document.activeElement.textContent.trim()"))
     assert seen[:2] == ["Skip to the page", "haptid"]
-    assert [re.sub(r"^\d\s*", "", one) for one in seen[2:8]] == ["Home", "Device", "Data", "Solve", "Results", "Use"]
+    stages = ["Home", "Device", "Experiment", "Data", "Solve", "Results", "Use", "Live", "Registry"]
+    assert [re.sub(r"^\d\s*", "", one) for one in seen[2:11]] == stages
     outline = tab.ask("getComputedStyle(document.activeElement).outlineStyle")
     assert outline != "none"
 

@@ -68,7 +68,8 @@ def test_the_cookie_is_for_this_server_alone(bench):
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1", None])
 def test_a_foreign_origin_changes_nothing(unchanged, origin):
     given = {"cookie": unchanged.cookie} | ({} if origin is None else {"origin": origin})
-    calls = ["/api/file", "/api/check", "/api/identify", "/api/try-out", "/api/drop?name=a.csv", "/api/device/check"]
+    calls = ["file", "check", "identify", "try-out", "drop?name=a.csv", "device/check", "live/start", "live/stop"]
+    calls = [f"/api/{one}" for one in [*calls, "experiment/search", "experiment/rehearse", "registry/remove"]]
     for path in calls:
         answer = unchanged.raw("POST", path, b'{"path": "devices/evil.toml", "text": "", "known": ""}', **given)
         assert answer.status == 403
@@ -135,6 +136,10 @@ def test_no_path_leads_out(linked, path):
         ("identify", {"path": "studies/two-links.toml", "out": path}),
         ("export", {"path": path, "to": ["c"]}),
         ("study/draft", {"device": "emps", "logs": [path]}),
+        ("experiment/search", {"device": path or "/", "name": "x", "evaluations": "1", "seconds": "5"}),
+        ("experiment/rehearse", {"device": "emps", "path": path}),
+        ("registry/remove", {"path": path}),
+        ("live/start", {"study": path, "name": "x", "rate": "100"}),
     ):
         status, said = linked.ask("POST", f"/api/{call}", values)
         assert (status, "secret" in str(said).replace("secret.toml", "")) == (400, False), (call, said)
@@ -146,6 +151,7 @@ def test_no_path_leads_out(linked, path):
         "result?path=",
         "download?path=",
         "export?to=c&path=",
+        "experiment?path=",
     ):
         for sent in (quoted, quoted.replace("%", "%25")):
             status, said = linked.ask("GET", f"/api/{call}{sent}")

@@ -11,7 +11,7 @@ from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
-from haptid.end_effector.compensation import Compensation, stable_share
+from haptid.end_effector.compensation import STIFF_HAND, Compensation, stable_share
 from haptid.experiment import bench
 from true_parameters import true_parameters
 
@@ -178,6 +178,37 @@ def test_below_the_bound_it_is_stable_and_above_it_is_not(model, held, even):
     except errors.SimulationError:
         return  # it ran away
     assert late > early
+
+
+def test_a_hand_on_the_bench_gives_way_as_its_two_springs(model):
+    """Under a constant push, in equilibrium: the grasp carries it, and so does the arm."""
+    chi, hand = smooth(model), bench.GUIDE
+    law = Compensation(GivenParameters(model, model.base.of(chi)), 0.0)
+    push = np.array([0.5, -0.3, 0.4])
+    setup = bench.Setup(
+        model, chi, OFF, hand=(bench.Push(tuple(push)),), held=bench.Hand(hand), law=law, physics=PHYSICS
+    )
+    found = bench.simulate(setup, rest(POSES[0], 0.5), np.random.default_rng(0))
+    position = handle_motion(model, found.q[[0, -1]][:, list(model.device.active)].T).position
+    give = 1 / hand.grip_stiffness + 1 / hand.stiffness
+    np.testing.assert_allclose(position[1] - position[0], push * give, rtol=0.01, atol=1e-7)
+    np.testing.assert_allclose(found.hand[-1], 0, atol=0.005)  # the push, and the grasp against it
+
+
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_the_loop_says_which_law_a_stiff_hand_can_hold(model, damping):
+    """Growth of the motion on the bench is the spectral radius; without friction, exact positions."""
+    chi = smooth(model)
+    law = Compensation(GivenParameters(model, model.base.of(chi)), 0.2, damping=damping)
+    radius = law.loop(np.array(POSES[0]), DT).spectral_radius(STIFF_HAND)
+    assert (radius < 1) == bool(damping)
+    push = bench.Push((0.002, 0.002, 0.002), stop=0.02)
+    setup = bench.Setup(model, chi, OFF, hand=(push,), held=bench.Hand(STIFF_HAND), law=law, physics=PHYSICS)
+    found = bench.simulate(setup, rest(POSES[0], 0.6), np.random.default_rng(0))
+    speed = np.linalg.norm(found.qd[:, list(model.device.active)], axis=1)
+    early, late = (np.sqrt(np.mean(speed[part] ** 2)) for part in (slice(100, 200), slice(500, 600)))
+    grown = (late / early) ** (1 / 400)
+    assert grown == pytest.approx(radius, abs=2e-3)
 
 
 def test_the_bound_by_hand():

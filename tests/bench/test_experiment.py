@@ -272,7 +272,9 @@ def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
 def test_many_logs_at_a_time_are_those_of_their_seeds(tmp_path):
     (tmp_path / "short.toml").write_text(SHORT)
     out = tmp_path / "log.parquet"
-    done = call("bench", "phantom_premium_15", tmp_path / "short.toml", "--out", out, "--count", 2, "--picture")
+    done = call(
+        "bench", "phantom_premium_15", tmp_path / "short.toml", "--out", out, "--count", 2, "--picture", "--workers", 1
+    )
     assert done.exit_code == 0, done.output
     made = sorted(path.name for path in tmp_path.glob("*.parquet"))
     assert made == ["log-1.parquet", "log-2.parquet"]

@@ -9,6 +9,7 @@ from haptid.experiment import bench
 from haptid.experiment.bench.picture import stick_figure
 from true_parameters import true_parameters
 
+pytestmark = pytest.mark.usefixtures("full_pictures")
 TIMES = [0.0, 0.5, 1.0]
 
 

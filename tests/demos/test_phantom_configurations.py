@@ -11,6 +11,7 @@ import haptid
 from haptid.demos import read_demo, run_demo
 from haptid.demos import run as walking
 from haptid.demos.phantom_configurations.fits import accuracy
+from haptid.demos.phantom_configurations.sections import torques
 from haptid.demos.recordings import Take, record
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.definiteness import definiteness
@@ -87,6 +88,16 @@ def test_the_hand_is_felt(results):
     assert errors["without the model"] >= 5 * errors["with the model"]
     # At one bandwidth they see the same, to three digits: only velocities are differentiated in another order.
     assert errors["observer"] <= 1.001 * errors["with the model, through the observer's low-pass"]
+
+
+def test_the_first_seconds_are_those_of_the_whole_motion(results):
+    _, found = results
+    exact = next(iter(found.fits.values()))["exact"]
+    (t, *first), (every, *whole) = torques(exact, 2.0), torques(exact, 100.0)
+    assert 0 < len(t) < len(every)
+    np.testing.assert_allclose(t, every[: len(t)])
+    for some, all_ in zip(first, whole, strict=True):
+        np.testing.assert_allclose(some, all_[:, : len(t)], rtol=1e-9, atol=1e-12)
 
 
 def test_everything_is_written(results):

@@ -25,6 +25,11 @@ def test_filling_in_leaves_the_rest_as_it_is():
     )
 
 
+def test_new_marks_take_nothing_away():
+    text = pages.filled("<!-- One -->\n\n<!-- Two -->\n\n## After\n", {"One": "1", "Two": "2"}.__getitem__)
+    assert text == "<!-- One -->\n\n1\n\n<!-- Two -->\n\n2\n\n## After\n"
+
+
 def test_a_mark_without_a_part_is_an_error():
     with pytest.raises(KeyError, match="Three"):
         pages.part("Three")

@@ -19,6 +19,7 @@ from haptid.experiment.excitation import (
     Search,
     TrianglesWithSines,
     design_excitation,
+    motion_condition,
     observed_motion,
     quality,
 )
@@ -118,3 +119,25 @@ def test_few_tries_come_near_the_optimum():
     found = design_excitation(PHANTOM, family, wide, beta=BETA, search=Search(tries=120))
     assert found.after.scaled < 0.5 * found.before.scaled
     assert np.abs(found.trajectory(0.01).qdd).max() < 30.0 * 1.03
+
+
+@pytest.mark.parametrize("power", [1, 2, 3, 4, 8])
+def test_small_powers_have_the_cost_and_slope_of_the_eigenvalues(power):
+    """Products of the Gram matrix and its inverse in place of its eigenvalues; singular ones have eigenvalues only."""
+    V = np.random.default_rng(power).normal(size=(40, 7)) * 10.0 ** np.arange(-2, 5)
+    for C in (V.T @ V, (V[:3]).T @ V[:3]):
+        cost, B = RawCondition().smooth(C, power)
+        near, near_B = RawCondition().smooth(C, power + 1e-9)  # no integer: by the eigenvalues
+        assert cost == pytest.approx(near, rel=1e-6)
+        np.testing.assert_allclose(B, near_B, atol=1e-6 * np.abs(near_B).max())
+    condition = np.linalg.cond(V)  # that of V'V is its square
+    assert RawCondition().value(V.T @ V) == pytest.approx(np.log(condition), abs=np.finfo(float).eps * condition**2)
+
+
+@pytest.mark.parametrize("stroke", [1.0, 1e-3, 0.0], ids=["wide", "narrow", "still"])
+def test_the_condition_of_a_motion_is_that_of_its_rows(stroke):
+    """By the Gram matrix where that has the digits, by the R factor otherwise."""
+    q, qd, qdd = stroke * random_states(7).transpose(0, 2, 1)
+    made = bench.Trajectory(0.04, *map(np.ascontiguousarray, (q, qd, qdd)))
+    wanted = quality(observed_motion(PHANTOM, made), tuple(range(len(BETA))), BETA, NOISE).raw
+    assert motion_condition(PHANTOM, made) == pytest.approx(wanted, rel=1e-7)

@@ -72,7 +72,7 @@ class Mechanism:
     @cached_property
     def cuts(self) -> list[list[tuple[int, np.ndarray]]]:
         cuts = self.model.device.closure.cuts
-        assert not any(cut.prismatic for cut in cuts)
+        assert all(cut.kind == "revolute" for cut in cuts)
         return [[(f.link, placed(f.rotation, f.translation)) for f in (cut.frame_a, cut.frame_b)] for cut in cuts]
 
     @property

@@ -7,8 +7,11 @@ import sys
 import sysconfig
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import haptid
+from haptid.device import poses
 from haptid.errors import HaptidError
 from haptid.robot_files import ImportedRobot, import_robot
 
@@ -101,7 +104,7 @@ LOOP = """<mujoco><worldbody>
 
 @pytest.mark.parametrize("spatial", [False, True], ids=["in a plane", "in space"])
 def test_mjcf_with_a_loop(tmp_path: Path, spatial: bool) -> None:
-    """A ball that closes a plane loop is a hinge; in space it is two joints of massless links and a hinge."""
+    """A ball that closes a plane loop is a hinge; in space it is a spherical cut."""
     path = tmp_path / "loop.xml"
     more = '<joint name="bend" axis="0.2 0.1 1"/>' if spatial else ""
     path.write_text(
@@ -112,9 +115,74 @@ def test_mjcf_with_a_loop(tmp_path: Path, spatial: bool) -> None:
     robot = import_robot(path, ask=True)
     device = robot.device
     assert [device.joints[k].name for k in device.active] == ["crank"]
-    assert len(device.joints) == (6 if spatial else 3)
+    assert len(device.joints) == (4 if spatial else 3)
     assert robot.check.gap < 1e-12
     agrees(robot)
+
+
+TENDONS = """<mujoco><compiler angle="radian"/><worldbody>
+ <body><joint name="a" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.02 0.02 0.01"/>
+  <body pos="0.3 0 0"><joint name="b" axis="0 1 0" ref="0.2"/>
+   <inertial pos="0.1 0 0" mass="0.5" diaginertia="0.02 0.02 0.01"/></body></body></worldbody>
+ <tendon><fixed name="belt" stiffness="30" springlength="0.1" damping="0.3" frictionloss="0.1" armature="0.02">
+   <joint joint="a" coef="0.8"/><joint joint="b" coef="-0.5"/></fixed>
+  <fixed name="slack" stiffness="30" springlength="-0.1 0.1"><joint joint="a" coef="1"/></fixed></tendon></mujoco>"""
+
+
+def test_tendons_of_mjcf(tmp_path: Path) -> None:
+    """Stiffness, damping, friction and inertia of a sum of positions; a slack tendon is left out, and said."""
+    path = tmp_path / "tendons.xml"
+    path.write_text(TENDONS)
+    robot = import_robot(path, ask=True)
+    agrees(robot)
+    values = dict(zip(robot.device.parameters.names, robot.device.chi_prior, strict=True))
+    found = {name: values[name] for name in values if name.endswith("tendon_belt")}
+    assert found == {"Ktendon_belt": 30, "FVtendon_belt": 0.3, "FCtendon_belt": 0.1, "IAtendon_belt": 0.02}
+    assert [str(note) for note in robot.notes if note.grade == "left out"] == [
+        "left out (line 7): stiffness of tendon slack, which is not linear"
+    ]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)  # friction, which MuJoCo smooths
+    model.tendon_stiffness[1] = 0.0
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a = np.array([[0.4, -0.7], [1.0, 0.3], [0.2, -2.0]])
+    mujoco.mj_inverse(model, data)
+    values = values | {name: 0.0 for name in values if name.startswith("F") and name != "FVtendon_belt"}
+    haptid_model = haptid.DynamicModel(robot.device)
+    beta = haptid_model.base.of(np.array(list(values.values())))
+    tau = haptid.inverse_dynamics(haptid_model, beta, q[:, None], v[:, None], a[:, None])[:, 0]
+    np.testing.assert_allclose(tau, data.qfrc_inverse, rtol=1e-10)
+
+
+SHAPES = """<mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="1 1 1"/>
+ <body pos="0 0 0.5"><joint name="a" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  <geom type="capsule" size="0.04" fromto="0 0 0 0.3 0 0.1"/><geom type="box" size="0.1 0.2 0.3" pos="0.5 0 0"/>
+  <geom type="sphere" size="0.02" contype="0" conaffinity="0"/><geom type="ellipsoid" size="0.1 0.1 0.2"/>
+  <body pos="0.3 0 0"><joint name="b" axis="0 0 1" pos="0.05 0 0"/>
+   <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="cylinder" size="0.03 0.2" euler="0.4 0 0.2"/>
+   <geom type="sphere" size="0.06" pos="0 0.1 0"/></body></body></worldbody></mujoco>"""
+
+
+def test_collision_shapes_of_mjcf(tmp_path: Path) -> None:
+    """Shapes lie where MuJoCo places them; pictures are no shapes, and what a device file lacks is named in it."""
+    path = tmp_path / "shapes.xml"
+    path.write_text(SHAPES)
+    robot = import_robot(path)
+    shapes = robot.device.collision
+    assert [shape.kind for shape in shapes] == ["capsule", "box", "cylinder", "sphere"]
+    assert "not imported, of: world, body 1" in robot.text
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = q = np.array([0.7, -0.4])
+    mujoco.mj_forward(model, data)
+    links = poses(robot.device, q[None])[0]
+    for shape, geom in zip(shapes, (1, 2, 5, 6), strict=True):
+        R, p = links[shape.link][:3, :3], links[shape.link][:3, 3]
+        np.testing.assert_allclose(R @ shape.frame.translation + p, data.geom_xpos[geom], atol=1e-12)
+        np.testing.assert_allclose(
+            R @ shape.frame.rotation, data.geom_xmat[geom].reshape(3, 3), atol=1e-12, err_msg=shape.kind
+        )
+        np.testing.assert_allclose(shape.size, model.geom_size[geom][: len(shape.size)], rtol=1e-12)
 
 
 def test_mjcf_that_would_harm(tmp_path: Path) -> None:

@@ -1,12 +1,15 @@
 """Trials of advice: fits from Gram matrices are least squares, and no block's error has been minimised."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import haptid
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows
-from haptid.advice.trial import Bench, Setting, gain
+from haptid.advice.search import Proven, TriedChange, _ranked
+from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.errors import LogTimeError
 
 
@@ -97,3 +100,18 @@ def test_parts_of_a_log_are_left_out_with_a_split():
     assert whole.without([]) is whole
     with pytest.raises(LogTimeError, match="leaves no part"):
         whole.without([(-1.0, 1.0)])
+
+
+def test_coulomb_friction_comes_before_what_refines_it():
+    """Load-dependent friction explains much of dry friction that the model lacks, and here a little more."""
+    noise = np.random.default_rng(4).uniform(0.9, 1.1, (24, 2))
+    before = Trial(Setting(), noise, None)
+
+    def found(kind, left, places):
+        trial = Trial(Setting(), left * noise, SimpleNamespace(columns=np.arange(3)))
+        return Proven(TriedChange(kind, places, Setting()), trial, gain(before, trial))
+
+    load, dry = found("load friction", 0.2, ("motor 1", "motor 2")), found("coulomb", 0.4, ("motor 2",))
+    spring, elsewhere = found("spring", 0.3, ("motor 1",)), found("coulomb", 0.5, ("motor 3",))
+    assert [one.candidate.kind for one in _ranked([dry, spring, load])] == ["coulomb", "load friction", "spring"]
+    assert [one.candidate.kind for one in _ranked([elsewhere, load])] == ["load friction", "coulomb"]

@@ -40,9 +40,10 @@ def identify(folder, *options):
     return CliRunner().invoke(app, arguments)
 
 
+@pytest.mark.usefixtures("full_pictures")
 def test_the_good_one_is_good(folder):
     done = identify(folder)
-    assert done.exit_code == 0, done.output
+    assert (done.exit_code, done.stdout) == (0, ""), done.output
     assert sorted(p.name for p in (folder / "out").iterdir()) == [
         "clusters.npz",
         "correlation.csv",
@@ -54,6 +55,7 @@ def test_the_good_one_is_good(folder):
         "torque-1-log.png",
         "torque-2-check.png",
     ]
+    assert all(picture.stat().st_size > 10_000 for picture in (folder / "out").glob("*.png"))
     found = json.loads((folder / "out" / "result.json").read_text())
     unseen = [v for v in found["validation"] if v["rows"] == "unseen" and v["motor"] == "all"]
     assert unseen[0]["relative_error_percent"] < 5

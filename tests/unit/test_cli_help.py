@@ -69,7 +69,7 @@ def test_shells_complete_commands_devices_and_formats():
 
 @pytest.mark.parametrize(
     ("words", "meant"),
-    [(("identfy",), "identify"), (("schema", "stuyd"), "study"), (("model", "phantom_premium"), "phantom_premium_15")],
+    [(("identfy",), "identify"), (("schema", "stuyd"), "study"), (("model", "staubli_tx4"), "staubli_tx40")],
 )
 def test_a_misspelt_name_brings_the_one_meant(words, meant):
     done = call(*words)

@@ -99,7 +99,7 @@ def test_nothing_can_be_found_of_a_parameter_that_one_block_alone_determines():
 
 
 def test_the_same_device_differs_in_about_one_comparison_of_twenty(model, beta):
-    runs = 100
+    runs = 60
     pairs = ((fitted(model, beta, 2 * k), fitted(model, beta, 2 * k + 1, seconds=9.0)) for k in range(runs))
     found = sum(bool(compare(targets(a), targets(b)).differs) for a, b in pairs)
     assert found <= stats.binom.ppf(0.999, runs, 0.05)

@@ -212,8 +212,8 @@ def test_jacobian_of_the_gap_is_its_derivative() -> None:
     rng = np.random.default_rng(5)
     turn = joint_poses(device.joints, rng.normal(size=(1, 8)))[0, 7, :3, :3]
     frames = Frame(7, turn, rng.normal(size=3)), Frame(5, turn.T, rng.normal(size=3))
-    for prismatic in (False, True):
-        chain = Chain.of(device.joints, (Cut(prismatic, *frames),), device.active)
+    for kind, gaps in (("revolute", 6), ("prismatic", 8), ("spherical", 3)):
+        chain = Chain.of(device.joints, (Cut(kind, *frames),), device.active)
         q = rng.normal(size=(4, 8))
         r, J = chain.residual(q)
         for k in range(8):
@@ -223,4 +223,4 @@ def test_jacobian_of_the_gap_is_its_derivative() -> None:
             behind[:, k] -= 1e-6
             slope = (chain.residual(ahead)[0] - chain.residual(behind)[0]) / 2e-6
             np.testing.assert_allclose(J[:, :, k], slope, atol=1e-8)
-        assert r.shape == (4, 8 if prismatic else 6)
+        assert r.shape == (4, gaps)

@@ -221,3 +221,21 @@ def test_a_study_is_drafted_for_the_joints_of_a_device(tmp_path: Path) -> None:
     assert [log.get("role") for log in made["logs"]] == [None, "validate"]
     (tmp_path / "study.toml").write_text(text)
     assert len(read_study(tmp_path / "study.toml").logs) == 2
+
+
+def test_joints_that_stand_still_are_drafted_and_named(tmp_path: Path) -> None:
+    """A log that moves one joint of two: the draft permits its constant channel, and the error says what to hold."""
+    small_study.write_study(tmp_path)
+    log = small_study.columns(1)
+    log["q2"] = np.full_like(log["q2"], 0.3)
+    header, data = ",".join(log), np.column_stack([*log.values()])
+    np.savetxt(tmp_path / "one.csv", data, delimiter=",", header=header, comments="")
+    device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
+    text, _ = draft_study([tmp_path / "one.csv"], read_device(device), str(device), tmp_path)
+    assert tomllib.loads(text)["channels"]["position"]["constant_ok"] is True
+    assert "without a change, is it connected?: q2" in text
+    (tmp_path / "drafted.toml").write_text(text)
+    with pytest.raises(errors.IdentifiabilityError, match="no log moves") as raised:
+        identify(read_study(tmp_path / "drafted.toml"))
+    assert raised.value.where == (read_device(device).joints[1].name,)
+    assert "=0.3`" in str(raised.value)

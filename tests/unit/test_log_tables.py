@@ -45,6 +45,11 @@ DIALECTS = {
     "units below": ("t,q1,tau1\ns,deg,mN m\n", rows(","), "units"),
     "units below, in brackets": ("t;q1;tau1\n[s];[deg];[Nm]\n", rows(";"), "units"),
     "lines before": ("Robot: R2 D2\nDate;2026-11-22\n\nt,q1,tau1\n", rows(","), "2 lines before"),
+    "settings before": (
+        "Started,12:00:01,1\nInterval,0.01,0.01\nt,q1,tau1\n",
+        rows(","),
+        "2 lines before",
+    ),
     "comments": ("# made by hand\n% 1, 2\nt,q1,tau1\n", rows(","), ""),
     "header in a comment": ("# t,q1,tau1\n", rows(","), ""),
 }

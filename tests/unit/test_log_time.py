@@ -262,3 +262,16 @@ def test_too_short(tmp_path: Path) -> None:
     assert raised.value.found == 49
     assert raised.value.limit == 50
     assert record(tmp_path, np.arange(50) / 100).t.size == 50
+
+
+def test_jitter_that_the_positions_do_not_show_is_said_to_be_that(tmp_path: Path) -> None:
+    """Neither cause is claimed where the slope is as near to 0 as to 1."""
+    rng = np.random.default_rng(4)
+    n = 2000
+    t = (np.arange(n) + np.concatenate([[0.0], 0.004 * rng.standard_normal(n - 1)])) / 500
+    q = np.sin(2 * np.pi * t) + 2e-3 * rng.standard_normal(n)
+    np.savez(tmp_path / "log.npz", t=t, q=q, tau=np.cos(2 * np.pi * t))
+    log = read_log(tmp_path / "log.npz", Channels(Signal("q", "rad"), Signal("tau", "N m"), time="t"))
+    note = next(note for note in log.notes if "irregular" in note)
+    assert "too little for the positions to tell" in note
+    assert not any("resampled" in note for note in log.notes)

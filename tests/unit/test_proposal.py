@@ -175,7 +175,7 @@ def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002, seconds=40.0)
     proposal = haptid.propose(phantom, made)
     estimate = haptid.estimate(haptid.observe(phantom, haptid.treat(made, proposal.treatment)), haptid.WLS())
-    estimate = with_treatment_uncertainty(estimate, proposal)
+    estimate = with_treatment_uncertainty(estimate, proposal.delays, proposal.effects)
     deviations = (estimate.beta - truth(phantom)) / estimate.se
     assert np.abs(deviations).max() < 4.5
     for name in ("FV1", "FV2", "FV3"):

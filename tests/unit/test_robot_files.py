@@ -331,6 +331,13 @@ def test_commands_in_amperes(tmp_path: Path) -> None:
             imported(tmp_path, ARM, torque_constant=wrong)
 
 
+def test_a_gear_ratio_in_words_costs_its_transmission_only(tmp_path: Path) -> None:
+    """As in templates that nobody filled in: the joint is taken as driven directly, and the note names the line."""
+    robot = imported(tmp_path, ARM.replace("<mechanicalReduction>50", "<mechanicalReduction>reduction"))
+    assert any("'reduction', which is no number" in note.text and note.line for note in robot.notes)
+    assert robot.check.torque < 1e-10
+
+
 def test_limits_that_stand_for_none(tmp_path: Path) -> None:
     made = imported(tmp_path, ARM.replace('lower="-1" upper="1.5"', 'lower="-1e16" upper="1e16"'))
     assert made.device.joints[0].position_limits is None

@@ -90,19 +90,22 @@ def test_noise_of_the_positions_does_not_attenuate_a_free_swing(tmp_path: Path) 
         "tau1": torque[::fine] + 0.005 * rng.standard_normal(noise.size),
     }
     made = identified(tmp_path, columns)
-    assert any("noise matters less" in reason for reason in made.proposal.reasons)
+    assert any("errors of the positions matter" in reason for reason in made.proposal.reasons)
     truth = np.array([INERTIA, WEIGHT / 9.81, 0.0, 0.03])
     np.testing.assert_array_less(np.abs(made.estimate.beta - truth), 4 * made.estimate.se)
     assert (made.estimate.se[:2] / truth[:2]).max() < 0.02  # 0.08 behind three times the bandwidth, and as much off
 
 
-def test_a_pendulum_that_turns_is_not_read_in_degrees_for_long(tmp_path: Path) -> None:
-    """Beyond two turns the draft takes degrees, and says that; the weight, a sine of the angle, tells otherwise."""
+def test_a_pendulum_that_turns_is_read_in_radians(tmp_path: Path) -> None:
+    """Beyond two turns the weight, a sine of the angle, tells the unit; advice corrects a wrong one in the study."""
     t, q, v, a = swung()
     q, v = q + 1.6 * t, v + 1.6
     torque = INERTIA * a + 0.05 * v + WEIGHT * np.cos(q) + 0.02 * np.random.default_rng(4).standard_normal(t.size)
-    made = identified(tmp_path, {"t": t, "q1": q, "tau1": torque})
-    assert "a joint that turns so far is in rad" in (tmp_path / "study.toml").read_text()
+    right = identified(tmp_path, {"t": t, "q1": q, "tau1": torque})
+    assert right.study.logs[0].channels.position.unit == "rad"
+    text = (tmp_path / "study.toml").read_text()
+    (tmp_path / "study.toml").write_text(text.replace('unit = "rad"', 'unit = "deg"'))
+    made = identify(read_study(tmp_path / "study.toml"))
     first = advise(made).actions[0]
     assert first.sentence.startswith("Read the positions in rad and not in deg: the error on")
     assert first.after < 10 < first.before

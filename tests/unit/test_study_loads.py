@@ -162,7 +162,7 @@ def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
     made = haptid.identify(read)
     assert Result.of(made).estimate.intervals_description == intervals.name
     again = haptid.estimate(made.estimate.observation, haptid.WLS(), intervals)
-    again = with_treatment_uncertainty(again, made.proposal)
+    again = with_treatment_uncertainty(again, made.proposal.delays, made.proposal.effects)
     np.testing.assert_allclose(made.estimate.covariance, again.covariance)
 
 

@@ -13,7 +13,7 @@ from haptid.device.expressions import combination
 from haptid.device.parameters import Combination
 from haptid.device.toml.errors_at import Place
 from haptid.estimation.methods.constrained import PhysicallyConsistent
-from haptid.inference.targets import side_by_side, target_map, targets
+from haptid.inference.targets import target_map, targets
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device
@@ -264,11 +264,6 @@ def test_tables_show_every_target(phantom):
     lines = found.summary().splitlines()
     assert len(lines) == 15
     assert lines[7].split()[0] == "pi_7"
-    table = side_by_side({"Normal": found.in_command(), "again": found.in_command()}).splitlines()
-    assert table[0].split() == ["prior", "Normal", "again"]
-    assert table[8].split()[:2] == ["pi_8", "-0.2014"]
-    assert table[9].split()[0] == "pi_9"
-    assert len(table[9].split()) == 3  # nothing is known of friction beforehand
 
 
 def test_gravity_of_another_mounting_changes_gravity_alone(phantom):

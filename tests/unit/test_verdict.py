@@ -68,3 +68,15 @@ def test_the_gravest_reasons_are_named_and_the_rest_counted():
 def test_without_unseen_rows_a_validation_is_wanted():
     assert given(0.2, {"drift": "bad"}, seen=True).sentences[3:] == ("Validate it on another log.",)
     assert len(given(0.2, {"drift": "bad"}).sentences) == 3
+
+
+def test_negative_friction_is_not_said_of_the_torque():
+    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    errors = Validation((MotorError("1", "motor 1", "N m", 0.2, 100.0, 10),), False)
+    for sentence, words in (
+        ("FV1 negative, which is impossible.", "a friction or rotor parameter is negative"),
+        ("The torque of 1 is 3 times the inertial torque of the device file's bodies.", MEANING["units and signs"]),
+    ):
+        findings = [Finding("units and signs", "doubt", {}, sentence)]
+        made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, findings)
+        assert f"because {words}" in made.sentences[0]

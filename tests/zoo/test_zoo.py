@@ -33,6 +33,7 @@ CASES = {
     "a delay of each motor, AR torque": Case(11, "arm2", 500, 30, 2.0, 3, bits=17, noise="AR", delay=1.0, spread=0.5),
     "slow motion, much friction": Case(12, "arm2", 100, 80, 0.15, 3, bits=14, friction=0.8, noise="AR", delay=0.5),
     "noise inside the loop": Case(13, "arm2", 500, 6, 1.5, 3, bits=16, level=0.01, loop=True, delay=1.0),
+    "ripple beside clean torque": draw(240, 0)[200],
 }
 MISFITS = {
     name: Case(20 + k, "arm2", 500, 12, 1.0, 3, bits=16, friction=0.6, noise="AR", delay=0.5, misfit=name)
@@ -53,6 +54,14 @@ def test_default_path_is_near_the_best_treatment(name: str, tmp_path: Any, monke
     if name in CASES:
         assert made["ratio"] <= FAIR, made
     assert made["ratio"] <= WORST or made["status"] != "ok", made
+
+
+def test_a_log_that_does_not_tell_other_motion_is_uncertain(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One tone: inertia and gravity have the same column, and the delay that of viscous friction."""
+    monkeypatch.setattr("zoo.kept.CACHE", tmp_path)
+    monkeypatch.setattr("zoo.oracle.PARALLEL", ())
+    row = score(Case(15, "pendulum", 200, 10, 6.8, 1, bits=20, noise="AR", delay=0.5))
+    assert row["status"] == "uncertain", row
 
 
 @pytest.mark.parametrize("seed", [880_001, 880_005])

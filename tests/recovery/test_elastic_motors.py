@@ -1,0 +1,218 @@
+"""Elastic motors: a model against a closed form, the bench against the model, recovery from both sides and from one."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.device.toml.reader import checked_tables, device_of
+from haptid.errors import DeviceFileError, ExperimentError, SettingError
+from haptid.estimation import MotorSide
+from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.simulation_based import base_columns
+from haptid.experiment import bench
+from haptid.simulation import Segments, smooth
+from haptid.simulation.driven import DrivenCourse, DrivenJoints
+from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+
+TERMS = [
+    {"kind": "elastic", "motors": "all"},
+    {"kind": "rotor-inertia", "motors": "all"},
+    {"kind": "viscous", "joints": "all"},
+    {"kind": "viscous", "motors": "all"},
+]
+# Link, spring, rotor, friction of both sides; the link on its spring has its resonance at 12.3 Hz.
+J, K, D, IA, FV, FVM = 0.1, 600.0, 1.5, 0.05, 0.05, 0.1
+TRUTH = {"ZZ1": J, "KE1": K, "DE1": D, "IAM1": IA, "FV1": FV, "FVM1": FVM}
+DT, STEP = 1e-3, 2 * np.pi / 4000 / 50
+
+
+def axis(**changes: object) -> haptid.DynamicModel:
+    """One axis about the vertical, its motor behind a spring."""
+    data = {"schema": 1, "name": "axis", "gravity": [0.0, 0.0, -9.81], "joints": [{"name": "1"}], "terms": TERMS}
+    return haptid.DynamicModel(device_of(*checked_tables({**data, **changes}, "axis.toml")))
+
+
+def arm() -> haptid.DynamicModel:
+    """Two links in a vertical plane; the second motor drives both joints."""
+    joints = [{"name": "1"}, {"name": "2", "d": 0.3}]
+    motors = [{"name": "a", "drives": {"1": 1.0}}, {"name": "b", "drives": {"1": 0.5, "2": 1.0}, "gear_ratio": 20.0}]
+    return axis(gravity=[0.0, -9.81, 0.0], joints=joints, motors=motors)
+
+
+@cache
+def recorded(seed: int = 1, seconds: float = 20.0) -> haptid.Log:
+    """Both sides of the axis along a multisine of the link, in closed form, with encoders and torque noise."""
+    rng, t = np.random.default_rng(seed), DT * np.arange(round(seconds / DT))
+    f = np.geomspace(0.4, 11.0, 16) * rng.uniform(0.97, 1.03, 16)
+    s = 2j * np.pi * f
+    Q = (1.5 / np.abs(s)) * np.exp(1j * rng.uniform(0, 2 * np.pi, 16))
+    motor = Q * (J * s**2 + (FV + D) * s + K) / (D * s + K)
+    torque = motor * (IA * s**2 + FVM * s) + (K + D * s) * (motor - Q)
+    wave = np.exp(s[:, None] * t)
+    q, theta, tau = ((x[:, None] * wave).real.sum(axis=0) for x in (Q, motor, torque))
+    tau = tau + 0.01 * tau.std() * rng.standard_normal(len(t))
+    seen = STEP * np.round(np.column_stack([q, theta]) / STEP)
+    channels = haptid.Channels(haptid.Signal(("q", "theta"), "rad"), haptid.Signal(("u",), "N m", side="motor"), "t")
+    return haptid.Log(Path("made"), "", t, seen, tau[:, None], channels)
+
+
+def treated(log: haptid.Log) -> haptid.Motion:
+    settings = haptid.Treatment(cutoff_hz=80.0, decimation=10, parallel_cutoff_hz=25.0)
+    return haptid.treat(log, settings)
+
+
+def assert_within(found: haptid.Estimate, times: float = 3.5) -> None:
+    for name, value, se in zip(found.names, found.beta, found.se, strict=True):
+        assert abs(value - TRUTH[name]) < times * se, (name, value, se)
+
+
+def test_inverse_dynamics_of_one_axis_is_the_closed_form():
+    model, rng = axis(), np.random.default_rng(0)
+    assert model.base.names == ("ZZ1", "KE1", "DE1", "IAM1", "FV1", "FVM1")
+    beta = np.array([TRUTH[name] for name in model.base.names])
+    (q, th), (qd, thd), (qdd, thdd) = motion = rng.standard_normal((3, 2, 50))
+    found = haptid.inverse_dynamics(model, beta, *motion)
+    spring = K * (th - q) + D * (thd - qd)
+    motor = IA * thdd + FVM * thd + spring
+    link = J * qdd + FV * qd - spring
+    np.testing.assert_allclose(found, [motor, motor + link], atol=1e-12 * K)
+
+
+def test_exact_base_parameters_are_the_numeric_ones():
+    model = arm()
+    exact = model.regroupings
+    assert set(exact.names) == set(model.base.names)
+    assert {"KEa", "DEa", "KEb", "DEb"} <= set(model.base.names)
+
+
+def test_forward_dynamics_is_spongs_model():
+    """Links and rotors are coupled by springs alone; the rigid model of the links comes from a device of its own."""
+    model = arm()
+    rigid = axis(gravity=[0.0, -9.81, 0.0], joints=[{"name": "1"}, {"name": "2", "d": 0.3}], terms=[TERMS[2]])
+    rng = np.random.default_rng(3)
+    values = dict(zip(model.device.parameters.names, rng.uniform(0.5, 1.5, len(model.device.parameters)), strict=True))
+    chi = np.array([values[name] for name in model.device.parameters.names])
+    links = np.array([values[name] for name in rigid.device.parameters.names])
+    q, qd, qdd, th, thd, thdd = rng.standard_normal((6, 2, 20))
+    rows = haptid.inverse_dynamics(
+        model, model.base.of(chi), *(np.concatenate(x) for x in ((q, th), (qd, thd), (qdd, thdd)))
+    )
+    N = np.array([[1.0, 0.0], [0.5, 1.0]])
+    stiff, damp, inert, viscous = (np.array([[values[f"{x}{m}"]] for m in "ab"]) for x in ("KE", "DE", "IAM", "FVM"))
+    spring = stiff * (th - N @ q) + damp * (thd - N @ qd)
+    motors = inert * thdd + viscous * thd + spring
+    joints = haptid.inverse_dynamics(rigid, rigid.base.of(links), q, qd, qdd) - N.T @ spring
+    np.testing.assert_allclose(rows[:2], motors, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rows[2:], joints + N.T @ motors, rtol=1e-9, atol=1e-9)
+
+
+def test_the_bench_moves_as_the_model_says():
+    pytest.importorskip("mujoco")
+    model = arm()
+    chi = np.zeros(len(model.device.parameters))
+    given = {"XX": 0.03, "YY": 0.06, "ZZ": 0.06, "MX": 0.15, "M": 1.0}
+    index = model.device.parameters.index
+    for name, value in given.items():
+        for link in "12":
+            chi[index[f"{name}{link}"]] = value
+    for motor in "ab":
+        for name, value in {"KE": 400.0, "DE": 0.4, "IAM": 0.02, "FVM": 0.05}.items():
+            chi[index[f"{name}{motor}"]] = value
+    controller = bench.Controller((40.0,), (1.5,), gravity=True)
+    setup = bench.Setup(model, chi, controller)
+    kind = bench.Multisine(2.5, (0.0,), (0.5,), ramp=0.5)
+    made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
+    rows = haptid.inverse_dynamics(model, model.base.of(chi), made.q.T, made.qd.T, made.qdd.T)
+    applied = model.device.row_torque(model.device.row_map @ made.q.T, made.torque.T)
+    np.testing.assert_allclose(rows, applied, atol=1e-6 * np.abs(applied).max())
+    assert np.abs(made.qd[0]).max() < 1e-12
+    assert np.abs(made.qdd[:5]).max() < 0.2
+
+
+def test_both_sides_give_stiffness_and_damping():
+    model = axis()
+    found = haptid.estimate(haptid.observe(model, treated(recorded())), haptid.WLS())
+    assert_within(found)
+    assert found["KE1"].relative_se < 0.5
+    assert found["DE1"].relative_se < 2.0
+
+
+def test_driven_joints_follow_the_closed_form_with_exact_slopes():
+    model, log = axis(), recorded(seconds=1.4)
+    motion = treated(log)
+    smoothed, base = smooth(model, [motion], 1e-3), base_columns(model)
+    beta = np.array([TRUTH[name] for name in model.base.names])
+    segments, inner = Segments.of(len(motion), len(motion), 0), slice(1000, -200)  # the start's transient has decayed
+
+    def course(at: np.ndarray) -> DrivenCourse:
+        return DrivenJoints(smoothed, motion, segments, base).course(at)
+
+    made = course(beta)
+    assert np.abs(made.c[1, inner] - motion.q[inner, 0]).max() < 20 * STEP
+    for name in ("ZZ1", "KE1", "DE1"):
+        k = model.base.names.index(name)
+        step = 1e-4 * beta * (np.arange(len(beta)) == k)
+        numeric = (course(beta + step).torque - course(beta - step).torque)[0, inner] / (2 * step[k])
+        trapezoidal = (2 * np.pi * 12.3 * DT) ** 2  # relative error near the resonance
+        np.testing.assert_allclose(made.slope[0, k, inner], numeric, atol=trapezoidal * np.abs(numeric).max())
+
+
+def test_positions_of_the_motors_alone_give_stiffness():
+    model = axis()
+    start = {name: 1.1 * value for name, value in TRUTH.items()}
+    found = haptid.estimate(haptid.observe(model, treated(recorded())), MotorSide(initial=start))
+    assert_within(found)
+    assert abs(found["KE1"].value / K - 1) < 0.02
+
+
+def test_wrong_elastic_terms_are_clear_errors():
+    def refused(*terms: dict[str, object]) -> DeviceFileError:
+        with pytest.raises(DeviceFileError) as caught:
+            axis(terms=list(terms))
+        return caught.value
+
+    assert "rotor has no inertia" in str(refused(TERMS[0]))
+    assert "acts on motors" in str(refused({"kind": "elastic", "joints": "all"}, TERMS[1]))
+    assert "already taken" in str(refused(TERMS[0], TERMS[0], TERMS[1]))
+    assert "motor" in str(refused({"kind": "elastic", "motors": ["x"]}, TERMS[1]))
+
+
+def test_missing_stiffness_and_missing_springs_are_clear_errors():
+    rigid = axis(terms=TERMS[2:3])
+    motion = haptid.treat(
+        haptid.Log(
+            Path("made"),
+            "",
+            recorded().t,
+            recorded().position[:, :1],
+            recorded().torque,
+            haptid.Channels(haptid.Signal(("q",), "rad"), haptid.Signal(("u",), "N m", side="motor"), "t"),
+        ),
+        haptid.Treatment(cutoff_hz=80.0, decimation=10),
+    )
+    with pytest.raises(SettingError, match="no elastic motor"):
+        haptid.estimate(haptid.observe(rigid, motion), MotorSide())
+    model = axis()
+    setup = bench.Setup(model, np.zeros(len(model.device.parameters)), bench.Controller((1.0,), (0.1,)))
+    with pytest.raises(ExperimentError, match="stiffness KE1 is 0"):
+        bench.elastic.balanced_start(model, setup.chi, np.zeros(2))
+
+
+def test_logs_without_links_are_told():
+    model, log = axis(), recorded()
+    assert not lacks_links(model, log)
+
+
+def test_stiffness_is_found_from_motor_positions_without_initial_values():
+    model, both = axis(), recorded(seconds=6.0)
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t, both.position[:, 1:], both.torque, channels)
+    assert lacks_links(model, log)
+    (made,), found = complete_logs(model, [log], [True], torque_delay_s=0.0)
+    assert_within(with_noise_uncertainty(found), times=4.5)  # converged to one standard error
+    assert np.array_equal(made.position[:, 1], log.position[:, 0])

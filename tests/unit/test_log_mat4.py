@@ -1,0 +1,64 @@
+"""MAT files of level 4, as "To File" blocks and real-time targets write them; SciPy is the oracle."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import io
+
+from haptid import errors
+from haptid.log import Channels, Signal, read_log
+from haptid.log.formats.mat4_header import is_mat4
+from haptid.log.survey import survey
+
+T = np.arange(400) * 0.002
+DATA = np.vstack([T, np.sin(9 * T), 9 * np.cos(9 * T), np.cos(8 * T)])
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i4", "i2"])
+def test_it_is_read_as_scipy_reads_it(tmp_path: Path, kind: str) -> None:
+    data = (DATA * (1 if kind[0] == "f" else 1000)).astype(kind)
+    io.savemat(tmp_path / "log.mat", {"rec": data, "note": "made by hand", "gain": np.eye(2)}, format="4")
+    wanted = io.loadmat(tmp_path / "log.mat")["rec"]
+    from haptid.log.formats import mat
+
+    assert mat.names(tmp_path / "log.mat") == [*(f"rec[{k}]" for k in range(1, 5)), "gain[1]", "gain[2]"]
+    found = mat.columns(tmp_path / "log.mat", ["rec[3]", "rec[1]"])
+    np.testing.assert_array_equal(found["rec[3]"], wanted[2])
+    np.testing.assert_array_equal(found["rec[1]"], wanted[0])
+
+
+def test_a_matrix_of_the_other_byte_order(tmp_path: Path) -> None:
+    head = struct.pack(">5i", 1000, 4, T.size, 0, 5) + b"data\0"
+    (tmp_path / "log.mat").write_bytes(head + DATA.astype(">f8").tobytes(order="F"))
+    channels = Channels(Signal("data[2]", "rad"), Signal("data[4]", "N m"), time="data[1]")
+    log = read_log(tmp_path / "log.mat", channels)
+    np.testing.assert_allclose(log.position[:, 0], DATA[1], atol=1e-12)
+    assert 'time = "data[1]"' in survey(tmp_path / "log.mat").table
+
+
+def test_what_is_cut_short_or_declares_too_much_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    io.savemat(path, {"rec": DATA}, format="4")
+    whole = path.read_bytes()
+    for wrong in (whole[:-100], struct.pack("<5i", 0, 2**31 - 1, 2**31 - 1, 0, 4) + whole[20:], whole + b"\1" * 30):
+        path.write_bytes(wrong)
+        with pytest.raises(errors.LogFileError, match="damaged or cut short"):
+            survey(path)
+
+
+def test_other_files_are_none() -> None:
+    assert not is_mat4(b"t,q1,tau1\n0,0,0\n" * 3)
+    assert not is_mat4(bytes(64))
+    assert not is_mat4(np.arange(40.0).tobytes())
+
+
+def test_a_file_of_cells_says_what_to_save(tmp_path: Path) -> None:
+    runs = np.empty(2, dtype=object)
+    runs[:] = [DATA, DATA[:, :50]]
+    io.savemat(tmp_path / "runs.mat", {"runs": runs})
+    with pytest.raises(errors.LogFileError, match="nothing in it is an array of numbers"):
+        survey(tmp_path / "runs.mat")
