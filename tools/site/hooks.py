@@ -1,4 +1,4 @@
-"""Hooks of the documentation site: formulas as MathML, and the page of commands made from the commands.
+"""Hooks of the documentation site: formulas as MathML, the page of commands, and a page for each notebook.
 
 A formula is set while the site is built, by latex2mathml, so that a page needs neither a script nor a network for it.
 """
@@ -6,16 +6,35 @@ A formula is set while the site is built, by latex2mathml, so that a page needs 
 from __future__ import annotations
 
 import html
+import json
 import re
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+
+sys.path.insert(0, str(Path(__file__).parent))
+from notebooks import as_markdown
 
 # What `pymdownx.arithmatex` makes of a formula, in a line or displayed.
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 # In docs/cli.md.
 COMMANDS = "<!--commands-->"
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """A page beside each notebook, with its stored outputs; the notebook itself can be downloaded there."""
+    for file in [file for file in files if file.src_uri.endswith(".ipynb")]:
+        name = file.src_uri.rpartition("/")[2]
+        text = as_markdown(json.loads(file.content_string))
+        offer = f"This page is a notebook: [download]({name}) and run it.\n\n"
+        title, _, rest = text.partition("\n")
+        page = f"{title}\n\n{offer}{rest}"
+        files.append(File.generated(config, file.src_uri.replace(".ipynb", ".md"), content=page))
+    return files
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

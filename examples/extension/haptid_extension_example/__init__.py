@@ -1,0 +1,1 @@
+"""Extensions of haptid: one of each kind."""
