@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Some tests start many processes; each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast check bench fuzz sbom docs wheel clean
+.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -28,6 +28,14 @@ FAST := identity golden real errors recovery/test_known_parameters.py recovery/t
 test-fast: $(VENV)/.test
 	$(TESTED) $(wildcard $(FAST:%=tests/%))
 
+# The fast tests with the lowest versions that pyproject.toml allows. Warnings of old libraries about new ones are no errors.
+test-lowest: $(VENV)/.run
+	$(PIP) install -c constraints.txt uv
+	$(BIN)/uv venv --quiet --clear $(VENV)-lowest
+	$(BIN)/uv pip compile --quiet --resolution lowest-direct --extra test pyproject.toml -o $(VENV)-lowest/versions.txt
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest -r $(VENV)-lowest/versions.txt
+	PYTHONPATH=python $(VENV)-lowest/bin/python -m pytest -n logical --dist worksteal -o filterwarnings= $(wildcard $(FAST:%=tests/%))
+
 # The bindings have no Rust tests: they are built with the package, linted here, and called by the tests in Python.
 check: $(VENV)/.test
 	cargo fmt --all --check
@@ -44,6 +52,10 @@ check: $(VENV)/.test
 
 bench: $(VENV)/.test $(VENV)-bench/.made
 	$(BIN)/python benchmarks/run.py
+
+# Ratios to NumPy's times in the same run, beside the recorded ones; names what is slower by more than 10 %.
+bench-quick: $(VENV)/.run
+	RAYON_NUM_THREADS=1 $(BIN)/python benchmarks/quick.py
 
 # All readers of files, and the core's argument checks, on mutations of fuzz/seeds; findings go to fuzz/findings.
 MINUTES ?= 5
