@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 # Names of the pages; the first part of their addresses.
 PAGES = ("device", "experiment", "data", "solve", "results", "use", "live", "registry")
-# An index is used for this many times the duration of its scan: pages loaded together scan a large folder once.
+# An index is used for this many times the duration of its scan, or until a file is added, renamed or removed: pages
+# loaded together scan a large folder once.
 _FRESH = 2.0
 
 
@@ -51,7 +52,9 @@ class Session:
         self.workspace, self.largest_log = workspace, largest_log
         self.jobs = Jobs(workspace.folder, workspace.own() / "jobs")
         self.live = live_calls.Live(workspace, self.changed)
-        self._reindex, self._lock, self._good_until = reindex, threading.Lock(), 0.0
+        self._reindex, self._lock = reindex, threading.Lock()
+        self._good_until = 0.0
+        self._listed: tuple[int, ...] = ()
 
     @cached_property
     def _index(self) -> Index:
@@ -66,11 +69,11 @@ class Session:
     def index(self) -> Index:
         """The index, as the files are now."""
         with self._lock:
-            began = time.monotonic()
-            if began >= self._good_until:
+            began, listed = time.monotonic(), self._index.listed()
+            if began >= self._good_until or listed != self._listed:
                 self._index.refresh()
                 done = time.monotonic()
-                self._good_until = done + _FRESH * (done - began)
+                self._good_until, self._listed = done + _FRESH * (done - began), listed
             return self._index
 
     def changed(self) -> None:

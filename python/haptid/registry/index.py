@@ -125,6 +125,10 @@ class Index:
                     self._write(path, *there[path])
         return len(changed) + len(gone)
 
+    def listed(self) -> tuple[int, ...]:
+        """Times of the last additions, renamings and removals in the folders, ns; 0 for an absent one."""
+        return tuple(_changed(self._root / folder) for folder in _FOLDERS.values())
+
     def search(self, kind: IndexedKind, words: str = "", limit: int = 200) -> list[Indexed]:
         """Entries of a kind that contain every word, the latest first."""
         wanted = [f"%{_escaped(word)}%" for word in words.lower().split()]
@@ -197,6 +201,13 @@ _Read = tuple[str, str, dict[str, Any], list[str]]
 
 def _is_toml(entry: os.DirEntry[str]) -> bool:
     return entry.name.endswith(".toml") and entry.is_file()
+
+
+def _changed(folder: Path) -> int:
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _escaped(word: str) -> str:
