@@ -9,12 +9,12 @@
 
 use crate::batch::link_velocity::contract_momentum;
 use crate::end_effector::jacobian::{
-    BodyParameters, EndEffector, EndEffectorModel, PoseGroup, PoseSlot, Poses, check_indices, for_each_group,
-    link_velocity, load_pose, store_pose,
+    BodyParameters, EndEffector, EndEffectorModel, PoseGroup, Poses, check_indices, for_each_group, link_velocity,
 };
 use crate::error::{Error, expect_length};
 use crate::linalg::jacobi_svd::JacobiSvd;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::memory::slot::PoseSlot;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
@@ -118,6 +118,8 @@ pub fn apparent_mass(
 struct ApparentMassState<'a> {
     query: &'a ApparentMassQuery<'a>,
     svd: JacobiSvd,
+    /// Singular triplets of one pose, largest mass first.
+    order: Vec<usize>,
     /// Coordinate rates that move the end effector at unit speed along each direction, masses x coordinates.
     rates: Vec<PoseSlot>,
     /// Derivative of each mass along each column of the covariance factor, masses x factor columns.
@@ -140,34 +142,43 @@ impl<'a> ApparentMassState<'a> {
         ApparentMassState {
             query,
             svd: JacobiSvd::new(query.rows.len(), query.free.len()),
-            rates: vec![[0.0; MAX_WIDTH]; r * model.mechanism.coordinates],
-            change: vec![[0.0; MAX_WIDTH]; r * query.factor_columns],
+            order: (0..r).collect(),
+            rates: vec![PoseSlot::ZERO; r * model.mechanism.coordinates],
+            change: vec![PoseSlot::ZERO; r * query.factor_columns],
             uncertain,
         }
     }
 
     fn fill(&mut self, model: &EndEffectorModel, group: &PoseGroup, out: &mut [f64]) {
-        let (query, na) = (self.query, model.mechanism.coordinates);
+        let (query, na, n) = (self.query, model.mechanism.coordinates, self.query.free.len());
         let (r, m) = (query.masses(), query.rows.len());
+        // SAFETY: the buffers have been made for the query; pose slots have room for the widest lane.
+        unsafe { decompose(model.mechanism.backend, model, group, self) };
         for (k, out) in out.chunks_exact_mut(query.width()).enumerate() {
-            let jacobian = |row: usize, a: usize| group.jacobian[query.rows[row] * na + query.free[a]][k];
-            let mass = |a: usize, b: usize| group.mass[query.free[a] * na + query.free[b]][k];
             out.fill(f64::NAN);
-            out[0] = self.svd.condition_number(jacobian);
-            let known = out[0] <= query.max_condition && self.svd.solve(jacobian, mass);
-            for e in 0..r {
-                for (a, &coordinate) in query.free.iter().enumerate() {
-                    self.rates[e * na + coordinate][k] =
-                        if known { self.svd.rates[e * query.free.len() + a] } else { 0.0 };
+            out[0] = self.svd.condition.0[k];
+            let known = out[0] <= query.max_condition && self.svd.definite.0[k] == 1.0;
+            self.order.sort_unstable_by(|&a, &b| self.svd.masses[b].0[k].total_cmp(&self.svd.masses[a].0[k]));
+            for (place, &e) in self.order.iter().enumerate() {
+                let direction = &self.svd.directions[e * m..][..m];
+                // The component of largest magnitude is positive.
+                let largest =
+                    direction.iter().map(|x| x.0[k]).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+                let sign = if largest < 0.0 { -1.0 } else { 1.0 };
+                if known {
+                    out[1 + place] = self.svd.masses[e].0[k];
+                    for (to, from) in out[1 + r + place * m..][..m].iter_mut().zip(direction) {
+                        *to = sign * from.0[k];
+                    }
                 }
-            }
-            if known {
-                out[1..][..r].copy_from_slice(&self.svd.masses);
-                out[1 + r..][..r * m].copy_from_slice(&self.svd.directions);
+                for (a, &coordinate) in query.free.iter().enumerate() {
+                    self.rates[place * na + coordinate].0[k] =
+                        if known { sign * self.svd.rates[e * n + a].0[k] } else { 0.0 };
+                }
             }
         }
         if query.factor_columns > 0 {
-            // SAFETY: `fill` has sized the buffers for the query; pose slots have room for the widest lane.
+            // SAFETY: as above.
             unsafe { changes(model.mechanism.backend, model, group, self) };
             self.covariance(out);
         }
@@ -181,7 +192,7 @@ impl<'a> ApparentMassState<'a> {
             let mut sum = [0.0; MAX_WIDTH];
             for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
                 for k in 0..MAX_WIDTH {
-                    sum[k] += left[k] * right[k];
+                    sum[k] += left.0[k] * right.0[k];
                 }
             }
             for (k, out) in out.chunks_exact_mut(self.query.width()).enumerate() {
@@ -194,12 +205,35 @@ impl<'a> ApparentMassState<'a> {
 }
 
 dispatched! {
+    unsafe fn decompose =
+        decompose_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
+}
+
+#[inline(always)]
+unsafe fn decompose_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState) {
+    let (query, na) = (state.query, model.mechanism.coordinates);
+    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
+        // SAFETY: the loop over k leaves room for a lane in pose slots.
+        unsafe {
+            state.svd.solve::<T>(
+                |row, a| &group.jacobian[query.rows[row] * na + query.free[a]],
+                |a, b| &group.mass[query.free[a] * na + query.free[b]],
+                k,
+            );
+            if query.factor_columns > 0 {
+                state.svd.unit_speed_rates::<T>(k);
+            }
+        }
+    }
+}
+
+dispatched! {
     unsafe fn changes = changes_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
 }
 
 #[inline(always)]
 unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState) {
-    state.change.fill([0.0; MAX_WIDTH]);
+    state.change.fill(PoseSlot::ZERO);
     let (na, s) = (model.mechanism.coordinates, state.query.factor_columns);
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
         for (rates, change) in state.rates.chunks_exact(na).zip(state.change.chunks_exact_mut(s)) {
@@ -223,7 +257,7 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
                     let spread = &state.query.covariance_factor[column * s..][..s];
                     for (slot, &share) in change.iter_mut().zip(spread) {
                         // SAFETY: as above.
-                        unsafe { store_pose(slot, k, energy.fma(T::splat(share), load_pose::<T>(slot, k))) };
+                        unsafe { slot.store(k, energy.fma(T::splat(share), slot.load::<T>(k))) };
                     }
                 }
             }
@@ -242,7 +276,7 @@ unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[PoseSlot], k: usize) -
     let mut speed = T::splat(0.0);
     for (&weight, rate) in weights.iter().zip(rates) {
         // SAFETY: the caller promises room for a lane from k on.
-        speed = unsafe { load_pose::<T>(rate, k) }.fma(T::splat(weight), speed);
+        speed = unsafe { rate.load::<T>(k) }.fma(T::splat(weight), speed);
     }
     speed.mul(speed)
 }

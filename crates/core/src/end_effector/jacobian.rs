@@ -10,6 +10,7 @@ use crate::error::{Error, expect_length};
 use crate::linalg::vector::{Vector, cross_add, dot, zero};
 use crate::mechanism::transform::JointTransform;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::memory::slot::PoseSlot;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use rayon::prelude::*;
@@ -20,9 +21,6 @@ const SHARE: usize = 512;
 const SINGLE_THREAD: usize = 2000;
 /// Components of the end-effector velocity: linear, then angular.
 const COMPONENTS: usize = 6;
-
-/// One quantity at a group of poses.
-pub(crate) type PoseSlot = [f64; MAX_WIDTH];
 
 /// Joint positions and rates at the poses, channel major.
 #[derive(Debug, Clone, Copy)]
@@ -130,13 +128,13 @@ pub(crate) struct PoseGroup {
 impl PoseGroup {
     pub(crate) fn new(model: &EndEffectorModel) -> PoseGroup {
         let (n, na) = (model.mechanism.links.len(), model.mechanism.coordinates);
-        let zero = [0.0; MAX_WIDTH];
+        let zeros = |len| vec![PoseSlot::ZERO; len];
         PoseGroup {
-            position: vec![zero; n],
-            rates: vec![zero; n * na],
-            axes: vec![[zero; 6]; model.mechanism.axes],
-            jacobian: vec![zero; COMPONENTS * na],
-            mass: vec![zero; na * na],
+            position: zeros(n),
+            rates: zeros(n * na),
+            axes: vec![[PoseSlot::ZERO; 6]; model.mechanism.axes],
+            jacobian: zeros(COMPONENTS * na),
+            mass: zeros(na * na),
         }
     }
 
@@ -146,13 +144,13 @@ impl PoseGroup {
         let stage = |slots: &mut [PoseSlot], data: &[f64]| {
             for (slot, channel) in slots.iter_mut().zip(data.chunks_exact(samples)) {
                 let source = &channel[from..from + count];
-                slot.fill(source[count - 1]);
-                slot[..count].copy_from_slice(source);
+                slot.0.fill(source[count - 1]);
+                slot.0[..count].copy_from_slice(source);
             }
         };
         stage(&mut self.position, model.poses.position);
         if model.poses.rates.len() == self.rates.len() {
-            self.rates.iter_mut().zip(model.poses.rates).for_each(|(slot, &rate)| slot.fill(rate));
+            self.rates.iter_mut().zip(model.poses.rates).for_each(|(slot, &rate)| slot.0.fill(rate));
         } else {
             stage(&mut self.rates, model.poses.rates);
         }
@@ -173,29 +171,15 @@ unsafe fn carry_in_lanes<T: Lane>(model: &EndEffectorModel, group: &mut PoseGrou
     }
 }
 
-/// Load a lane of a pose slot.
+/// Angular and linear part of an axis.
 ///
 /// # Safety
 ///
 /// `k + T::WIDTH <= MAX_WIDTH`.
 #[inline(always)]
-pub(crate) unsafe fn load_pose<T: Lane>(slot: &PoseSlot, k: usize) -> T {
-    debug_assert!(k + T::WIDTH <= MAX_WIDTH);
-    // SAFETY: the caller's promise.
-    unsafe { T::load(slot.as_ptr().add(k)) }
-}
-
-#[inline(always)]
-pub(crate) unsafe fn store_pose<T: Lane>(slot: &mut PoseSlot, k: usize, lane: T) {
-    debug_assert!(k + T::WIDTH <= MAX_WIDTH);
-    // SAFETY: the caller's promise.
-    unsafe { lane.store(slot.as_mut_ptr().add(k)) };
-}
-
-#[inline(always)]
 pub(crate) unsafe fn load_pose_axis<T: Lane>(axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
     // SAFETY: the caller's promise.
-    let part = |e: usize| unsafe { load_pose::<T>(&axis[e], k) };
+    let part = |e: usize| unsafe { axis[e].load::<T>(k) };
     ([part(0), part(1), part(2)], [part(3), part(4), part(5)])
 }
 
@@ -205,15 +189,15 @@ unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k
     // SAFETY: the caller's promise about k.
     unsafe {
         for (slot, &entry) in group.mass.iter_mut().zip(&model.rotor_mass) {
-            store_pose(slot, k, T::splat(entry));
+            slot.store(k, T::splat(entry));
         }
         let one = |e: usize| core::array::from_fn(|f| T::splat(if e == f { 1.0 } else { 0.0 }));
         // Axes of the base frame, in the link's frame.
         let mut base: [Vector<T>; 3] = [one(0), one(1), one(2)];
         for (i, link) in model.mechanism.links.iter().enumerate() {
-            let joint = JointTransform::at_zero(link.shape, link).at(load_pose::<T>(&group.position[i], k));
+            let joint = JointTransform::at_zero(link.shape, link).at(group.position[i].load::<T>(k));
             for (slot, axis) in (link.first..).zip(&link.axes) {
-                let rate = load_pose::<T>(&group.rates[i * na + axis.coordinate], k);
+                let rate = group.rates[i * na + axis.coordinate].load::<T>(k);
                 let (x, u) = match axis.above {
                     Some(above) => {
                         joint.add_joint_rate(joint.transform_axis(load_pose_axis::<T>(&group.axes[above], k)), rate)
@@ -221,7 +205,7 @@ unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k
                     None => joint.joint_axis(rate),
                 };
                 for (e, part) in x.into_iter().chain(u).enumerate() {
-                    store_pose(&mut group.axes[slot][e], k, part);
+                    group.axes[slot][e].store(k, part);
                 }
             }
             if model.carries[i] {
@@ -260,7 +244,7 @@ unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: 
             for &at in &both[..if a == b { 1 } else { 2 }] {
                 let slot = &mut group.mass[at];
                 // SAFETY: as above.
-                unsafe { store_pose(slot, k, load_pose::<T>(slot, k).add(entry)) };
+                unsafe { slot.store(k, slot.load::<T>(k).add(entry)) };
             }
         }
     }
@@ -278,7 +262,7 @@ unsafe fn end_effector_rows<T: Lane>(model: &EndEffectorModel, group: &mut PoseG
         for (row, &along) in base.iter().enumerate() {
             for (row, vector) in [(row, velocity), (row + 3, x)] {
                 // SAFETY: as above.
-                unsafe { store_pose(&mut group.jacobian[row * na + axis.coordinate], k, dot(along, vector)) };
+                unsafe { group.jacobian[row * na + axis.coordinate].store(k, dot(along, vector)) };
             }
         }
     }
@@ -346,7 +330,7 @@ pub fn end_effector_dynamics(
     let work = |group: &PoseGroup, _: &mut (), out: &mut [f64]| {
         let chosen = rows.iter().flat_map(|&row| &group.jacobian[row * na..][..na]);
         for (e, slot) in chosen.chain(&group.mass).enumerate() {
-            for (pose, &number) in out.chunks_exact_mut(width).zip(slot) {
+            for (pose, &number) in out.chunks_exact_mut(width).zip(&slot.0) {
                 pose[e] = number;
             }
         }
@@ -386,7 +370,7 @@ pub(crate) unsafe fn link_velocity<T: Lane>(
     for (slot, axis) in (link.first..).zip(&link.axes) {
         // SAFETY: the caller's promise about k.
         let ((dx, du), weight) =
-            unsafe { (load_pose_axis::<T>(&group.axes[slot], k), load_pose::<T>(&weights[axis.coordinate], k)) };
+            unsafe { (load_pose_axis::<T>(&group.axes[slot], k), weights[axis.coordinate].load::<T>(k)) };
         x = core::array::from_fn(|e| dx[e].fma(weight, x[e]));
         u = core::array::from_fn(|e| du[e].fma(weight, u[e]));
     }

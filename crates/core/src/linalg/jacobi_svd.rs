@@ -1,193 +1,286 @@
-//! Singular values and vectors of `J L^-T` with `A = L L'` (J the Jacobian, A the mass matrix of one pose), by
-//! one-sided Jacobi rotations.
+//! Singular values and vectors of `J L^-T` with `A = L L'` (J the Jacobian, A the mass matrix of a pose), by one-sided
+//! Jacobi rotations, for a lane of poses together.
+//!
+//! Safety: pose slots have [`crate::simd::lane::MAX_WIDTH`] numbers; unsafe functions take a `k` with
+//! `k + T::WIDTH <= MAX_WIDTH`, and matrices of the size that the decomposition was made for.
+
+use crate::memory::slot::PoseSlot;
+use crate::simd::lane::Lane;
 
 /// Maximum number of Jacobi sweeps; five are usual.
 const MAX_SWEEPS: usize = 30;
 /// Vectors are orthogonal if the cosine of their angle is below this.
 const ORTHOGONALITY: f64 = 1e-15;
+/// A pivot that cancellation has reduced to this share of the diagonal is not known to be positive.
+const LEAST_PIVOT: f64 = 1e-14;
 
-/// Decomposition at one pose, of m rows and n coordinates: r = min(m, n) apparent masses, their directions, and the
-/// coordinate rates that move the end effector along them.
+/// Decomposition at each pose, of m rows and n coordinates: r = min(m, n) singular triplets, in no order.
 pub(crate) struct JacobiSvd {
     m: usize,
     n: usize,
-    /// Cholesky factor of A, n x n.
-    factor: Vec<f64>,
-    /// J, then L^-1 J': m vectors of length n.
-    columns: Vec<f64>,
-    /// The vectors that are orthogonalised, and the accumulated rotations.
-    vectors: Vec<f64>,
-    rotations: Vec<f64>,
-    /// Singular values, and their indices in ascending order.
-    singular_values: Vec<f64>,
-    order: Vec<usize>,
-    /// Apparent masses 1 / s^2, largest first, r.
-    pub(crate) masses: Vec<f64>,
+    /// Cholesky factor of A below the diagonal, n x n; the diagonal has reciprocals.
+    factor: Vec<PoseSlot>,
+    /// L^-1 J': m vectors of length n.
+    columns: Vec<PoseSlot>,
+    /// Rows or columns of J, and of `J L^-T`, whichever are fewer.
+    plain: Vectors,
+    weighted: Vectors,
+    /// Condition number of J: its largest singular value by its smallest; infinite where the rank is deficient.
+    pub(crate) condition: PoseSlot,
+    /// One where A is positive definite, else zero.
+    pub(crate) definite: PoseSlot,
+    /// Apparent masses 1 / s^2, r.
+    pub(crate) masses: Vec<PoseSlot>,
     /// Unit directions of the masses, r x m.
-    pub(crate) directions: Vec<f64>,
+    pub(crate) directions: Vec<PoseSlot>,
     /// Coordinate rates that move the end effector at unit speed along each direction, r x n.
-    pub(crate) rates: Vec<f64>,
+    pub(crate) rates: Vec<PoseSlot>,
 }
 
 impl JacobiSvd {
     pub(crate) fn new(m: usize, n: usize) -> JacobiSvd {
-        let (r, zeros) = (m.min(n), |len| vec![0.0; len]);
+        let (r, zeros) = (m.min(n), |len| vec![PoseSlot::ZERO; len]);
         JacobiSvd {
             m,
             n,
             factor: zeros(n * n),
             columns: zeros(m * n),
-            vectors: zeros(m * n),
-            rotations: zeros(r * r),
-            singular_values: zeros(r),
-            order: (0..r).collect(),
+            plain: Vectors::new(r, m.max(n)),
+            weighted: Vectors::new(r, m.max(n)),
+            condition: PoseSlot::ZERO,
+            definite: PoseSlot::ZERO,
             masses: zeros(r),
             directions: zeros(r * m),
             rates: zeros(r * n),
         }
     }
 
-    /// Condition number of J: the ratio of its largest and smallest singular value, infinite if the rank is deficient.
-    pub(crate) fn condition_number(&mut self, jacobian: impl Fn(usize, usize) -> f64) -> f64 {
-        for row in 0..self.m {
-            for a in 0..self.n {
-                self.columns[row * self.n + a] = jacobian(row, a);
-            }
-        }
-        self.orthogonalise();
-        let singular_values = (0..self.order.len()).map(|e| self.norm(e));
-        let (low, high) = singular_values.fold((f64::INFINITY, 0.0), |(low, high), s| (s.min(low), s.max(high)));
-        if low > 0.0 { high / low } else { f64::INFINITY }
+    fn triplets(&self) -> usize {
+        self.m.min(self.n)
     }
 
-    /// Determine masses, directions and rates; false where A is not positive definite.
-    pub(crate) fn solve(&mut self, jacobian: impl Fn(usize, usize) -> f64, mass: impl Fn(usize, usize) -> f64) -> bool {
-        if !self.decompose(mass) {
-            return false;
-        }
+    /// Determine condition number, masses and directions; `jacobian(row, a)` and `mass(a, b)` for `b <= a` are entries.
+    #[inline(always)]
+    pub(crate) unsafe fn solve<'s, T: Lane>(
+        &mut self,
+        jacobian: impl Fn(usize, usize) -> &'s PoseSlot,
+        mass: impl Fn(usize, usize) -> &'s PoseSlot,
+        k: usize,
+    ) {
         let (m, n) = (self.m, self.n);
-        for row in 0..m {
-            for a in 0..n {
-                let known: f64 = (0..a).map(|b| self.factor[a * n + b] * self.columns[row * n + b]).sum();
-                self.columns[row * n + a] = (jacobian(row, a) - known) / self.factor[a * n + a];
-            }
-        }
-        self.orthogonalise();
-        for e in 0..self.order.len() {
-            self.singular_values[e] = self.norm(e);
-        }
-        let singular_values = &self.singular_values;
-        self.order.sort_unstable_by(|&a, &b| singular_values[a].total_cmp(&singular_values[b]));
-        for place in 0..self.order.len() {
-            let e = self.order[place];
-            let s = self.singular_values[e];
-            self.masses[place] = 1.0 / (s * s);
+        // SAFETY: the caller's promise about k, here and below.
+        unsafe {
+            let definite = self.decompose::<T>(mass, k);
+            self.definite.store(k, definite);
             for row in 0..m {
-                self.directions[place * m + row] =
-                    if m <= n { self.rotations[row * m + e] } else { self.vectors[e * m + row] / s };
+                for a in 0..n {
+                    let entry = jacobian(row, a).load::<T>(k);
+                    let mut rest = entry;
+                    for b in 0..a {
+                        let known = self.columns[row * n + b].load::<T>(k);
+                        rest = self.factor[a * n + b].load::<T>(k).fnma(known, rest);
+                    }
+                    let made = rest.mul(self.factor[a * n + a].load::<T>(k));
+                    self.columns[row * n + a].store(k, made);
+                    let at = if m <= n { row * n + a } else { a * m + row };
+                    self.plain.entries[at].store(k, entry);
+                    self.weighted.entries[at].store(k, made);
+                }
             }
-            self.fix_sign(place);
-            self.unit_speed_rates(place);
+            // Together: the rotations of one wait for square roots, while the other's go on.
+            self.weighted.begin_rotations::<T>(k);
+            let (mut plain, mut weighted) = (true, true);
+            for _ in 0..MAX_SWEEPS {
+                (plain, weighted) = self.sweep::<T>(plain, weighted, k);
+                if !plain && !weighted {
+                    break;
+                }
+            }
+            let condition = self.plain.extent::<T>(k);
+            self.condition.store(k, condition);
+            self.triplets_of_vectors::<T>(k);
         }
-        true
     }
 
-    /// Choose the sign of a direction: its component of largest magnitude is positive.
-    fn fix_sign(&mut self, place: usize) {
-        let direction = &mut self.directions[place * self.m..][..self.m];
-        let largest = direction.iter().copied().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
-        if largest < 0.0 {
-            direction.iter_mut().for_each(|x| *x = -*x);
+    /// Coordinate rates for each direction v: m A^-1 J' v = m L^-T (L^-1 J') v.
+    #[inline(always)]
+    pub(crate) unsafe fn unit_speed_rates<T: Lane>(&mut self, k: usize) {
+        let (m, n) = (self.m, self.n);
+        for e in 0..self.triplets() {
+            for a in (0..n).rev() {
+                // SAFETY: the caller's promise about k.
+                unsafe {
+                    let mut along = T::splat(0.0);
+                    for row in 0..m {
+                        let share = self.directions[e * m + row].load::<T>(k);
+                        along = self.columns[row * n + a].load::<T>(k).fma(share, along);
+                    }
+                    let mut rest = self.masses[e].load::<T>(k).mul(along);
+                    for b in a + 1..n {
+                        let known = self.rates[e * n + b].load::<T>(k);
+                        rest = self.factor[b * n + a].load::<T>(k).fnma(known, rest);
+                    }
+                    self.rates[e * n + a].store(k, rest.mul(self.factor[a * n + a].load::<T>(k)));
+                }
+            }
         }
     }
 
-    /// Cholesky decomposition A = L L'; false where A is not positive definite.
-    fn decompose(&mut self, mass: impl Fn(usize, usize) -> f64) -> bool {
+    /// Cholesky decomposition A = L L': one where A is positive definite, else zero.
+    #[inline(always)]
+    unsafe fn decompose<'s, T: Lane>(&mut self, mass: impl Fn(usize, usize) -> &'s PoseSlot, k: usize) -> T {
         let n = self.n;
+        let mut definite = T::splat(1.0);
         for a in 0..n {
             for b in 0..=a {
-                let known: f64 = (0..b).map(|c| self.factor[a * n + c] * self.factor[b * n + c]).sum();
-                let rest = mass(a, b) - known;
-                if a == b {
-                    // A pivot that cancellation has reduced to rounding error is not known to be positive.
-                    if rest.is_nan() || rest <= 1e-14 * mass(a, a).abs() {
-                        return false;
+                // SAFETY: the caller's promise about k.
+                unsafe {
+                    let entry = mass(a, b).load::<T>(k);
+                    let mut rest = entry;
+                    for c in 0..b {
+                        let other = self.factor[b * n + c].load::<T>(k);
+                        rest = self.factor[a * n + c].load::<T>(k).fnma(other, rest);
                     }
-                    self.factor[a * n + a] = rest.sqrt();
-                } else {
-                    self.factor[a * n + b] = rest / self.factor[b * n + b];
+                    let made = if a == b {
+                        let least = entry.xor_sign(entry).mul(T::splat(LEAST_PIVOT));
+                        definite = T::select_gt(rest, least, definite, T::splat(0.0));
+                        T::splat(1.0).div(rest.sqrt())
+                    } else {
+                        rest.mul(self.factor[b * n + b].load::<T>(k))
+                    };
+                    self.factor[a * n + b].store(k, made);
                 }
             }
         }
-        true
+        definite
     }
 
-    /// Coordinate rates for one direction v: m A^-1 J' v = m L^-T (L^-1 J') v.
-    fn unit_speed_rates(&mut self, place: usize) {
-        let (m, n) = (self.m, self.n);
-        for a in (0..n).rev() {
-            let along: f64 = (0..m).map(|row| self.columns[row * n + a] * self.directions[place * m + row]).sum();
-            let known: f64 = (a + 1..n).map(|b| self.factor[b * n + a] * self.rates[place * n + b]).sum();
-            self.rates[place * n + a] = (self.masses[place] * along - known) / self.factor[a * n + a];
-        }
-    }
-
-    /// Length of the vectors that are orthogonalised.
-    fn vector_length(&self) -> usize {
-        self.m.max(self.n)
-    }
-
-    fn norm(&self, e: usize) -> f64 {
-        let long = self.vector_length();
-        self.vectors[e * long..][..long].iter().map(|x| x * x).sum::<f64>().sqrt()
-    }
-
-    /// One-sided Jacobi rotations (Hestenes 1958): of rows and columns the fewer are orthogonalised pair by pair. Their
-    /// norms are the singular values.
-    fn orthogonalise(&mut self) {
-        let (m, n, r, long) = (self.m, self.n, self.order.len(), self.vector_length());
+    /// Masses and directions of the orthogonal vectors.
+    #[inline(always)]
+    unsafe fn triplets_of_vectors<T: Lane>(&mut self, k: usize) {
+        let (m, r) = (self.m, self.triplets());
         for e in 0..r {
-            for k in 0..long {
-                self.vectors[e * long + k] = if m <= n { self.columns[e * n + k] } else { self.columns[k * n + e] };
-            }
-            for f in 0..r {
-                self.rotations[e * r + f] = if e == f { 1.0 } else { 0.0 };
-            }
-        }
-        for _ in 0..MAX_SWEEPS {
-            let mut turned = false;
-            for e in 0..r {
-                for f in e + 1..r {
-                    turned |= self.rotate_pair(e, f, long);
+            // SAFETY: the caller's promise about k.
+            unsafe {
+                let square = self.weighted.square::<T>(e, k);
+                self.masses[e].store(k, T::splat(1.0).div(square));
+                let inverse = T::splat(1.0).div(square.sqrt());
+                for row in 0..m {
+                    let share = if m <= self.n {
+                        self.weighted.rotations[row * r + e].load::<T>(k)
+                    } else {
+                        self.weighted.entries[e * m + row].load::<T>(k).mul(inverse)
+                    };
+                    self.directions[e * m + row].store(k, share);
                 }
-            }
-            if !turned {
-                return;
             }
         }
     }
 
-    /// Rotate two vectors in their plane until they are orthogonal; false where they are already.
-    fn rotate_pair(&mut self, e: usize, f: usize, long: usize) -> bool {
-        let r = self.order.len();
-        let (head, tail) = self.vectors.split_at_mut(f * long);
-        let (p, q) = (&mut head[e * long..][..long], &mut tail[..long]);
-        let (mut pp, mut qq, mut pq) = (0.0, 0.0, 0.0);
-        for (p, q) in p.iter().zip(q.iter()) {
-            (pp, qq, pq) = (pp + p * p, qq + q * q, pq + p * q);
+    /// One sweep over all pairs of both sets that still turn (Hestenes 1958); which of them has turned.
+    #[inline(always)]
+    unsafe fn sweep<T: Lane>(&mut self, plain: bool, weighted: bool, k: usize) -> (bool, bool) {
+        let mut turned = (false, false);
+        for e in 0..self.triplets() {
+            for f in e + 1..self.triplets() {
+                // SAFETY: the caller's promise about k.
+                unsafe {
+                    turned.0 |= plain && self.plain.rotate_pair::<T, false>(e, f, k);
+                    turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(e, f, k);
+                }
+            }
         }
-        if pq * pq <= ORTHOGONALITY * ORTHOGONALITY * pp * qq {
-            return false;
+        turned
+    }
+}
+
+/// Vectors that one-sided Jacobi rotations make orthogonal; their norms become the singular values.
+struct Vectors {
+    count: usize,
+    long: usize,
+    /// The vectors, one after another.
+    entries: Vec<PoseSlot>,
+    /// Product of the rotations, count x count.
+    rotations: Vec<PoseSlot>,
+}
+
+impl Vectors {
+    fn new(count: usize, long: usize) -> Vectors {
+        let zeros = |len| vec![PoseSlot::ZERO; len];
+        Vectors { count, long, entries: zeros(count * long), rotations: zeros(count * count) }
+    }
+
+    #[inline(always)]
+    unsafe fn begin_rotations<T: Lane>(&mut self, k: usize) {
+        for (at, slot) in self.rotations.iter_mut().enumerate() {
+            let entry = if at % (self.count + 1) == 0 { 1.0 } else { 0.0 };
+            // SAFETY: the caller's promise about k.
+            unsafe { slot.store(k, T::splat(entry)) };
         }
-        let zeta = (qq - pp) / (2.0 * pq);
-        let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
-        let c = 1.0 / (1.0 + t * t).sqrt();
-        let s = c * t;
-        for (p, q) in p.iter_mut().zip(q.iter_mut()) {
-            (*p, *q) = (c * *p - s * *q, s * *p + c * *q);
+    }
+
+    /// Squared norm of a vector.
+    #[inline(always)]
+    unsafe fn square<T: Lane>(&self, e: usize, k: usize) -> T {
+        let mut sum = T::splat(0.0);
+        for x in &self.entries[e * self.long..][..self.long] {
+            // SAFETY: the caller's promise about k.
+            let x = unsafe { x.load::<T>(k) };
+            sum = x.fma(x, sum);
         }
-        for row in self.rotations.chunks_exact_mut(r) {
-            (row[e], row[f]) = (c * row[e] - s * row[f], s * row[e] + c * row[f]);
+        sum
+    }
+
+    /// Largest norm by smallest, infinite where one is zero.
+    #[inline(always)]
+    unsafe fn extent<T: Lane>(&self, k: usize) -> T {
+        let (mut low, mut high) = (T::splat(f64::INFINITY), T::splat(0.0));
+        for e in 0..self.count {
+            // SAFETY: the caller's promise about k.
+            let square = unsafe { self.square::<T>(e, k) };
+            low = T::select_gt(low, square, square, low);
+            high = T::select_gt(square, high, square, high);
+        }
+        T::select_gt(low, T::splat(0.0), high.div(low).sqrt(), T::splat(f64::INFINITY))
+    }
+
+    /// Rotate two vectors in their plane until they are orthogonal; false where they are so at every pose already.
+    #[inline(always)]
+    unsafe fn rotate_pair<T: Lane, const ACCUMULATE: bool>(&mut self, e: usize, f: usize, k: usize) -> bool {
+        let (long, none, one) = (self.long, T::splat(0.0), T::splat(1.0));
+        let (head, tail) = self.entries.split_at_mut(f * long);
+        let (first, second) = (&mut head[e * long..][..long], &mut tail[..long]);
+        let (mut pp, mut qq, mut pq) = (none, none, none);
+        // SAFETY: the caller's promise about k, here and below.
+        unsafe {
+            for (p, q) in first.iter().zip(second.iter()) {
+                let (p, q) = (p.load::<T>(k), q.load::<T>(k));
+                (pp, qq, pq) = (p.fma(p, pp), q.fma(q, qq), p.fma(q, pq));
+            }
+            let (square, bound) = (pq.mul(pq), pp.mul(qq).mul(T::splat(ORTHOGONALITY * ORTHOGONALITY)));
+            // The comparison is false for NaN, which no rotation mends.
+            if T::select_gt(square, bound, one, none).sum() == 0.0 {
+                return false;
+            }
+            // Tangent of the angle, the smaller of the two solutions of t^2 + 2 zeta t = 1, zeta = (qq - pp) / (2 pq).
+            let (gap, twice) = (qq.sub(pp), pq.add(pq));
+            let root = gap.fma(gap, twice.mul(twice)).sqrt();
+            let t = twice.xor_sign(gap).div(gap.xor_sign(gap).add(root));
+            let t = T::select_gt(square, bound, t, none);
+            let c = one.div(t.fma(t, one).sqrt());
+            let s = c.mul(t);
+            let turn = |p: &mut PoseSlot, q: &mut PoseSlot| {
+                let (x, y) = (p.load::<T>(k), q.load::<T>(k));
+                p.store(k, s.fnma(y, c.mul(x)));
+                q.store(k, s.fma(x, c.mul(y)));
+            };
+            first.iter_mut().zip(second).for_each(|(p, q)| turn(p, q));
+            if ACCUMULATE {
+                for row in self.rotations.chunks_exact_mut(self.count) {
+                    let (left, right) = row.split_at_mut(f);
+                    turn(&mut left[e], &mut right[0]);
+                }
+            }
         }
         true
     }

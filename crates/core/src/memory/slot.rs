@@ -1,6 +1,6 @@
-//! Slots: one quantity at every sample of a batch.
+//! Slots: one quantity at every sample of a batch, or at a group of poses.
 
-use crate::simd::lane::Lane;
+use crate::simd::lane::{Lane, MAX_WIDTH};
 
 /// Samples in a batch.
 pub(crate) const BATCH: usize = 32;
@@ -17,6 +17,39 @@ impl Slot {
 impl Default for Slot {
     fn default() -> Slot {
         Slot::ZERO
+    }
+}
+
+/// One quantity at a group of poses: as many as the widest lane has, aligned so that no lane crosses a cache line.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct PoseSlot(pub(crate) [f64; MAX_WIDTH]);
+
+impl PoseSlot {
+    pub(crate) const ZERO: PoseSlot = PoseSlot([0.0; MAX_WIDTH]);
+
+    /// The lane from pose `k` on.
+    ///
+    /// # Safety
+    ///
+    /// `k + T::WIDTH <= MAX_WIDTH`.
+    #[inline(always)]
+    pub(crate) unsafe fn load<T: Lane>(&self, k: usize) -> T {
+        debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+        // SAFETY: the caller's promise.
+        unsafe { T::load(self.0.as_ptr().add(k)) }
+    }
+
+    /// Write the lane from pose `k` on.
+    ///
+    /// # Safety
+    ///
+    /// As for [`PoseSlot::load`].
+    #[inline(always)]
+    pub(crate) unsafe fn store<T: Lane>(&mut self, k: usize, lane: T) {
+        debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+        // SAFETY: the caller's promise.
+        unsafe { lane.store(self.0.as_mut_ptr().add(k)) };
     }
 }
 

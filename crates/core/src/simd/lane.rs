@@ -42,6 +42,7 @@ pub(crate) trait Lane: Copy {
     fn sub(self, b: Self) -> Self;
     fn mul(self, b: Self) -> Self;
     fn div(self, b: Self) -> Self;
+    fn sqrt(self) -> Self;
     /// `self * b + c`
     fn fma(self, b: Self, c: Self) -> Self;
     /// `c - self * b`

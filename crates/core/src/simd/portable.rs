@@ -56,6 +56,10 @@ impl<const FUSED: bool> Lane for Portable<FUSED> {
         self.with(b, |x, y| x / y)
     }
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Portable(self.0.map(f64::sqrt))
+    }
+    #[inline(always)]
     fn fma(self, b: Self, c: Self) -> Self {
         let mut out = c;
         for k in 0..8 {

@@ -11,7 +11,7 @@ pub(crate) struct Avx512(__m512d);
 
 macro_rules! intrinsic {
     ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr) => {
+     $div:ident, $sqrt:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr) => {
         impl Lane for $name {
             const WIDTH: usize = $width;
             const PANEL: usize = $panel;
@@ -55,6 +55,11 @@ macro_rules! intrinsic {
             fn div(self, b: Self) -> Self {
                 // SAFETY: see `splat`.
                 unsafe { $name($div(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($sqrt(self.0)) }
             }
             #[inline(always)]
             fn fma(self, b: Self, c: Self) -> Self {
@@ -112,6 +117,7 @@ intrinsic!(
     _mm256_sub_pd,
     _mm256_mul_pd,
     _mm256_div_pd,
+    _mm256_sqrt_pd,
     _mm256_fmadd_pd,
     _mm256_fnmadd_pd,
     |a, b, x, y| _mm256_blendv_pd(y, x, _mm256_cmp_pd::<_CMP_GT_OQ>(a, b)),
@@ -136,6 +142,7 @@ intrinsic!(
     _mm512_sub_pd,
     _mm512_mul_pd,
     _mm512_div_pd,
+    _mm512_sqrt_pd,
     _mm512_fmadd_pd,
     _mm512_fnmadd_pd,
     |a, b, x, y| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b), y, x),
