@@ -1,55 +1,62 @@
-"""`with_value`: a TOML text with one value set or removed, everything else as it was, comments too.
+"""`rewritten` and `with_value`: a TOML text with other values, and everything else as it was, comments and order too.
 
-The value is found by lines, and the result is proved: read again, it differs from what was read before in this value
-alone. A text in which that fails (a table written inline, a dotted key) is refused, and not changed.
+The result is proved: read again, it has exactly the wanted values.
 """
 
 from __future__ import annotations
 
 import copy
-import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, MutableMapping, MutableSequence, Sequence
 from typing import Any
 
-from haptid._internal.toml_text import basic_string, value_text
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, InlineTable, Item, Table
 
-_HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
+from haptid._internal.toml_text import toml
 
 
 class TomlEditError(ValueError):
-    """A value that cannot be changed by lines."""
+    """A value that cannot be changed, because the text has no place for it."""
 
 
 def with_value(text: str, path: Sequence[str | int], value: Any) -> str:
-    """The text with a value.
+    """The text with one value.
 
     Args:
         text: TOML.
-        path: keys from the top; a number is an entry of an array of tables. The last is the key.
+        path: keys from the top; a number is an entry of an array. The last is the key.
         value: new one; None removes the key.
 
     Raises:
-        TomlEditError: the text is no TOML, or the value is written in a way that is not changed by lines.
+        TomlEditError: the text is no TOML, or has no such place.
     """
     try:
-        wanted = _changed(tomllib.loads(text), path, value)
+        return rewritten(text, _changed(tomllib.loads(text), path, value))
     except (tomllib.TOMLDecodeError, KeyError, IndexError, TypeError) as error:
-        raise TomlEditError(f"the text has no place for {_shown(path)}: {error}") from error
-    lines = re.findall(r"[^\n]*\n|[^\n]+", text)  # other characters that end a line may stand in a string
-    made = _edited(lines, path, value)
+        raise TomlEditError(f"the text has no place for {'.'.join(map(str, path))}: {error}") from error
+
+
+def rewritten(text: str, wanted: Mapping[str, Any]) -> str:
+    """The text with these values: what is equal stays as it is written, keys that are not wanted go.
+
+    Where that cannot be done, the values are written anew, without comments.
+
+    Args:
+        text: TOML.
+        wanted: tables of all its values; None is left out.
+    """
+    plain = _without_none(wanted)
     try:
-        proved = tomllib.loads(made) == wanted
-    except tomllib.TOMLDecodeError:
-        proved = False
-    if not proved and len(path) > 1:
-        inline = _inline(lines, path, wanted)
-        if inline is not None:
-            return with_value(text, path[:-1], inline)
-    if not proved:
-        raise TomlEditError(f"{_shown(path)} is written in a way that only a person can change: edit the text.")
-    return made
+        document = tomlkit.parse(text)
+        _merge(document, plain)
+        made = tomlkit.dumps(document)
+        if tomllib.loads(made) == plain:
+            return made
+    except (TOMLKitError, tomllib.TOMLDecodeError, TypeError, ValueError, KeyError, IndexError, AttributeError):
+        pass
+    return toml(plain)
 
 
 def _changed(values: dict[str, Any], path: Sequence[str | int], value: Any) -> dict[str, Any]:
@@ -59,7 +66,7 @@ def _changed(values: dict[str, Any], path: Sequence[str | int], value: Any) -> d
     for key in path[:-1]:
         if value is None and isinstance(key, str) and key not in at:
             return made
-        at = at[key] if isinstance(key, int) else at.setdefault(key, {})
+        at = at.setdefault(key, {}) if isinstance(key, str) else at[key]
     if value is None:
         at.pop(path[-1], None)
     else:
@@ -67,83 +74,81 @@ def _changed(values: dict[str, Any], path: Sequence[str | int], value: Any) -> d
     return made
 
 
-def _inline(lines: list[str], path: Sequence[str | int], wanted: Any) -> dict[str, Any] | None:
-    """The table that the value is in, changed, where it is written inline on one line; else None."""
-    *table, name, _ = path
-    names = [part for part in table if isinstance(part, str)]
-    begin, end = _table(lines, names, next((part for part in reversed(table) if isinstance(part, int)), 0))
-    found = _entry(lines, begin, end, str(name)) if begin >= 0 and isinstance(name, str) else None
-    if found is None or found[1] != found[0] + 1:
-        return None
-    for part in path[:-1]:
-        wanted = wanted[part]
-    return wanted if isinstance(wanted, dict) else None
+def _without_none(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_none(one) for key, one in value.items() if one is not None}
+    if isinstance(value, (list, tuple)):
+        return [_without_none(one) for one in value]
+    return value
 
 
-def _edited(lines: list[str], path: Sequence[str | int], value: Any) -> str:
-    """The text with the line of the key replaced, removed, or added at the end of its table."""
-    *table, key = path
-    names = [part for part in table if isinstance(part, str)]
-    begin, end = _table(lines, names, next((part for part in reversed(table) if isinstance(part, int)), 0))
-    written = "" if value is None else f"{_key(str(key))} = {value_text(value)}"
-    if begin < 0:
-        last = "" if not lines or lines[-1].endswith("\n") else "\n"
-        return "".join(lines) + (f"{last}\n[{'.'.join(map(_key, names))}]\n{written}\n" if written else "")
-    found = _entry(lines, begin, end, str(key))
-    if found is not None:
-        first, stop = found
-        comment = _comment(lines[stop - 1]) if stop == first + 1 else ""
-        return "".join([*lines[:first], *([f"{written}{comment}\n"] if written else []), *lines[stop:]])
-    if not written:
-        return "".join(lines)
-    while end > begin and not lines[end - 1].strip():
-        end -= 1
-    ending = [] if end == 0 or lines[end - 1].endswith("\n") else ["\n"]
-    return "".join([*lines[:end], *ending, f"{written}\n", *lines[end:]])
+def _merge(written: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Change a table of a document to the wanted values, as little as possible."""
+    for key in [key for key in written if key not in wanted]:
+        del written[key]
+    for key, value in wanted.items():
+        if key not in written:
+            written[key] = _item(value, top=isinstance(written, (tomlkit.TOMLDocument, Table)))
+        elif isinstance(value, Mapping) and isinstance(written[key], MutableMapping):
+            _merge(written[key], value)
+        elif _tables(value) and _tables(written[key]):
+            _merge_tables(written[key], value)
+        elif not _same(written[key], value):
+            written[key] = _inline(value) if isinstance(value, Mapping) else value
 
 
-def _table(lines: list[str], names: list[str], index: int) -> tuple[int, int]:
-    """Lines of a table after its header, up to the next; -1 where it has none."""
-    headers = [(k, found[2]) for k, line in enumerate(lines) if (found := _HEADER.match(line))]
-    if not names:
-        return 0, headers[0][0] if headers else len(lines)
-    seen = -1
-    for place, (k, name) in enumerate(headers):
-        if [part.strip().strip("\"'") for part in name.split(".")] == names:
-            seen += 1
-            if seen == index:
-                return k + 1, headers[place + 1][0] if place + 1 < len(headers) else len(lines)
-    return -1, -1
+def _merge_tables(written: MutableSequence[Any], wanted: Sequence[Mapping[str, Any]]) -> None:
+    """Change a list of tables: those that are not wanted go, changed ones keep their places, new ones stand last."""
+    k = 0
+    while len(written) > len(wanted):
+        here = wanted[k] if k < len(wanted) else {}
+        if k + 1 == len(written) or _alike(written[k], here) < _alike(written[k + 1], here):
+            del written[k]
+        else:
+            k += 1
+    for table, value in zip(written, wanted, strict=False):
+        _merge(table, value)
+    for value in wanted[len(written) :]:
+        written.append(_table(value) if isinstance(written, AoT) else _inline(value))
 
 
-def _entry(lines: list[str], begin: int, end: int, key: str) -> tuple[int, int] | None:
-    """First line of a key's value, and one past its last."""
-    start = re.compile(rf"\s*(?:{re.escape(key)}|{re.escape(basic_string(key))})\s*=")
-    for first in range(begin, end):
-        if start.match(lines[first]):
-            for stop in range(first + 1, end + 1):
-                try:
-                    tomllib.loads("".join(lines[first:stop]))
-                except tomllib.TOMLDecodeError:
-                    continue
-                return first, stop
-    return None
+def _item(value: Any, top: bool) -> Item:
+    """A new value: tables with headers of their own, except within inline ones."""
+    if top and isinstance(value, Mapping):
+        return _table(value)
+    if top and _tables(value):
+        made = tomlkit.aot()
+        for one in value:
+            made.append(_table(one))
+        return made
+    made: Item = tomlkit.item(value)
+    return made
 
 
-def _comment(line: str) -> str:
-    """The comment at the end of a line of one value, with the blanks before it."""
-    for k in (found.start() for found in re.finditer(r"\s*#", line)):
-        try:
-            tomllib.loads(line[:k])
-        except tomllib.TOMLDecodeError:
-            continue
-        return line[k:].rstrip("\n")
-    return ""
+def _table(value: Mapping[str, Any]) -> Table:
+    """A table whose own tables are inline."""
+    made = tomlkit.table()
+    for key, one in value.items():
+        made[key] = _inline(one) if isinstance(one, Mapping) else one
+    return made
 
 
-def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else basic_string(name)
+def _inline(value: Mapping[str, Any]) -> InlineTable:
+    made = tomlkit.inline_table()
+    made.update(value)
+    return made
 
 
-def _shown(path: Sequence[str | int]) -> str:
-    return ".".join(map(str, path))
+def _alike(written: Mapping[str, Any], value: Mapping[str, Any]) -> int:
+    """How many of the values are as they are written."""
+    return sum(key in written and _same(written[key], one) for key, one in value.items())
+
+
+def _tables(value: Any) -> bool:
+    return isinstance(value, (list, AoT)) and bool(value) and all(isinstance(one, Mapping) for one in value)
+
+
+def _same(written: Any, value: Any) -> bool:
+    """Whether a value is equal, and of the same kind: 1, 1.0 and true are not the same."""
+    plain = written.unwrap() if hasattr(written, "unwrap") else written
+    return type(plain) is type(value) and bool(plain == value)

@@ -119,7 +119,8 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             *(Column(_presliding(place, distance), place.weights) for distance in distances),
             settings=[{"distance": distance} for distance in distances],
         )
-        yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
+        if not _has(model, "spring", place):
+            yield source("spring", _scalar(place, lambda x, _, m=middle: x - m))  # type: ignore[misc]
         yield source(
             "torque by position",
             _scalar(
@@ -130,7 +131,18 @@ def terms(model: DynamicModel, places: Sequence[FrictionCoordinate], ranges: Seq
             ),
         )
         yield source("load friction", Column(_load(model, place), place.weights))
-        yield source("rotor inertia", Column(_acceleration(place), place.weights))
+        if not _has(model, "rotor", place):
+            yield source("rotor inertia", Column(_acceleration(place), place.weights))
+
+
+def _has(model: DynamicModel, kind: str, place: FrictionCoordinate) -> bool:
+    """Whether the model has a term of this kind on the coordinate, up to a factor."""
+    own = place.weights / np.linalg.norm(place.weights)
+    return any(
+        abs(abs(own @ term.weights) - np.linalg.norm(term.weights)) <= 1e-9 * np.linalg.norm(term.weights)
+        for term in model.terms
+        if term.kind == kind
+    )
 
 
 def _presliding(place: FrictionCoordinate, distance: float) -> Callable[[ResidualContext], Array]:

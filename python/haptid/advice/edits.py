@@ -12,11 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from haptid._internal.toml_text import toml
 from haptid.advice.columns import POWERS_OF_POSITION
 from haptid.advice.search import Proven, Trials
 from haptid.device import Device
-from haptid.device.toml.reader import checked_tables, read_tables
+from haptid.device.toml.reader import checked_tables, file_text
 from haptid.errors import OutputFolderError
 from haptid.motion.treatment import Treatment
 from haptid.observation.geometry_slopes import horizontal_axes
@@ -185,15 +184,16 @@ def _coordinate(device: Device, what: str, name: str) -> tuple[str, str, str, st
 def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, title: str = "") -> Path:
     """Write study and device files with the edits into a folder; returns the path of the study file.
 
-    Paths of logs are relative to the new study. The device file is written where it is edited, or is a file.
+    What is not edited stays as it is written, comments too. Paths of logs are relative to the new study. The device
+    file is written where it is edited, or is a file.
 
     Raises:
         OutputFolderError: the folder cannot be written.
     """
-    with study.path.open("rb") as file:
-        plan = tomllib.load(file)
-    tables, name = read_tables(study.device)
-    device = tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    from haptid._internal.toml_edit import rewritten  # only this needs a TOML library that keeps comments
+
+    study_text, (name, device_text) = study.path.read_text(encoding="utf-8"), file_text(study.device)
+    plan, device = tomllib.loads(study_text), tomllib.loads(device_text)
     root = data or study.path.parent
     for log in plan["logs"]:
         log["path"] = os.path.relpath(root / log["path"], out)
@@ -220,9 +220,9 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
         if any(edit.file == "device" for edit in edits) or not isinstance(study.device, str):
             checked_tables(copy.deepcopy(device), name)
             plan["device"] = "device.toml"
-            (out / "device.toml").write_text(_commented(toml(device), title), encoding="utf-8")
+            (out / "device.toml").write_text(_commented(rewritten(device_text, device), title), encoding="utf-8")
         path = out / "study.toml"
-        path.write_text(_commented(toml(plan), title), encoding="utf-8")
+        path.write_text(_commented(rewritten(study_text, plan), title), encoding="utf-8")
     except OSError as error:
         raise OutputFolderError(
             f"cannot write into {out}: {error.strerror}.", where=out, advice="Choose a writable folder."

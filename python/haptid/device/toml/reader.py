@@ -73,6 +73,12 @@ def file_values(path: str | Path) -> tuple[str, dict[str, Any]]:
     return file, _parsed(file, content)
 
 
+def file_text(path: str | Path) -> tuple[str, str]:
+    """The name of a TOML file in errors, and its text, which is UTF-8; also of a shipped device by name."""
+    file, content = _content(path)
+    return file, _decoded(file, content)
+
+
 def checked_tables(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
     """The checked tables of the data of a device file, and the name of the file in errors.
 
@@ -105,12 +111,16 @@ def _content(path: str | Path) -> tuple[str, bytes]:
         raise _file_error(path, f"cannot be opened ({reason})", "Give the path of a device's TOML file.") from None
 
 
-def _parsed(file: str, content: bytes) -> dict[str, Any]:
+def _decoded(file: str, content: bytes) -> str:
     try:
-        text = content.decode("utf-8")
+        return content.decode("utf-8")
     except UnicodeDecodeError as error:
         found = f"byte {error.start} is not UTF-8 text"
         raise _file_error(file, found, "Save the file as UTF-8 in your editor.") from None
+
+
+def _parsed(file: str, content: bytes) -> dict[str, Any]:
+    text = _decoded(file, content)
     try:
         return toml_values(text)
     except (ValueError, RecursionError) as error:
