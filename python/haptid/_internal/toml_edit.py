@@ -121,8 +121,8 @@ def _item(value: Any, top: bool) -> Item:
         for one in value:
             made.append(_table(one))
         return made
-    made: Item = tomlkit.item(value)
-    return made
+    plain: Item = tomlkit.item(value)
+    return plain
 
 
 def _table(value: Mapping[str, Any]) -> Table:
