@@ -217,5 +217,8 @@ def _wrong_unit(name: str, got: str, wanted: str, side: str) -> LogMismatchError
         where=name,
         found=got,
         limit=wanted,
-        advice="Give the channel that unit, or change the motor's `unit` and `gain` in the device file.",
+        advice=(
+            'Set the motor\'s `unit` and `gain` in the device file; or write in the study `unit = "N m"` (N of a prismatic '
+            "joint) and as `gain` the torque at the joint of one unit of the channel: torque constant times gear ratio."
+        ),
     )
