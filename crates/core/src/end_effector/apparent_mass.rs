@@ -191,13 +191,13 @@ impl<'a> ApparentMassState<'a> {
         for (at, (i, j)) in pairs.enumerate() {
             let mut sum = [0.0; MAX_WIDTH];
             for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
-                for k in 0..MAX_WIDTH {
-                    sum[k] += left.0[k] * right.0[k];
+                for (sum, (left, right)) in sum.iter_mut().zip(left.0.iter().zip(&right.0)) {
+                    *sum += left * right;
                 }
             }
-            for (k, out) in out.chunks_exact_mut(self.query.width()).enumerate() {
+            for (out, sum) in out.chunks_exact_mut(self.query.width()).zip(sum) {
                 if !out[1].is_nan() {
-                    out[1 + r + r * m + at] = sum[k];
+                    out[1 + r + r * m + at] = sum;
                 }
             }
         }
