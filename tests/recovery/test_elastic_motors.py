@@ -14,6 +14,7 @@ from haptid.errors import DeviceFileError, ExperimentError, SettingError
 from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.methods.simulation_based import base_columns
+from haptid.estimation.nonlinear import variable_projection
 from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
@@ -168,6 +169,32 @@ def test_positions_of_the_motors_alone_give_stiffness():
     found = haptid.estimate(haptid.observe(model, treated(recorded())), MotorSide(initial=start))
     assert_within(found)
     assert abs(found["KE1"].value / K - 1) < 0.02
+
+
+@cache
+def with_play(play: float, seconds: float = 5.0) -> haptid.Log:
+    """Both sides of the axis on the bench, with play between them; its torsion counts from 1.5 mrad."""
+    pytest.importorskip("mujoco")
+    model = axis(terms=[{**TERMS[0], "play": play} if play else TERMS[0], *TERMS[1:]])
+    values = {**TRUTH, "XX1": J, "YY1": J, "M1": 1.0}
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
+    amplifiers = bench.Amplifiers(noise=(0.02,))
+    setup = bench.Setup(model, chi, bench.Controller((60.0,), (2.0,)), bench.Encoders((320000.0,)), amplifiers)
+    kind = bench.Multisine(seconds, (0.0,), (0.6,), frequencies_hz=(0.3, 6.0), count=8)
+    made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
+    seen = np.ascontiguousarray(made.position + [0.0, 0.0015])
+    return haptid.Log(Path("made"), "", made.t, seen, np.ascontiguousarray(made.command), recorded().channels)
+
+
+def test_play_and_the_zero_of_the_torsion_are_within_their_intervals():
+    log, ranges = with_play(0.004), {"play": {"start": 0.001}, "rest": {"start": 0.0, "low": -0.01, "high": 0.01}}
+    model = axis(terms=[{**TERMS[0], **ranges}, *TERMS[1:]])
+    found = variable_projection(model, [haptid.treat(log, haptid.propose(model, log).treatment)])
+    for name, true in (("KE1.play", 0.004), ("KE1.rest", 0.0015)):
+        constant = found[name]
+        assert constant.unit == "rad"
+        assert abs(constant.value - true) < 3.5 * constant.se, constant
+        assert constant.se < 0.05 * true
 
 
 def test_wrong_elastic_terms_are_clear_errors():

@@ -93,7 +93,9 @@ def _stable(first: Estimate, frequencies: Array) -> dict[str, float]:
         if term.resists and term.name in names:
             found[names[term.name]] = max(found[names[term.name]], 0.0)
     for drive, frequency in zip(first.model.device.elastic, frequencies.tolist(), strict=True):
-        own = {t.kind: names[t.name] for t in first.model.terms if t.on == f"elastic {drive.name}" and t.name in names}
+        own = {
+            t.nature: names[t.name] for t in first.model.terms if t.on == f"elastic {drive.name}" and t.name in names
+        }
         if "spring" in own and "viscous" in own:
             least = 2 * _LEAST_DAMPING * found[own["spring"]] / (2 * np.pi * frequency)
             found[own["viscous"]] = max(found[own["viscous"]], least)
@@ -226,7 +228,7 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
 def _expect_known(found: Estimate, frequencies: Array, bandwidth: float) -> None:
     """Raise IdentifiabilityError where the log does not show a stiffness."""
     for drive, frequency in zip(found.model.device.elastic, frequencies, strict=True):
-        terms = {t.name for t in found.model.terms if t.on == f"elastic {drive.name}" and t.kind == "spring"}
+        terms = {t.name for t in found.model.terms if t.on == f"elastic {drive.name}" and t.nature == "spring"}
         for name, value, se in zip(found.names, found.beta.tolist(), found.se.tolist(), strict=True):
             if name.removesuffix("R") in terms and not (value > 0 and se < _KNOWN * value):
                 raise IdentifiabilityError(

@@ -21,7 +21,7 @@ from haptid.device.terms.custom import custom_column, with_constants
 from haptid.device.terms.extension import extension_columns
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
 from haptid.device.terms.presliding import LAWS, Presliding
-from haptid.device.terms.spring import Counterbalance, read_counterbalance
+from haptid.device.terms.spring import Counterbalance, beyond_play, read_counterbalance
 from haptid.device.terms.term import UNITS, TermColumn
 from haptid.device.terms.warming import Warming
 from haptid.device.toml.errors_at import Place
@@ -322,7 +322,11 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
         case ElasticTerm(damping=damping):
             spring, damper = (f"{letter}{table.prefix or 'E'}{target.name}" for letter in "KD")
-            return [target.column(spring, "spring"), *([target.column(damper, "viscous")] if damping else [])]
+            own = target.column(spring, "spring")
+            if given := {name: value for name in ("play", "rest") if (value := getattr(table, name)) != 0.0}:
+                loose = target.external(spring, own.unit, beyond_play(target, targets, place))
+                own = with_constants(loose, given, reader, place)
+            return [own, *([target.column(damper, "viscous")] if damping else [])]
         case PlainTerm(kind="viscous-by-direction"):
             unit = UNITS["viscous"][target.prismatic]
             return [

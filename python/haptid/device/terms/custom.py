@@ -16,7 +16,14 @@ if TYPE_CHECKING:
     from haptid.device.toml.errors_at import Place
 
 # Unit of a constant, for a turning and for a sliding coordinate; others have none.
-_UNITS = {"velocity": ("rad/s", "m/s"), "width": ("rad/s", "m/s"), "distance": ("rad", "m"), "time": ("s", "s")}
+_UNITS = {
+    "velocity": ("rad/s", "m/s"),
+    "width": ("rad/s", "m/s"),
+    "distance": ("rad", "m"),
+    "play": ("rad", "m"),
+    "rest": ("rad", "m"),
+    "time": ("s", "s"),
+}
 # Bounds of a searched constant where the file gives none: its start divided and multiplied by this.
 RANGE = 100.0
 
@@ -67,10 +74,15 @@ def with_constants(
             searched.append(made)
         else:
             start = reader.number(value, here)
-        if not isinstance(term.shape, CustomColumn):
+        if not _any_value(term, name):
             start = reader.positive(start, here) if name != "width" else reader.not_negative(start, here)
         term = term.with_constant(name, start)
     return replace(term, searched=tuple(searched))
+
+
+def _any_value(term: TermColumn, name: str) -> bool:
+    """Whether a constant may have any sign: those of expressions in the file, and the rest of a spring."""
+    return name == "rest" or (isinstance(term.shape, CustomColumn) and not term.shape.nature)
 
 
 def _searched(
@@ -89,8 +101,8 @@ def _searched(
     if not low <= start <= high or low == high:
         found = f"start is {start:g}, low {low:g}, high {high:g}"
         raise place.error(found, "Let low be below high, and start between them.")
-    own = isinstance(term.shape, CustomColumn)
-    if not own and low <= 0:
+    if not _any_value(term, name) and low <= 0:
         raise place.at("low").error(f"found {low:g}", "Write a number above zero.")
-    unit = "" if own else _UNITS.get(name, ("", ""))[term.unit == "N"]
+    written = isinstance(term.shape, CustomColumn) and not term.shape.nature
+    unit = "" if written else _UNITS.get(name, ("", ""))[term.unit in ("N", "N/m")]
     return start, Searched(name, unit, low, high)

@@ -1,17 +1,18 @@
-"""Counterbalance: a spring or gas strut between a link and its parent."""
+"""Springs that are no straight line: a counterbalance between a link and its parent, a transmission with play."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.expressions import CustomColumn, column
 
 if TYPE_CHECKING:
     from haptid.device.geometry import Reader
-    from haptid.device.terms.build import Target
+    from haptid.device.terms.build import Target, TermTargets
     from haptid.device.toml.errors_at import Place
     from haptid.device.toml.schema import CounterbalanceTerm
 
@@ -79,3 +80,14 @@ def read_counterbalance(
         raise place.at("stroke").error("stroke has no meaning for a spring", 'Remove it, or write law = "gas".')
     angle = reader.angle(table.angle, place.at("angle"))
     return Counterbalance(target.joint, crank, base, angle, float(table.sign), force, float(stroke))
+
+
+def beyond_play(target: Target, targets: TermTargets, place: Place) -> CustomColumn:
+    """The torsion x of an elastic motor beyond the dead zone of its play: x - sgn(x) min(|x|, play / 2).
+
+    Source: Nordin and Gutman (2002), Automatica 38(10), section 3.1, the dead-zone model of backlash.
+    """
+    x, constants = f"{target.position} - rest", {"play": 0.0, "rest": 0.0}
+    joints = [joint.name for joint in targets.joints]
+    made = column(f"{x} - 0.5*abs({x} + 0.5*play) + 0.5*abs({x} - 0.5*play)", joints, constants, place)
+    return replace(made, nature="spring")

@@ -286,10 +286,15 @@ class SpringTerm(TermTable):
 
 
 class ElasticTerm(TermTable):
-    """Spring and damper between a motor's rotor and what it drives; the rotor needs an inertia of its own."""
+    """Spring and damper between a motor's rotor and what it drives; the rotor needs an inertia of its own.
+
+    `play` is the torsion within which the spring has no torque, from end to end, and `rest` its middle, rad or m.
+    """
 
     kind: Literal["elastic"]
     damping: bool = True
+    play: _Constant = 0.0
+    rest: _Constant = 0.0
 
 
 class CounterbalanceTerm(TermTable):

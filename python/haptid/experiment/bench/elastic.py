@@ -81,7 +81,7 @@ def stiffness(model: DynamicModel, chi: Array, motor: str) -> float:
     name, found = next(
         (term.name, float(value))
         for term, value in zip(model.terms, raw, strict=True)
-        if term.on == on and term.kind == "spring"
+        if term.on == on and term.nature == "spring"
     )
     if found <= 0:
         raise ExperimentError(

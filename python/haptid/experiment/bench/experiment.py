@@ -17,6 +17,8 @@ from haptid._internal.arrays import Array, freeze
 from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters, tensor
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.schema import AnyTerm
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentFileError, UnknownNameError, suggestion
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
@@ -126,7 +128,8 @@ class _ControllerTable(_Table):
     ki: EachNotNegative = Field(0.0, description="N m/(rad s) or N/(m s)")
     gravity: bool = Field(False, description="gravity feedforward along the planned motion")
     dynamics: bool = Field(False, description="feedforward of the whole torque of the planned motion")
-    rate_hz: _Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
+    rate_hz: _Positive = Field(1000.0, description="control rate, Hz")
+    log_every: int = Field(1, ge=1, le=1000, description="control periods of one row of the log")
     velocity_cutoff_hz: _Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
     tracking_limit: _Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")
 
@@ -136,6 +139,9 @@ class EncodersTable(_Table):
 
     counts_per_turn: EachPositive = Field(description="of each motor's encoder after quadrature, or per metre")
     gear: EachPositive = Field(1.0, description="encoder turns per turn of the motor coordinate")
+    eccentricity: EachNotNegative = Field(
+        0.0, description="amplitude of an error that repeats with every turn of the encoder, rad or m"
+    )
 
 
 class AmplifiersTable(_Table):
@@ -145,6 +151,9 @@ class AmplifiersTable(_Table):
     saturation: EachPositive | None = Field(None, description="maximum torque at the joint side, N m or N")
     noise: EachNotNegative = Field(0.0, description="standard deviation of the actual torque, N m or N")
     delay: NotNegative = Field(0.0, description="from reading the encoders to the torque, s")
+    jitter: NotNegative = Field(0.0, description="longest further delay, uniform, new in every control period, s")
+    step: EachNotNegative = Field(0.0, description="resolution of the commanded torque, N m or N; 0 for none")
+    bandwidth_hz: _Positive | None = Field(None, description="of the first-order lag from command to torque, Hz")
 
 
 class _PayloadTable(_Table):
@@ -217,6 +226,9 @@ class ExperimentTable(_Table):
     parameters: dict[str, _Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
     bodies: list[BodyTable] = Field([], description="true bodies of links; default: the device's prior")
     weights: list[WeightTable] = Field([], description="point masses added to links")
+    terms: list[AnyTerm] = Field(
+        [], description="terms that the simulated device has and its file lacks, as [[terms]] of a device file"
+    )
 
 
 def experiment_schema() -> dict[str, Any]:
@@ -247,13 +259,19 @@ class Experiment:
     table: ExperimentTable
 
     def setup(self, model: DynamicModel) -> Setup:
-        """The simulated set-up of a device with these instruments and true parameters.
+        """The simulated set-up of a device with these instruments, true parameters and further terms.
 
         Raises:
+            DeviceFileError: a term that the device cannot have.
             UnknownNameError: a link, or a true parameter, that the device does not have.
             IncompleteDeviceError, ExperimentError: a setting that cannot be met.
         """
         table = self.table
+        if table.terms:
+            tables = model.device.tables
+            model = DynamicModel(
+                device_of(tables.model_copy(update={"terms": [*tables.terms, *table.terms]}), model.device.name)
+            )
         settings: dict[str, Any] = {}
         for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
             if (given := getattr(table, name)) is not None:
@@ -371,6 +389,8 @@ SCALARS: tuple[str, ...] = (
     "velocity_cutoff_hz",
     "tracking_limit",
     "delay",
+    "jitter",
+    "bandwidth_hz",
 )
 SCALARS += ("fundamental_hz", "step", "tolerance")
 

@@ -24,8 +24,9 @@ class Controller:
         kp, kd, ki: gains, N m/rad, N m s/rad, N m/(rad s); one for all motors or one for each.
         gravity: whether the gravity torque along the planned motion is fed forward.
         dynamics: whether the whole torque of the planned motion is, by the true parameters.
-        rate_hz: control rate and sampling rate of the log.
+        rate_hz: control rate.
         velocity_cutoff_hz: of the first-order low-pass on the differences of the measured position.
+        log_every: control periods of one row of the log; what is between them is not averaged.
         tracking_limit: maximum tracking error, rad or m.
     """
 
@@ -36,6 +37,7 @@ class Controller:
     dynamics: bool = False
     rate_hz: float = 1000.0
     velocity_cutoff_hz: float = 100.0
+    log_every: int = 1
     tracking_limit: float = 0.3
 
 
@@ -52,26 +54,31 @@ class TorqueLaw(Protocol):
 
 @dataclass(frozen=True)
 class Encoders:
-    """Position encoders: quantisation of the motor coordinates.
+    """Position encoders: eccentricity and quantisation of the motor coordinates.
 
     Attributes:
         counts_per_turn: of each motor's encoder after quadrature, or per metre; None where positions are exact.
         gear: encoder turns per turn of the motor coordinate.
+        eccentricity: amplitude of an error that is a sine with one period a turn of the encoder, rad or m of the motor
+            coordinate.
     """
 
     counts_per_turn: Figures | None = None
     gear: Figures = (1.0,)
+    eccentricity: Figures = (0.0,)
 
     def step(self, model: DynamicModel) -> Array | None:
         """Resolution of each drive coordinate, (drives,), rad or m; None where positions are exact."""
         if self.counts_per_turn is None:
             return None
         names = [drive.name for drive in model.device.drives]
-        counts = per_coordinate("counts_per_turn", self.counts_per_turn, names) * np.abs(
-            per_coordinate("gear", self.gear, names)
-        )
+        return self.turn(model) / per_coordinate("counts_per_turn", self.counts_per_turn, names)
+
+    def turn(self, model: DynamicModel) -> Array:
+        """Distance of each drive coordinate in a turn of its encoder, (drives,), rad or m."""
+        gear = per_coordinate("gear", self.gear, [drive.name for drive in model.device.drives])
         turns = [1.0 if unit == "N" else 2 * np.pi for unit in model.device.drive_units]
-        return np.asarray(turns / counts)
+        return np.asarray(turns / np.abs(gear))
 
 
 @dataclass(frozen=True)
@@ -83,12 +90,18 @@ class Amplifiers:
         saturation: maximum torque of a motor coordinate, N m or N; None for no limit.
         noise: standard deviation of the torque, white from one control period to the next, N m or N.
         delay: from reading the encoders to the torque, s; a whole number of simulator steps.
+        jitter: longest further delay, uniform and new in every control period, s; the same, and no more than a period.
+        step: resolution of the commanded torque (of the drive's current), N m or N; 0 for none.
+        bandwidth_hz: of the first-order lag from command to torque (the current loop); None for none.
     """
 
     gain: Figures = (1.0,)
     saturation: Figures | None = None
     noise: Figures = (0.0,)
     delay: float = 0.0
+    jitter: float = 0.0
+    step: Figures = (0.0,)
+    bandwidth_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -183,9 +196,10 @@ class Setup:
                     where=what,
                     advice="Add [handle] to the device file.",
                 )
-        for what, seconds in (("the control period", self.dt), ("the delay", self.amplifiers.delay)):
+        late = (("the delay", self.amplifiers.delay), ("the jitter", self.amplifiers.jitter))
+        for what, seconds in (("the control period", self.dt), *late):
             steps = seconds / self.physics.step
-            if abs(steps - round(steps)) > 1e-6 or (what != "the delay" and round(steps) < 1):
+            if abs(steps - round(steps)) > 1e-6 or (what == "the control period" and round(steps) < 1):
                 raise ExperimentError(
                     f"{what} is {seconds:g} s, not a whole number of simulator steps of {self.physics.step:g} s.",
                     where=what,
@@ -193,6 +207,15 @@ class Setup:
                     limit=self.physics.step,
                     advice="Change one of them, for example to 1 kHz and 1e-4 s.",
                 )
+        if self.amplifiers.jitter > self.dt * (1 + 1e-9):
+            raise ExperimentError(
+                f"the jitter is {self.amplifiers.jitter:g} s, longer than the control period of {self.dt:g} s, so that "
+                "commands would overtake each other.",
+                where="the jitter",
+                found=self.amplifiers.jitter,
+                limit=self.dt,
+                advice="Lower the jitter, or add the constant part of it to the delay.",
+            )
 
     @property
     def dt(self) -> float:
@@ -202,10 +225,10 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Measured and true signals of a bench run, sampled at the beginning of every control period.
+    """Measured and true signals of a bench run, sampled at the beginning of control periods.
 
     Attributes:
-        dt: control period, s.
+        dt: sampling period, s: one control period, or `Controller.log_every` of them.
         target: planned position of the active joints, (n, active), rad or m.
         position: measured by the encoders, of the active joints, (n, active), rad or m.
         velocity: as the controller computes it, of the active joints, (n, active), rad/s or m/s.

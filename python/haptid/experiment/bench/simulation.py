@@ -17,6 +17,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
+from haptid.experiment.bench.amplifiers import AppliedTorque
 from haptid.experiment.bench.bodies import has_counterpart
 from haptid.experiment.bench.elastic import balanced_start, planned_torque
 from haptid.experiment.bench.held_forces import HeldForces
@@ -200,6 +201,10 @@ class _Control:
         self.sharing = _sharing(model, c) if model.device.redundant else None
         self.limit = None if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
+        drives = [drive.name for drive in model.device.drives]
+        eccentricity = per_coordinate("eccentricity", setup.encoders.eccentricity, drives)
+        self.eccentricity = eccentricity if eccentricity.any() else None
+        self.phase = 2 * np.pi / setup.encoders.turn(model)
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))
         self.integral, self.per_period = np.zeros(len(motors)), self.dt * self.ki
         self.to_active = model.device.active_from_drives
@@ -208,8 +213,10 @@ class _Control:
         self.law = setup.law.begin(setup.dt) if setup.law is not None else None
 
     def read(self, q: Array) -> Array:
-        """Quantised positions of the drives, (drives,), from all joints'; updates their filtered velocity."""
+        """Positions of the drives by their encoders, (drives,), from all joints'; updates their filtered velocity."""
         c = self.rows @ q
+        if self.eccentricity is not None:
+            c = c + self.eccentricity * np.sin(self.phase * c)
         if self.step is not None:
             c = self.step * np.rint(c / self.step)
         if self.last is not None:
@@ -267,20 +274,21 @@ class _Recorder:
         if self.sensor is not None:
             std = np.repeat([self.sensor.force_noise, self.sensor.moment_noise], 3)
             wrench = self.wrench + std * rng.standard_normal(self.wrench.shape)
-        joints = setup.model.device.active_from_drives.T
-        q, qd, qdd = (np.ascontiguousarray(x[:, plant.back]) for x in self.exact)
+        joints, each = setup.model.device.active_from_drives.T, setup.controller.log_every
+        q, qd, qdd = (np.ascontiguousarray(x[::each, plant.back]) for x in self.exact)
+        units = [drive.gear_ratio * drive.torque_constant for drive in setup.model.device.motors]
         return Recording(
-            dt=setup.dt,
-            target=trajectory.q,
-            position=self.c @ joints,
-            velocity=self.cd @ joints,
-            command=self.commanded / [drive.gear_ratio * drive.torque_constant for drive in setup.model.device.motors],
-            wrench=wrench,
+            dt=each * setup.dt,
+            target=trajectory.q[::each],
+            position=self.c[::each] @ joints,
+            velocity=self.cd[::each] @ joints,
+            command=self.commanded[::each] / units,
+            wrench=None if wrench is None else wrench[::each],
             q=q,
             qd=qd,
             qdd=qdd,
-            torque=self.actual,
-            hand=self.hand,
+            torque=self.actual[::each],
+            hand=self.hand[::each],
             gap=self.gap,
         )
 
@@ -295,11 +303,7 @@ def _run(
 ) -> Recording:
     """The loop over all control periods."""
     tape, n, data = _Recorder(setup, trajectory, plant), len(trajectory), plant.data
-    motors = [drive.name for drive in setup.model.device.motors]
-    gain = per_coordinate("gain", setup.amplifiers.gain, motors)
-    noise = per_coordinate("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
-    per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
-    whole, rest = divmod(late, per)
+    applied = AppliedTorque(setup, tape.commanded, rng)
     # A control law of the user's own gets no state that is out of bounds.
     together = _CHECKED if setup.law is None else 1
     qpos, ctrl, hand = plant.qpos, data.ctrl[: plant.motors], bool(setup.hand)
@@ -309,8 +313,8 @@ def _run(
             tape.c[k] = c = control.read(qpos[plant.back])
             tape.cd[k] = control.velocity
             tape.commanded[k] = control.torque(k, c)
-            now, before = max(k - whole, 0), max(k - whole - 1, 0)
-            ctrl[:] = tape.actual[k] = gain * tape.commanded[before if rest else now] + noise[k]
+            pieces = applied.pieces(k)
+            ctrl[:] = tape.actual[k] = applied.now
             if hand:
                 plant.push(tape.hand[k])
             if place is not None:
@@ -319,10 +323,8 @@ def _run(
             tape.keep(k, plant)
             if (k + 1) % together == 0 or k + 1 == n:
                 _check_states(setup, plant, trajectory, tape, slice(k - k % together, k + 1))
-            if rest:
-                plant.step(rest)
-                ctrl[:] = gain * tape.commanded[now] + noise[k]
-            plant.step(per - rest)
+            for steps, ctrl[:] in pieces:
+                plant.step(steps)
             if k % max(1, n // PROGRESS_CALLS) == 0:
                 progress(k / n)
     progress(1.0)
