@@ -182,7 +182,7 @@ def with_play(play: float, seconds: float = 5.0) -> haptid.Log:
     setup = bench.Setup(model, chi, bench.Controller((60.0,), (2.0,)), bench.Encoders((320000.0,)), amplifiers)
     kind = bench.Multisine(seconds, (0.0,), (0.6,), frequencies_hz=(0.3, 6.0), count=8)
     made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
-    seen = np.ascontiguousarray(made.position + [0.0, 0.0015])
+    seen = np.ascontiguousarray(made.position + np.array([0.0, 0.0015]))
     return haptid.Log(Path("made"), "", made.t, seen, np.ascontiguousarray(made.command), recorded().channels)
 
 
