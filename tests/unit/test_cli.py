@@ -2,6 +2,7 @@
 
 import json
 import runpy
+import shutil
 
 import pytest
 from typer.testing import CliRunner
@@ -144,6 +145,20 @@ def test_the_same_study_gives_the_same_result_bit_for_bit_and_json_alone_on_stan
     done = call("identify", study, "--data", folder / "logs", "--out", folder / "again", "--json")
     first, second = (json.loads((folder / name / "result.json").read_text()) for name in ("result", "again"))
     assert json.loads(done.stdout) == second == first
+
+
+def test_without_a_report_the_numbers_are_the_same_and_no_earlier_report_is_left(phantom, request):
+    folder, _ = phantom
+    study = request.config.rootpath / "examples" / "phantom" / "study.toml"
+    shutil.copytree(folder / "result", folder / "bare")
+    shown = call("identify", study, "--data", folder / "logs", "--out", folder / "bare", "--no-report").stdout
+    assert "without diagnosis, advice and report" in shown
+    assert "report.html" not in shown
+    whole, bare = (json.loads((folder / name / "result.json").read_text()) for name in ("result", "bare"))
+    assert whole["verdict"]
+    assert whole["advice"] is not None
+    assert bare == whole | {"verdict": [], "advice": None}
+    assert not [path.name for path in (folder / "bare").iterdir() if path.suffix in (".html", ".png")]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,9 @@ from haptid.cli.common import (
     progress_bars,
     progress_callback,
 )
+
+if TYPE_CHECKING:
+    from haptid.report.source import ReportSource
 
 HELP = """\
 Identify a device from the logs of a study, and validate the model.
@@ -64,11 +67,14 @@ def identify(
     no_resume: Annotated[
         bool, typer.Option("--no-resume", help="start again, not from an interrupted run's intermediate results")
     ] = False,
+    no_report: Annotated[
+        bool, typer.Option("--no-report", help="only the numbers: no diagnosis, advice, report or pictures")
+    ] = False,
 ) -> None:
     from importlib.util import find_spec
 
     from haptid.cli.work import interruptible, resumed, workers
-    from haptid.report import sparklines, tables
+    from haptid.report import tables
     from haptid.report.run import write_identification
     from haptid.study import read_study
 
@@ -84,19 +90,30 @@ def identify(
                 progress=progress_callback(bars),
                 workers=workers(count, scheduler),
                 cache=cache,
+                report=not no_report,
             )
             found = source.identification
-        if find_spec("matplotlib") is None:
+        if find_spec("matplotlib") is None and not no_report:
             err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
     if as_json:
         sys.stdout.write(result.to_json())
     elif not quiet:
         tables.show_identification(out, found)
-        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, *source.advice.sentences, ""):
-            out.print(line, highlight=False)
-        out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
+        if no_report:
+            out.print(f"Results in {out_folder}, without diagnosis, advice and report", highlight=False)
+        else:
+            _show_report(source, out_folder)
     if found.meets_criteria is False:
         raise typer.Exit(EXIT_CRITERIA)
+
+
+def _show_report(source: ReportSource, out_folder: Path) -> None:
+    """Errors over time, verdict and advice, and where the report is."""
+    from haptid.report import sparklines
+
+    for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, *source.advice.sentences, ""):
+        out.print(line, highlight=False)
+    out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
 
 
 def _typed(study: Path, data: Path | None, out_folder: Path) -> str:

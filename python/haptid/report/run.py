@@ -27,6 +27,7 @@ def write_identification(
     progress: Callable[[str, float], None],
     workers: Executor,
     cache: RFactorCache,
+    report: bool = True,
 ) -> tuple[Result, ReportSource]:
     """Carry out a study, and write result, report and pictures into a folder, all or none.
 
@@ -40,6 +41,7 @@ def write_identification(
         progress: called with the name of a step and the share of it done.
         workers: that reduce the logs.
         cache: of an interrupted run, forgotten at the end.
+        report: False: only the numbers, in half of the time; the result has no verdict and no advice.
 
     Raises:
         OutputFolderError: the folder cannot be written.
@@ -47,22 +49,32 @@ def write_identification(
     check_writable(out)
     with publishing(out) as folder:
         found = identify(study, data, progress, workers, cache)
-        progress("writing the report", 0.0)
         source = ReportSource(found, command)
-        result = Result.of(found, source.diagnosis.verdict, source.advice)
-        result.write_into(folder)
-        report_of(source).write_into(folder)
-        progress("writing the report", 1.0)
-        for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
-            from haptid.report.plots import plot_torque
-
-            name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
-            progress(f"drawing {name}", 0.0)
-            kind = "rows of the fit" if run.fit_errors else "unseen"
-            title = f"{study.name}: {run.entry.path} ({kind})"
-            plot_torque(
-                predictions(found.use.estimate, run.motion), Plan.of(found.model, run.motion).rows, title, folder / name
-            )
-            progress(f"drawing {name}", 1.0)
+        if report:
+            result = _write_with_report(source, folder, progress)
+        else:
+            result = Result.of(found)
+            result.write_into(folder)
     cache.forget()
     return result, source
+
+
+def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[str, float], None]) -> Result:
+    """Result with verdict and advice, report and pictures."""
+    found = source.identification
+    progress("writing the report", 0.0)
+    result = Result.of(found, source.diagnosis.verdict, source.advice)
+    result.write_into(folder)
+    report_of(source).write_into(folder)
+    progress("writing the report", 1.0)
+    for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
+        from haptid.report.plots import plot_torque
+
+        name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
+        progress(f"drawing {name}", 0.0)
+        kind = "rows of the fit" if run.fit_errors else "unseen"
+        title = f"{found.study.name}: {run.entry.path} ({kind})"
+        predicted = predictions(found.use.estimate, run.motion)
+        plot_torque(predicted, Plan.of(found.model, run.motion).rows, title, folder / name)
+        progress(f"drawing {name}", 1.0)
+    return result
