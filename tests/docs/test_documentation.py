@@ -313,15 +313,19 @@ def plain(text: str) -> tuple[str, list[str]]:
 
 
 def alike(quoted: str, printed: str) -> bool:
-    """Equal but for a few units of the last digit quoted, or 1 %; what is only rounding (1e-16) may be any rounding.
+    """Equal but for what another processor may change; what is only rounding (1e-16) may be any rounding.
 
-    The simulated logs pass through encoders: another processor's rounding can move a count, and so a last digit.
+    The simulated logs pass through encoders, and a rounding can move a count: on another processor they are another
+    draw. Then values change by a few units of the last digit or 1 %; standard errors and errors in per cent, which are
+    printed with three digits at most, by their own spread: 1 / sqrt(2 dof) for dof clusters, a fifth for a dozen.
     """
-    decimals = len(quoted.partition(".")[2])
+    before, _, after = quoted.partition(".")
+    digits = len((before.lstrip("-") + after).lstrip("0"))
     apart = abs(float(quoted) - float(printed))
     if abs(float(quoted)) < ROUNDING:
         return abs(float(printed)) < ROUNDING
-    return apart < max(3.01 * 10.0**-decimals, 0.01 * abs(float(quoted)))
+    share = 0.2 if after and digits <= 3 else 0.01
+    return apart < max(3.01 * 10.0 ** -len(after), share * abs(float(quoted)))
 
 
 def quoted_figures(example: str, result: dict[str, Any]) -> None:

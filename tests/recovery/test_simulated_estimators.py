@@ -23,10 +23,10 @@ ENDS = 1000
 
 
 @cache
-def made(name):
+def made(name, seed=1):
     """Log behind encoders, its controller, and the truth."""
     case = CASES[name]
-    read = record(case, 1, 4000, 8.0, bench.Physics(5e-4))
+    read = record(case, seed, 4000, 8.0, bench.Physics(5e-4))
     law = PID(case.kp, case.kd, reference=(read.target[ENDS:-ENDS],), velocity_cutoff_hz=100)
     return device_of(case), log_of(case, read), law, device_of(case).base.of(truth_of(case))
 
@@ -69,18 +69,20 @@ def test_the_open_loop_and_the_filter_come_near(method):
 
 
 def test_noise_in_the_columns_biases_least_squares_and_not_the_others():
-    """Encoders at half the rate, differentiated up to 90 Hz."""
-    model, log, law, beta = made(PHANTOM)
-    half = haptid.Log(log.path, "", log.t[::2], log.position[::2], log.torque[::2], log.channels)
-    law = PID(law.kp, law.kd, reference=(law.reference[0][::2],), velocity_cutoff_hz=100, rate_hz=1000)
-    motion = haptid.treat(half, haptid.Treatment(cutoff_hz=90, torque_delay_s=5e-4))
-    observation = haptid.observe(model, motion)
+    """Encoders at half the rate, differentiated up to 90 Hz: the mean error of three logs, in which scatter is less."""
     away = {}
-    carried = np.sqrt((observation.stack()[:-1, :-1] ** 2).sum(axis=0))
-    for method in (haptid.OLS(), estimation.DIDIM(law)):
-        found = haptid.estimate(observation, method)
-        away[method.name] = np.linalg.norm(carried * (found.beta - beta))
-    assert away["DIDIM"] < away["OLS"] / 2  # of one log: scatter is in it; benchmarks/noisy_columns.py has the bias
+    for seed in (1, 2, 3):
+        model, log, law, beta = made(PHANTOM, seed)
+        half = haptid.Log(log.path, "", log.t[::2], log.position[::2], log.torque[::2], log.channels)
+        law = PID(law.kp, law.kd, reference=(law.reference[0][::2],), velocity_cutoff_hz=100, rate_hz=1000)
+        motion = haptid.treat(half, haptid.Treatment(cutoff_hz=90, torque_delay_s=5e-4))
+        observation = haptid.observe(model, motion)
+        carried = np.sqrt((observation.stack()[:-1, :-1] ** 2).sum(axis=0))
+        for method in (haptid.OLS(), estimation.DIDIM(law)):
+            found = haptid.estimate(observation, method)
+            away.setdefault(method.name, []).append(carried * (found.beta - beta))
+    bias = {name: np.linalg.norm(np.mean(errors, axis=0)) for name, errors in away.items()}
+    assert bias["DIDIM"] < bias["OLS"] / 2  # benchmarks/noisy_columns.py has the bias of many logs
 
 
 def test_instruments_that_are_the_columns_change_nothing():
