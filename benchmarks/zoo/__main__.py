@@ -17,6 +17,7 @@ from zoo.advised import score as advised  # noqa: E402
 from zoo.advised import summary  # noqa: E402
 from zoo.advised import table as ranks  # noqa: E402
 from zoo.case import draw  # noqa: E402
+from zoo.coverage import line, study  # noqa: E402
 from zoo.study import CASES, RESULTS, SEED, chosen, final_seed, keep, scores  # noqa: E402
 from zoo.table import CLASSES, aggregate, table, worst  # noqa: E402
 from zoo.wrong import right_cases, wrong_cases  # noqa: E402
@@ -34,6 +35,15 @@ def score_advice(each: int, right: int, seed: int, jobs: int, out: Path | None) 
     print(ranks(rows))
     print(json.dumps(figures, indent=1))
     keep(out or RESULTS / "zoo-advice.json", {"each": each, "seed": seed}, rows, figures)
+
+
+def score_coverage(each: int, seed: int, jobs: int, out: Path | None) -> None:
+    """Coverage by class, printed and stored as it is made: a run may be ended early."""
+    made = {}
+    for name, figures in study(each, seed, jobs):
+        print(line(name, figures), flush=True)
+        made[name] = figures
+        keep(out or RESULTS / "zoo-coverage.json", {"each": each, "seed": seed}, [], made)
 
 
 def main() -> None:
@@ -54,7 +64,11 @@ def main() -> None:
         "--advice", type=int, metavar="N", help="score advice instead: N cases of each cause and device"
     )
     parser.add_argument("--right", type=int, default=60, metavar="N", help="with --advice: cases of right models")
+    parser.add_argument("--coverage", type=int, metavar="N", help="score intervals instead: N logs of each class")
     given = parser.parse_args()
+    if given.coverage:
+        score_coverage(given.coverage, final_seed() if given.final else given.seed, given.jobs, given.out)
+        return
     if given.advice:
         score_advice(
             given.advice, given.right, final_seed() % 10_000 if given.final else given.seed, given.jobs, given.out
