@@ -131,6 +131,7 @@ def line(name: str, f: Mapping[str, Any]) -> str:
     low, high = f["monte carlo interval"]
     below = f", below 90 %: {', '.join(f['below 90 %'])}" if f["below 90 %"] else ""
     return (
-        f"{name:40} {f['ok']:4d} of {f['logs']:4d} ok; {100 * f['covered']:5.1f} % [{100 * low:.1f}, {100 * high:.1f}]; "
+        f"{name:40} {f['ok']:4d} of {f['logs']:4d} ok; "
+        f"{100 * f['covered']:5.1f} % [{100 * low:.1f}, {100 * high:.1f}]; "
         f"least {100 * f['least']:.0f} % ({f['least of']}); delays {100 * f['delays within 2 se']:.0f} %{below}"
     )
