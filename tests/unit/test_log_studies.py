@@ -193,6 +193,16 @@ def test_survey_of_a_table(tmp_path: Path, header: str, scale: float, unit: str,
     assert f"unit = {json.dumps(units[0])}" in found.table
 
 
+@pytest.mark.parametrize("header", ["Theta_1,D_Theta_1,DD_Theta_1,tau", "theta,theta_dot,theta_ddot,tau"])
+def test_rates_by_the_names_of_positions(tmp_path: Path, header: str) -> None:
+    t = np.arange(0, 3, 0.01)
+    columns = [t, np.sin(t), np.cos(t), -np.sin(t), 0.1 * np.cos(t)]
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=f"t,{header}", comments="")
+    quantities = [channel.quantity for channel in survey(path).topics[0].channels]
+    assert quantities == ["time", "position", "velocity", "other", "torque"]
+
+
 def test_channels_of_what_is_no_log(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
     for path in (tmp_path / "log.mcap", tmp_path):

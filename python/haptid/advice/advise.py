@@ -26,7 +26,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
-from haptid.advice.sides import other_side
+from haptid.advice.sides import other_mounting, other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.untold import untold
 from haptid.advice.use import other_use
@@ -102,6 +102,7 @@ _OPEN: Mapping[str, str] = {
     "unit": "whether the channel's gain or the prior bodies are wrong",
     "zero offset": "whether the sensor's zero or the device file's angle is wrong",
     "gravity direction": "whether the base is tilted or several zeros are wrong",
+    "mounting": "a tilt from that axis, and where inertia is small, up from down along it",
     "dead torque": "what the channel would have shown",
     "contact": "what touched it, and lighter contacts elsewhere",
     "other log": "what differs in it: a payload, a setting, another device",
@@ -340,15 +341,27 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
 
 
 def _side(found: Identification, part: Estimate) -> Action | None:
-    """Channels of the other side, tried where the error is large."""
+    """Channels of the other side, or gravity along another axis, tried where the error is large."""
     if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
         return None
     one = other_side(found.model, part.observation.motions, part.beta, part.zero)
     if one is None:
-        return None
+        return _mounting(found, part)
     return Action(
         "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
         one.gain.share, True, one.edits, one.blocks,
+    )  # fmt: skip
+
+
+def _mounting(found: Identification, part: Estimate) -> Action | None:
+    """Gravity along another axis of the base frame."""
+    one = other_mounting(found.model, part.observation.motions, part.beta, part.zero)
+    if one is None:
+        return None
+    down = ", ".join(f"{x:.4g}" for x in one.gravity)
+    return Action(
+        "mounting", ("the base",), f"set gravity to [{down}] in the device file: the base is mounted so",
+        "unseen error", one.before, one.after, one.se, one.gain.share, True, one.edits, one.blocks,
     )  # fmt: skip
 
 

@@ -1,4 +1,8 @@
-"""`other_side`: whether channels are of the motors that the study says are of the joints, or the other way round."""
+"""Assumptions with few alternatives, each tried as a whole: whose the channels are, and where gravity points.
+
+`other_side` takes channels of motors as those of joints, or the other way round; `other_mounting` takes gravity along
+the other axes of the base frame, as on a wall or under a ceiling.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,8 @@ from haptid.motion.treatment import Motion, treat
 
 # Share of the error that has to be left at most: a wrong side is no matter of a few per cent.
 _MOST_LEFT = 0.7
+# Cosine of the angle to gravity from which an axis of the base frame is the one along which gravity points.
+_SAME_AXIS = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,21 +121,85 @@ def _tried(
         return None
     if there.used.shape != rows.used.shape:
         return None
-    both = rows.used & there.used
     kept = np.array([k for k in range(len(beta)) if k not in zero])
-    same = np.eye(len(rows.y))
+    return OtherSide(position, torque, *_compared(model, (rows, there), (beta, beta), (kept, kept)))
+
+
+@dataclass(frozen=True, eq=False)
+class OtherMounting:
+    """Gravity along another axis of the base frame, with a lower error on unseen blocks.
+
+    Attributes:
+        gravity: in the base frame, m/s^2, (3,).
+        gain, before, after, se, blocks: as of another side.
+    """
+
+    gravity: tuple[float, ...]
+    gain: Gain
+    before: float
+    after: float
+    se: float
+    blocks: int
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """Of the device."""
+        return (Edit("device", "set", ("gravity",), [*self.gravity]),)
+
+
+def other_mounting(
+    model: DynamicModel, motions: Sequence[Motion], beta: Array, zero: Sequence[int]
+) -> OtherMounting | None:
+    """Gravity along the axis of the base frame with the largest proven gain; None where none is proven.
+
+    Gravity along an axis and against it are told apart by inertia: first moments are in the columns of both. Where the
+    log does not tell them apart, one of them is returned.
+
+    Args:
+        motions: treated signals of the fit.
+        beta: base parameters, (p,), SI.
+        zero: those parameters that are fixed at zero.
+    """
+    magnitude = float(np.linalg.norm(model.device.gravity))
+    if not magnitude or zero or sum(map(len, motions)) > MOST_SAMPLES:
+        return None
+    now = tuple(finer(motion) for motion in motions)
+    rows, tried = trial_rows(model, now, beta), list[OtherMounting]()
+    for axis in (*np.eye(3), *-np.eye(3)):
+        if abs(axis @ model.device.gravity) > _SAME_AXIS * magnitude:
+            continue
+        turned = model.with_gravity(-magnitude * axis)
+        start = np.zeros(len(turned.base))
+        there = trial_rows(turned, now, start)
+        kept = np.arange(len(beta)), np.arange(len(start))
+        size, *errors, blocks = _compared(model, (rows, there), (beta, start), kept)
+        gravity = tuple(float(x) + 0.0 for x in -magnitude * axis)
+        tried.append(OtherMounting(gravity, size, *errors, blocks))
+    held = [
+        one
+        for one in tried
+        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < _MOST_LEFT * one.before
+    ]
+    return max(held, key=lambda one: one.gain.share, default=None)
+
+
+def _compared(
+    model: DynamicModel, rows: tuple[TrialRows, TrialRows], start: tuple[Array, Array], kept: tuple[Array, Array]
+) -> tuple[Gain, float, float, float, int]:
+    """Gain, unseen errors before and after, their paired standard error, per cent, and blocks, on the rows of both."""
+    both = rows[0].used & rows[1].used
+    same = np.eye(len(rows[0].y))
     trials: list[Trial] = []
     errors: list[float] = []
-    for one in (rows, there):
+    for one, beta, columns in zip(rows, start, kept, strict=True):
         weights = weights_of(one, len(beta), beta)
-        bench = Bench({"used": one.grams(both)}, len(beta), kept, weights, same)
+        bench = Bench({"used": one.grams(both)}, len(beta), columns, weights, same)
         trial = bench.run(Setting(), test=False)
         errors.append(unseen_percent(model, bench, trial))
         trials.append(_relative(bench, trial))
-    size = gain(*trials)
     difference = (trials[0].errors - trials[1].errors).sum(axis=1)
     se = 1e2 * float(np.sqrt(len(difference)) * difference.std(ddof=1)) / max(sum(errors) / 100, 1e-300)
-    return OtherSide(position, torque, size, errors[0], errors[1], se, len(difference))
+    return gain(*trials), errors[0], errors[1], se, len(difference)
 
 
 def _relative(bench: Bench, trial: Trial) -> Trial:

@@ -56,6 +56,8 @@ _TIME = re.compile(
     r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
 )
 _SPLIT = re.compile(r"[^a-z]+")
+# Rates in names of positions: `D_Theta`, `theta_dot`; `q_d` is what is desired.
+_RATE = re.compile(r"^d(?P<second>d)?_|(?P<second_dot>d)?dot(?=[^a-z]|$)", re.I)
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
@@ -413,6 +415,8 @@ def _guessed(
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
     words = _words(_PRESENT.sub("", base)) or _words(name)
     quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
+    if quantity == "position" and (rate := _RATE.search(base.rpartition(".")[2])):
+        quantity = "other" if rate["second"] or rate["second_dot"] else "velocity"
     if words and words <= _COMMAND:
         quantity = "torque"
     if quantity == "other" and "state" in words and _ELEMENT.match(name):  # an array, and no state of a switch

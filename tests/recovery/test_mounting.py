@@ -1,0 +1,68 @@
+"""Gravity along another axis than the device file says: found by unseen errors, and not where the file is right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.advice import advise
+from motions import multisine
+
+ARM = """
+schema = 1
+name = "arm"
+gravity = {gravity}
+convention = "placement"
+[[joints]]
+name = "1"
+axis = [0.0, 0.0, 1.0]
+[[joints]]
+name = "2"
+parent = "1"
+xyz = [0.1, 0.0, 0.2]
+axis = [0.0, 1.0, 0.0]
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[terms]]
+kind = "coulomb"
+joints = "all"
+"""
+UP, WALL = [0.0, 0.0, -9.81], [-9.81, 0.0, 0.0]
+
+
+def _study(folder: Path, written: list[float]) -> haptid.Study:
+    """A log of the arm on a wall, and a study whose device file says `written`."""
+    (folder / "true.toml").write_text(ARM.format(gravity=WALL))
+    (folder / "device.toml").write_text(ARM.format(gravity=written))
+    model = haptid.DynamicModel(haptid.read_device(folder / "true.toml"))
+    bodies = {"M1": 2.0, "MX1": 0.3, "ZZ1": 0.08, "M2": 1.0, "MX2": 0.2, "XX2": 0.02, "YY2": 0.06, "ZZ2": 0.06}
+    values = bodies | {"FV1": 0.1, "FV2": 0.1, "FC1": 0.1, "FC2": 0.1}
+    beta = model.base.of(np.array([values.get(name, 0.0) for name in model.device.parameters.names]))
+    q, qd, qdd = multisine(2, 20.0, 2e-3, 3)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    tau = tau + 0.02 * tau.std(axis=1, keepdims=True) * np.random.default_rng(2).standard_normal(tau.shape)
+    columns = np.array([2e-3 * np.arange(q.shape[1]), *q, *tau])
+    np.savetxt(folder / "log.csv", columns.T, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    (folder / "study.toml").write_text(
+        'schema = 1\ndevice = "device.toml"\n[channels]\ntime = "t"\n'
+        'position = { channels = ["q1", "q2"], unit = "rad" }\n'
+        'torque = { channels = ["tau1", "tau2"], unit = "N m" }\n[[logs]]\npath = "log.csv"\n'
+    )
+    return haptid.read_study(folder / "study.toml")
+
+
+@pytest.mark.parametrize("written", [UP, WALL])
+def test_gravity_along_another_axis(tmp_path: Path, written: list[float]) -> None:
+    advice = advise(haptid.identify(_study(tmp_path, written)))
+    told = [action for action in advice.actions if action.kind == "mounting"]
+    if written == WALL:
+        assert not told
+        return
+    (action,) = told
+    assert advice.actions[0] is action
+    assert action.after < 5 < action.before
+    np.testing.assert_allclose(action.edits[0].value, WALL)
