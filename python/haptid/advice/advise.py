@@ -26,7 +26,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
-from haptid.advice.sides import other_mounting, other_side
+from haptid.advice.sides import MOST_LEFT, other_mounting, other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.untold import untold
 from haptid.advice.use import other_use
@@ -280,6 +280,10 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
+    if (
+        mounting := _mounting(found, part, after / max(before, 1e-300))
+    ) is not None:  # nothing else can be told with it
+        return Advice((mounting,), mounting.before, mounting.after, (), len(search.candidates) + 1)
     treatment = found.proposal.treatment
     listed = [
         _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))
@@ -341,22 +345,28 @@ def _filter(found: Identification, part: Estimate) -> OtherFilter | None:
 
 
 def _side(found: Identification, part: Estimate) -> Action | None:
-    """Channels of the other side, or gravity along another axis, tried where the error is large."""
+    """Channels of the other side, tried where the error is large."""
     if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
         return None
     one = other_side(found.model, part.observation.motions, part.beta, part.zero)
     if one is None:
-        return _mounting(found, part)
+        return None
     return Action(
         "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
         one.gain.share, True, one.edits, one.blocks,
     )  # fmt: skip
 
 
-def _mounting(found: Identification, part: Estimate) -> Action | None:
-    """Gravity along another axis of the base frame."""
+def _mounting(found: Identification, part: Estimate, left: float) -> Action | None:
+    """Gravity along another axis of the base frame, where the best other changes leave more: a spring is like a weight.
+
+    Args:
+        left: share of the unseen error that the others leave.
+    """
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _ROUGH:
+        return None
     one = other_mounting(found.model, part.observation.motions, part.beta, part.zero)
-    if one is None:
+    if one is None or one.after > MOST_LEFT * left * one.before:
         return None
     down = ", ".join(f"{x:.4g}" for x in one.gravity)
     return Action(

@@ -25,7 +25,7 @@ from haptid.log.log import Log, Side
 from haptid.motion.treatment import Motion, treat
 
 # Share of the error that has to be left at most: a wrong side is no matter of a few per cent.
-_MOST_LEFT = 0.7
+MOST_LEFT = 0.7
 # Cosine of the angle to gravity from which an axis of the base frame is the one along which gravity points.
 _SAME_AXIS = 0.9
 
@@ -82,7 +82,7 @@ def other_side(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero
     held = [
         one
         for one in tried
-        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < _MOST_LEFT * one.before
+        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
     ]
     return max(held, key=lambda one: one.gain.share, default=None)
 
@@ -172,19 +172,21 @@ def other_mounting(
         start = np.zeros(len(turned.base))
         there = trial_rows(turned, now, start)
         kept = np.arange(len(beta)), np.arange(len(start))
-        size, *errors, blocks = _compared(model, (rows, there), (beta, start), kept)
         gravity = tuple(float(x) + 0.0 for x in -magnitude * axis)
-        tried.append(OtherMounting(gravity, size, *errors, blocks))
+        tried.append(OtherMounting(gravity, *_compared(model, (rows, there), (beta, start), kept)))
     held = [
         one
         for one in tried
-        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < _MOST_LEFT * one.before
+        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
     ]
     return max(held, key=lambda one: one.gain.share, default=None)
 
 
 def _compared(
-    model: DynamicModel, rows: tuple[TrialRows, TrialRows], start: tuple[Array, Array], kept: tuple[Array, Array]
+    model: DynamicModel,
+    rows: tuple[TrialRows, TrialRows],
+    start: tuple[Array, Array],
+    kept: tuple[np.ndarray, np.ndarray],
 ) -> tuple[Gain, float, float, float, int]:
     """Gain, unseen errors before and after, their paired standard error, per cent, and blocks, on the rows of both."""
     both = rows[0].used & rows[1].used
