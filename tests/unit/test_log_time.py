@@ -166,11 +166,11 @@ def test_many_missing_rows(tmp_path: Path) -> None:
 
 
 def test_backwards(tmp_path: Path) -> None:
-    t = np.concatenate([np.arange(200), np.arange(100)]) / 100
+    t = np.concatenate([np.arange(200), 50 + np.arange(100)]) / 100
     with pytest.raises(errors.LogTimeError) as raised:
         record(tmp_path, t)
     assert raised.value.where == 200
-    assert raised.value.found == (1.99, 0)
+    assert raised.value.found == (1.99, 0.5)
     with pytest.raises(errors.LogTimeError) as raised:
         record(tmp_path, np.concatenate([t, np.arange(100) / 100]))
     assert raised.value.where == 200
@@ -275,3 +275,18 @@ def test_jitter_that_the_positions_do_not_show_is_said_to_be_that(tmp_path: Path
     note = next(note for note in log.notes if "irregular" in note)
     assert "too little for the positions to tell" in note
     assert not any("resampled" in note for note in log.notes)
+
+
+def test_recordings_one_after_the_other_in_a_file_are_segments(tmp_path: Path) -> None:
+    t = np.r_[np.arange(0, 3, 1e-3), np.arange(0, 2, 1e-3)]
+    q = np.r_[np.sin(2 * t[:3000]), 1.5 + np.sin(3 * t[3000:])]
+    path = tmp_path / "log.npz"
+    np.savez(path, t=t, q=q, tau=np.cos(2 * t))
+    channels = Channels(Signal("q", "rad"), Signal("tau", "N m"), time="t")
+    log = read_log(path, channels)
+    assert [stop - start for start, stop in log.segments] == [3000, 2000]
+    np.testing.assert_allclose(log.position[:, 0], q, atol=1e-12)
+    assert any("time restarts at sample 3000" in note for note in log.time_base.sentences)
+    np.savez(path, t=np.r_[t[:3000], 1.0 + t[3000:]], q=q, tau=np.cos(2 * t))  # a clock that was set back
+    with pytest.raises(errors.LogTimeError, match="time decreases"):
+        read_log(path, channels)

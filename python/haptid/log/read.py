@@ -285,7 +285,7 @@ class Times:
         if time_range is not None:
             kept_count = rows.stop - rows.start
             notes.append(f"kept from {time_range[0]:g} to {time_range[1]:g} s: {kept_count} of {count} samples")
-        return Times(path, rows, known, seconds[rows])
+        return Times(path, rows, known, seconds[rows] if known is None else known.seconds)
 
     def gaps(self) -> NDArray[np.intp]:
         """Rows before a step too long for jitter."""

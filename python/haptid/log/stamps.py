@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,9 @@ SLOWEST = 0.5
 _FASTEST = 1e-9
 # Stamps this many times coarser than the sampling do not give the rate.
 COARSEST = 10.0
+# A clock that restarts begins within so many steps of the first stamp. The next recording is put so many seconds later,
+# or so many steps.
+_RESTART, _PAUSE, _PAUSE_STEPS = 10.0, 1.0, 20.0
 # Samples that are looked at together.
 _PIECE = 2**16
 
@@ -35,11 +39,13 @@ class Stamps:
         repeated: rows whose stamp equals that of the row before, (repeats,).
         seconds: of all rows, not decreasing, (rows,), s.
         fineness: resolution, s.
+        notes: what was changed, in sentences.
     """
 
     repeated: NDArray[np.intp]
     seconds: Array
     fineness: float
+    notes: tuple[str, ...] = ()
 
 
 def since_first(path: Path, name: str, raw: RawChannel, scale: float) -> Array:
@@ -133,6 +139,7 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             `SLOWEST`; stamps coarser than `COARSEST` periods.
     """
     check_length(path, seconds.size)
+    seconds, notes = _restarted(seconds)
     _check_order(path, name, seconds)
     steps = np.diff(seconds[:_PIECE])
     step = float(np.median(steps))
@@ -163,7 +170,35 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             advice="Stamps are coarser than the sampling (a clock of the epoch in single precision, whole seconds): "
             "leave `time` out and give `rate_hz`.",
         )
-    return Stamps(repeated, seconds, fineness)
+    return Stamps(repeated, seconds, fineness, notes)
+
+
+def _restarted(seconds: Array) -> tuple[Array, tuple[str, ...]]:
+    """Stamps of recordings one after the other in one file, each with times from its start, as one log with pauses.
+
+    Only where each of them begins where the first one does and is long enough for a segment; else they are returned as
+    they are.
+    """
+    if not all_usable(seconds):
+        return seconds, ()
+    starts = np.flatnonzero(seconds[1:] < seconds[:-1]) + 1
+    if not starts.size:
+        return seconds, ()
+    edges = np.array([0, *starts, seconds.size])
+    step = float(np.median(np.abs(np.diff(seconds[: starts[0]])))) if starts[0] > 1 else 0.0
+    late = np.abs(seconds[starts] - seconds[0])
+    if np.diff(edges).min() < FEWEST_SAMPLES or late.max() > _RESTART * step:
+        return seconds, ()
+    pause = max(_PAUSE, _PAUSE_STEPS * step)
+    made = seconds.copy()
+    for start, stop in pairwise(edges[1:]):
+        made[start:stop] += made[start - 1] + pause - seconds[start]
+    first = int(starts[0])
+    return made, (
+        f"time restarts at sample {first}, from {seconds[first - 1]:.6g} to {seconds[first]:.6g} s"
+        f"{f', and at {starts.size - 1} more places' if starts.size > 1 else ''}: {starts.size + 1} recordings in one "
+        f"file, taken as segments of one log, {pause:.3g} s apart",
+    )
 
 
 def _check_order(path: Path, name: str, seconds: Array) -> None:

@@ -188,7 +188,7 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
     """
     again = stamps.repeated[(recorded.same_position & recorded.same_torque)[stamps.repeated]]
     held = None if keep_stale else polled(recorded.same_position, recorded.same_torque, recorded.positions)
-    sentences = []
+    sentences = [*stamps.notes]
     if held is not None:
         again = np.flatnonzero(~held[0])
         sentences.append(
