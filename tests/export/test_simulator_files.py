@@ -1,6 +1,8 @@
 """MJCF and URDF: the bodies in them have the identified base parameters, and MuJoCo predicts what the model does."""
 
+import re
 import tempfile
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +15,12 @@ from bench_identification import CASES, device_of, log_of, record
 from haptid.estimation.feasibility.conic_program import ENOUGH
 from haptid.experiment import bench
 from haptid.experiment.bench.mjcf import depth_first
-from haptid.export import export_mjcf, export_urdf
+from haptid.export import Simulator, export_mjcf, export_urdf
 from haptid.export.formats.bodies import INSIDE, departure, standard_parameters_of
 from haptid.export.formats.urdf import angles, upright
 from haptid.observation.filtering import decimate
 from haptid.observation.plan import Plan
+from haptid.robot_files import import_robot
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters
@@ -106,13 +109,18 @@ def test_damping_and_dry_friction_are_the_identified_ones(tmp_path, name):
         np.testing.assert_allclose(value, beta[index[kind + name_]], rtol=1e-9)
 
 
+def joint_names(model):
+    """Names in the URDF: identifiers."""
+    return [f"joint_{joint.name}" if joint.name[0].isdigit() else joint.name for joint in model.device.joints]
+
+
 def pinocchio_torque(path, model, qa, qda, qdda, armature):
     """Inverse dynamics of the URDF's tree, projected on the device's coordinates, (coordinates, samples)."""
     pin = pytest.importorskip("pinocchio")
     built = pin.buildModelFromUrdf(str(path))
     built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(model.device.gravity)])
     data = built.createData()
-    at = [built.joints[built.getJointId(joint.name)] for joint in model.device.joints]
+    at = [built.joints[built.getJointId(name)] for name in joint_names(model)]
     found = np.empty_like(qa)
     q, qd, qdd = model.tree(qa, qda, qdda)
     for k in range(qa.shape[1]):
@@ -135,7 +143,7 @@ def rotors(path, model):
 
     made = np.zeros(len(model.device.joints))
     for element in ElementTree.parse(path).getroot().findall("transmission"):
-        j = model.device.joint_names.index(element.find("joint").attrib["name"])
+        j = joint_names(model).index(element.find("joint").attrib["name"])
         made[j] = float(element.find("actuator/{http://drake.mit.edu}rotor_inertia").attrib["value"])
     return made
 
@@ -153,6 +161,23 @@ def test_urdf_has_the_dynamics_of_the_model(tmp_path, name):
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("name", ["cea_medical_branch", "sr400", "delta", "four_bar"])
+def test_mjcf_starts_with_closed_loops_and_keeps_them(tmp_path, name):
+    """Loops that are open at zero positions: the file begins at a pose that closes, and falls without coming apart."""
+    model, beta = mj_model(name)
+    made = export_mjcf((model, beta), tmp_path, Simulator(contacts=True))
+    built, size = loaded(made), float(np.linalg.norm([joint.translation for joint in model.device.joints]))
+    data = mujoco.MjData(built)
+    apart = []
+    for _ in range(200):
+        mujoco.mj_step(built, data)
+        apart.append(np.abs(data.efc_pos[: data.ne]).max())
+    assert built.opt.timestep == 1e-3
+    assert max(apart) < 1e-4 * size
+    assert not built.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+    assert data.ncon == 0  # its own links do not touch each other
+
+
 def test_urdf_says_what_it_has_no_place_for(tmp_path):
     made = export_urdf(mj_model("phantom_premium_15"), tmp_path)
     text = (tmp_path / made.files[0]).read_text()
@@ -165,6 +190,45 @@ def test_urdf_says_what_it_has_no_place_for(tmp_path):
     model, beta = mj_model("cea_medical_branch")
     text = (tmp_path / export_urdf((model, beta), tmp_path).files[0]).read_text()
     assert "Not in this file: an offset" in text
+
+
+NUMBERED = """
+name = "Numbered"
+gravity = [0, 0, -9.81]
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+alias = "joint 1"
+d = 0.2
+limits = { position = [-1.0, 1.0], torque = 5.0 }
+[[joints]]
+name = "3"
+alias = "rail"
+type = "prismatic"
+"""
+
+
+def test_urdf_has_identifiers_and_no_limit_that_nobody_knows(tmp_path):
+    from xml.etree import ElementTree
+
+    (tmp_path / "device.toml").write_text(NUMBERED)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
+    made = export_urdf((model, model.base.of(true_parameters(model))), tmp_path / "u")
+    text = (tmp_path / "u" / made.files[0]).read_text()
+    root = ElementTree.fromstring(text.partition("?>")[2])
+    named = [one.attrib["name"] for one in root.iter() if "name" in one.attrib]
+    assert all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) for name in named), named
+    joints = {one.get("name"): one for one in root.findall("joint")}
+    assert list(joints) == ["base_mount", "joint_1", "joint_1_", "rail"]
+    assert joints["joint_1"].find("limit") is None  # a continuous joint needs none
+    assert joints["joint_1_"].find("limit").get("effort") == "5.0"
+    said = "Limits that are not known, 1e+09 here because URDF requires a number: velocity of joint_1_, rail; "
+    assert f"{said}effort of rail; position of rail." in " ".join(text.split())
+    assert "'1' is joint_1, 'joint 1' is joint_1_" in " ".join(text.split())
+    # Read again, these limits are unknown as before.
+    again = tomllib.loads(import_robot(tmp_path / "u" / made.files[0]).text)["joints"]
+    assert [one.get("limits", {}).get("torque") for one in again] == [None, 5.0, None]
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -162,10 +162,11 @@ def test_clang_has_no_warning_either(tmp_path, precision):
     run(["./selftest"], tmp_path)
 
 
-def test_header_and_controller_are_cpp(tmp_path):
+def test_header_is_cpp(tmp_path):
     written(tmp_path, "phantom_premium_15")
+    (tmp_path / "main.cpp").write_text(f'#include "{NAME}.h"\n')
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-c"]
-    run([compiler("g++"), *flags, f"{NAME}_ros2_control.cpp", "-o", "controller.o"], tmp_path)
+    run([compiler("g++"), *flags, "main.cpp", "-o", "main.o"], tmp_path)
 
 
 def test_cmake_builds_and_tests(tmp_path):

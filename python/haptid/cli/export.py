@@ -19,11 +19,14 @@ RESULT is the output folder of haptid identify or haptid eliminate. Formats:
 - `mjcf`, `urdf`: the device for simulators, with bodies that have the identified parameters
 - `json`: parameters, groupings and covariance for programs
 - `latex`: tables for a paper
+- `ros2-control`, `chai3d`: gravity and friction compensation as a controller plugin, and as a C++ header
+- `dvrk`: gravity compensation of a Master Tool Manipulator for the dVRK console
 
 Each format is written into its own folder, OUT/c and so on. A model that does not meet its study's criterion is
 refused. If the diagnosis finds a model unfit for a use, all files and the summary contain a warning.
 
---name and --reversal-speed apply to code: c, c-single, rust and matlab.
+--name and --reversal-speed apply to code: c, c-single, rust, matlab, ros2-control and chai3d; --time-step and
+--contacts to mjcf.
 
 --into writes a copy of your own URDF or MJCF, in which only inertias and constants of joints are replaced.
 
@@ -60,18 +63,21 @@ def export(
         float,
         typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s"),
     ] = 0.01,
+    time_step: Annotated[float, typer.Option("--time-step", help="of the simulation, s")] = 1e-3,
+    contacts: Annotated[
+        bool, typer.Option("--contacts", help="the device touches what else is in the scene, not itself")
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     import haptid.export
-    from haptid.export import CCode
+    from haptid.export import CCode, Simulator
     from haptid.results.result import Result
 
     with errors_shown():
         read = Result.load(result)
-        made = haptid.export_model(
-            read, folder, to, CCode(name, reversal_speed=reversal_speed), into=into, anyway=force
-        )
+        code, simulator = CCode(name, reversal_speed=reversal_speed), Simulator(time_step, contacts)
+        made = haptid.export_model(read, folder, to, code, simulator, into=into, anyway=force)
     if as_json:
         formats = {
             name: {"folder": str(written.folder), "files": list(written.files), "verdict": written.verdict}

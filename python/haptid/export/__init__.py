@@ -7,6 +7,8 @@ everything up to `results`.
 from haptid.export.all_formats import EXPORTERS, export_formats, export_model
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c import CExport, export_c
+from haptid.export.formats.control_packages import export_chai3d, export_ros2_control
+from haptid.export.formats.dvrk import export_dvrk
 from haptid.export.formats.json import export_json
 from haptid.export.formats.latex import export_latex
 from haptid.export.formats.matlab import export_matlab
@@ -14,7 +16,7 @@ from haptid.export.formats.mjcf import export_mjcf
 from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
-from haptid.export.output import CCode, Export
+from haptid.export.output import CCode, Export, Simulator
 from haptid.export.provenance import ExportSource, Provenance, provenance
 
 __all__ = [
@@ -25,7 +27,10 @@ __all__ = [
     "ExportSource",
     "Operations",
     "Provenance",
+    "Simulator",
     "export_c",
+    "export_chai3d",
+    "export_dvrk",
     "export_formats",
     "export_into",
     "export_json",
@@ -33,6 +38,7 @@ __all__ = [
     "export_matlab",
     "export_mjcf",
     "export_model",
+    "export_ros2_control",
     "export_rust",
     "export_urdf",
     "provenance",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -11,6 +12,8 @@ from haptid._internal.atomic_folder import publishing
 from haptid._internal.extensions import extension, extension_names
 from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.export.formats.c import export_c
+from haptid.export.formats.control_packages import export_chai3d, export_ros2_control
+from haptid.export.formats.dvrk import export_dvrk
 from haptid.export.formats.json import export_json
 from haptid.export.formats.latex import export_latex
 from haptid.export.formats.matlab import export_matlab
@@ -18,7 +21,7 @@ from haptid.export.formats.mjcf import export_mjcf
 from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
-from haptid.export.output import CCode, Export
+from haptid.export.output import CCode, Export, Simulator
 from haptid.export.provenance import ExportSource
 
 
@@ -42,12 +45,20 @@ def _single(identified: ExportSource, folder: Path, code: CCode, *, anyway: bool
     return export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
 
 
-CODE: Mapping[str, Coder] = {"c": _double, "c-single": _single, "matlab": export_matlab, "rust": export_rust}
+CODE: Mapping[str, Coder] = {
+    "c": _double,
+    "c-single": _single,
+    "matlab": export_matlab,
+    "rust": export_rust,
+    "ros2-control": export_ros2_control,
+    "chai3d": export_chai3d,
+}
 _OTHERS: Mapping[str, Exporter] = {
     "mjcf": export_mjcf,
     "urdf": export_urdf,
     "json": export_json,
     "latex": export_latex,
+    "dvrk": export_dvrk,
 }
 EXPORTERS = (*CODE, *_OTHERS)
 
@@ -62,6 +73,7 @@ def export_model(
     folder: str | Path,
     formats: Sequence[str],
     code: CCode | None = None,
+    simulator: Simulator | None = None,
     *,
     into: str | Path | None = None,
     anyway: bool = False,
@@ -73,6 +85,7 @@ def export_model(
         folder: parent of these folders.
         formats: some of `export_formats()`.
         code: names and smoothing of code formats; the precision is that of the format.
+        simulator: time step and contacts of an MJCF.
         into: a URDF or MJCF of the user, of which a copy gets the identified parameters, in place of a new one.
         anyway: export a model that fails its criterion or was not validated, with a note in the files.
 
@@ -81,7 +94,7 @@ def export_model(
         ExportError: the model cannot be written in one of the formats; see the exporters.
         OutputFolderError: the folder cannot be written.
     """
-    others = dict(_OTHERS)
+    others: dict[str, Exporter] = {**_OTHERS, "mjcf": partial(export_mjcf, simulator=simulator)}
     for name in formats:
         if name not in EXPORTERS:
             others[name] = _of_extension(name)

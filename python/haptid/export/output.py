@@ -64,6 +64,23 @@ class CCode:
 
 
 @dataclass(frozen=True)
+class Simulator:
+    """Settings of an exported MJCF.
+
+    Attributes:
+        step: of the integration, s.
+        contacts: whether the device touches what else is in the scene; its own links never touch each other.
+    """
+
+    step: float = 1e-3
+    contacts: bool = False
+
+    def __post_init__(self) -> None:
+        if not positive(self.step):
+            raise _code_setting("step", self.step, "a finite time above zero, s")
+
+
+@dataclass(frozen=True)
 class Export:
     """A written export.
 

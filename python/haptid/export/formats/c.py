@@ -73,7 +73,6 @@ def _texts(files: Files) -> dict[str, str]:
         f"{name}.c": files.body(),
         f"{name}_selftest.c": selftest(files),
         f"{name}_example.c": files.filled("example.c"),
-        f"{name}_ros2_control.cpp": files.filled("ros2_control.cpp"),
         "CMakeLists.txt": files.filled("CMakeLists.txt"),
         "README.md": files.filled(
             "README.md",

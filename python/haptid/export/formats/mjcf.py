@@ -1,14 +1,19 @@
-"""MJCF export, `export_mjcf(model, folder)`: the identified device for MuJoCo, as the virtual bench simulates it."""
+"""MJCF export, `export_mjcf(model, folder)`: the identified device for MuJoCo, by the writer of the virtual bench."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.experiment.bench.mjcf import mjcf, numbers
+from haptid.errors import HaptidError
+from haptid.experiment.bench.mjcf import Physics, mjcf, numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
-from haptid.export.output import Export, default_name, write
+from haptid.export.output import Export, Simulator, default_name, write
 from haptid.export.provenance import ExportSource, provenance
 from haptid.validation.validation import Validation
 
@@ -16,6 +21,7 @@ from haptid.validation.validation import Validation
 def export_mjcf(
     identified: ExportSource,
     folder: str | Path,
+    simulator: Simulator | None = None,
     *,
     validation: Validation | None = None,
     largest_error: float | None = None,
@@ -24,11 +30,13 @@ def export_mjcf(
     """Write a model as MJCF: bodies with the identified base parameters, loops, rotors, friction, springs, motors.
 
     Only base parameters are identifiable from torque; the bodies nearest to the prior that have them are written.
-    Joints have the limits of the device file. Actuators are as in `haptid.experiment.bench.mjcf`.
+    Joints have the limits of the device file; loops are closed at the start. Actuators are as in
+    `haptid.experiment.bench.mjcf`.
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
         folder: output folder of NAME.xml.
+        simulator: time step, and whether there are contacts; the default where None.
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
@@ -39,12 +47,25 @@ def export_mjcf(
     source = provenance(identified, validation, largest_error, anyway)
     model = source.model
     chi = standard_parameters_of(model, source.beta)
-    root = fromstring(mjcf(model, chi))
+    settings = simulator or Simulator()
+    root = fromstring(mjcf(model, chi, Physics(settings.step)))
+    if settings.contacts:
+        _touch(root)
     _limit(root, model)
+    _close(root, model)
     _rename(root, model)
     indent(root)
     text = f"{heading(source, chi)}\n{tostring(root, encoding='unicode')}\n"
     return write(folder, {f"{default_name(model.device.name)}.xml": text}, source.verdict)
+
+
+def _touch(root: Element) -> None:
+    """Contacts between the device and other bodies, which have MuJoCo's default bits 1 and 1; none among its links."""
+    flag, geom = root.find("./option/flag"), root.find("./default/geom")
+    assert flag is not None
+    assert geom is not None
+    del flag.attrib["contact"]
+    geom.attrib |= {"contype": "2", "conaffinity": "1"}
 
 
 def _limit(root: Element, model: DynamicModel) -> None:
@@ -56,6 +77,45 @@ def _limit(root: Element, model: DynamicModel) -> None:
             element.set("range", numbers(joint.position_limits))
         if joint.torque_limit is not None:
             element.set("actuatorfrcrange", numbers((-joint.torque_limit, joint.torque_limit)))
+
+
+def _close(root: Element, model: DynamicModel) -> None:
+    """Begin at a pose with closed loops: bodies are placed as there, and `ref` says where their joints are."""
+    start = _closed_pose(model)
+    if start is None or not np.any(start):
+        return
+    elements = {element.attrib["name"]: element for element in root.iter("body")}
+    for joint, q in zip(model.device.joints, start, strict=True):
+        body, at = elements[joint.name], joint.translation
+        turned = joint.rotation
+        if joint.prismatic:
+            at = at + q * joint.rotation[:, 2]
+        else:
+            turned = joint.rotation @ Rotation.from_rotvec([0.0, 0.0, q]).as_matrix()
+        body.attrib |= {"pos": numbers(at), "xyaxes": numbers([*turned[:, 0], *turned[:, 1]])}
+        moved = body.find("joint")
+        assert moved is not None
+        moved.set("ref", repr(float(q)))
+    for relation in root.findall("./equality/tendon"):
+        relation.set("polycoef", numbers([0.0] * 5))  # of the change of length since this pose
+
+
+def _closed_pose(model: DynamicModel) -> Array | None:
+    """Positions of all joints at a pose with closed loops, in the joints' limits where one is found, (joints,)."""
+    limits = [model.device.joints[j].position_limits or (-np.pi, np.pi) for j in model.device.active]
+    low, high = np.array(limits).reshape(-1, 2).T
+    some = [np.clip(0.0, low, high), 0.5 * (low + high), *np.random.default_rng(0).uniform(low, high, (100, len(low)))]
+    best: Array | None = None
+    for qa in some:
+        try:
+            q = model.device.closure.positions(qa[:, None])[:, 0]
+        except HaptidError:
+            continue
+        best = q if best is None else best
+        bounds = [joint.position_limits or (-np.inf, np.inf) for joint in model.device.joints]
+        if all(a <= value <= b for value, (a, b) in zip(q, bounds, strict=True)):
+            return q
+    return best
 
 
 def _rename(root: Element, model: DynamicModel) -> None:
