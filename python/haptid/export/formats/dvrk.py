@@ -25,7 +25,7 @@ from haptid.export.provenance import ExportSource, Provenance, about, provenance
 from haptid.validation.validation import Validation
 
 # Joints of the arm; those with terms; terms of gravity; gravity in the law, m/s^2.
-JOINTS, WITH_TERMS, GRAVITY_TERMS, GRAVITY = 7, 6, 10, 9.81
+_JOINTS, _WITH_TERMS, _TERMS, _GRAVITY = 7, 6, 10, 9.81
 # Coefficients of a joint's polynomial, from order 0.
 _ORDERS = 5
 # Relative difference of torque at rest from the law's, above which a device is no such arm: that of another arm with
@@ -67,13 +67,13 @@ def law(q: Array) -> Array:
 
     The gravity terms are derivatives of ten heights by the positions of the joints.
     """
-    made = np.zeros((JOINTS, GRAVITY_TERMS + _ORDERS * WITH_TERMS, q.shape[1]))
-    for joint in range(1, WITH_TERMS):
+    made = np.zeros((_JOINTS, _TERMS + _ORDERS * _WITH_TERMS, q.shape[1]))
+    for joint in range(1, _WITH_TERMS):
         # Heights are sums of products of sines and cosines of one multiple: a quarter turn on is the derivative.
-        ahead, behind = (_heights(q + sign * 0.5 * np.pi * np.eye(JOINTS)[:, [joint]]) for sign in (1, -1))
-        made[joint, :GRAVITY_TERMS] = 0.5 * GRAVITY * (ahead - behind)
-    for joint in range(WITH_TERMS):
-        first = GRAVITY_TERMS + _ORDERS * joint
+        ahead, behind = (_heights(q + sign * 0.5 * np.pi * np.eye(_JOINTS)[:, [joint]]) for sign in (1, -1))
+        made[joint, :_TERMS] = 0.5 * _GRAVITY * (ahead - behind)
+    for joint in range(_WITH_TERMS):
+        first = _TERMS + _ORDERS * joint
         made[joint, first : first + _ORDERS] = q[joint] ** np.arange(_ORDERS)[:, None]
     return made
 
@@ -94,8 +94,8 @@ def _values(source: Provenance) -> dict[str, object]:
     """Content of the file."""
     model = source.model
     joints = [model.device.joints[j] for j in model.device.active]
-    if len(joints) != JOINTS or len(model.device.row_map) != JOINTS or any(joint.prismatic for joint in joints):
-        raise _no_arm(model, f"it has {len(joints)} active joints, and the arm has {JOINTS} that turn")
+    if len(joints) != _JOINTS or len(model.device.row_map) != _JOINTS or any(joint.prismatic for joint in joints):
+        raise _no_arm(model, f"it has {len(joints)} active joints, and the arm has {_JOINTS} that turn")
     upper = [joint.torque_limit for joint in joints]
     if any(limit is None for limit in upper):
         unknown = [joint.name for joint, limit in zip(joints, upper, strict=True) if limit is None]
@@ -116,18 +116,18 @@ def _values(source: Provenance) -> dict[str, object]:
             "gc_dynamic_params_neg": negative.tolist(),
             "safe_upper_torque_limit": most,
             "safe_lower_torque_limit": [-limit for limit in most],
-            "db_vel_vec": [_DEAD_BAND] * JOINTS,
-            "sat_vec_vec": [_SATURATION] * JOINTS,
-            "fric_comp_ratio_vec": [_SHARE] * JOINTS,
+            "db_vel_vec": [_DEAD_BAND] * _JOINTS,
+            "sat_vec_vec": [_SATURATION] * _JOINTS,
+            "fric_comp_ratio_vec": [_SHARE] * _JOINTS,
         },
     }
 
 
 def _fitted(model: DynamicModel, beta: Array, sign: float) -> tuple[Array, float]:
     """Parameters of the law, (40,), for torque at rest and dry friction of one direction; what is missed, relative."""
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (JOINTS, _POSES))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_JOINTS, _POSES))
     torque = inverse_dynamics(model, beta, q, np.full_like(q, sign * _CREEP), np.zeros_like(q))
-    W = law(q).transpose(0, 2, 1).reshape(JOINTS * _POSES, -1)
+    W = law(q).transpose(0, 2, 1).reshape(_JOINTS * _POSES, -1)
     found = np.asarray(np.linalg.lstsq(W, torque.reshape(-1), rcond=None)[0], dtype=np.float64)
     missed = float(np.linalg.norm(torque.reshape(-1) - W @ found) / np.linalg.norm(torque))
     if not missed < LAW_ERROR:
