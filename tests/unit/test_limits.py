@@ -29,6 +29,7 @@ from haptid.log import read_log
 from haptid.log.formats import mat
 from haptid.report import read_report
 from haptid.report.mathml import formula_markup
+from haptid.robot_files import import_robot
 from small_study import DEVICE, HEAD
 
 CHANNELS = ("t", "q1", "q2", "tau1", "tau2")
@@ -108,7 +109,7 @@ def special(folder: Path) -> list[Path]:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
 def test_only_regular_files_are_read(tmp_path):
     for path in special(tmp_path):
-        for read in (haptid.read_device, haptid.read_study, haptid.Result.load):
+        for read in (haptid.read_device, haptid.read_study, haptid.Result.load, import_robot):
             with pytest.raises(HaptidError, match="not a regular file"):
                 read(path)
         (tmp_path / "log.csv").symlink_to(path)

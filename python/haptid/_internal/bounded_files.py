@@ -64,6 +64,7 @@ class Limit:
 
 
 DEFINITION_FILE = Limit("DEFINITION_FILE", 2**20, "bytes of a device, study, experiment or other TOML file")
+ROBOT_FILE = Limit("ROBOT_FILE", 2**25, "bytes of a robot description")
 RESULT_FILE = Limit("RESULT_FILE", 2**26, "bytes of result.json")
 REPORT_DATA = Limit("REPORT_DATA", 2**28, "bytes of the data of a report, unpacked")
 LOG_FILE = Limit("LOG_FILE", 2**36, "bytes of a log file")
@@ -72,7 +73,7 @@ LOG_UNPACKED = Limit(
 )
 LOG_MEMBERS = Limit("LOG_MEMBERS", 10_000, "columns, arrays or datasets of a log file", counted=True)
 SYMBOLIC_JOINTS = Limit("SYMBOLIC_JOINTS", 24, "joints of a device whose lengths are taken as symbols", counted=True)
-LIMITS = (DEFINITION_FILE, RESULT_FILE, REPORT_DATA, LOG_FILE, LOG_UNPACKED, LOG_MEMBERS, SYMBOLIC_JOINTS)
+LIMITS = (DEFINITION_FILE, ROBOT_FILE, RESULT_FILE, REPORT_DATA, LOG_FILE, LOG_UNPACKED, LOG_MEMBERS, SYMBOLIC_JOINTS)
 
 
 def amount_text(amount: int, counted: bool = False) -> str:

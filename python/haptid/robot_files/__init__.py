@@ -1,4 +1,4 @@
-"""Robot descriptions: URDF, xacro, MJCF, SDF, SYMORO and Denavit-Hartenberg tables as device files."""
+"""Robot descriptions: URDF, xacro, MJCF, SDF, USD, SYMORO and Denavit-Hartenberg tables as device files."""
 
 from haptid.robot_files.check import Check
 from haptid.robot_files.imported import ImportedRobot, import_robot

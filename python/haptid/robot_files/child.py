@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -263,7 +264,122 @@ def _expect_inside(path: str, folders: list[str]) -> None:
         raise OutsideError(f"it needs the mesh {path}, outside its folder and the packages stated")
 
 
-_TASKS = {"xacro": (prepare_xacro, run_xacro), "mjcf": (prepare_mjcf, run_mjcf)}
+# Most prims of a stage that are looked at, and most layers that it is composed of.
+_MOST_PRIMS, _MOST_LAYERS = 200_000, 500
+
+
+def prepare_usd() -> None:
+    """Import USD, whose plugins are Python's own files, before the child is guarded."""
+    import numpy  # noqa: F401
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    UsdGeom.XformCache()
+    stage = Usd.Stage.CreateInMemory()  # kept: its prims live as long as it does
+    stage.DefinePrim("/body", "Xform").HasAPI(UsdPhysics.RigidBodyAPI)
+
+
+def run_usd(request: dict[str, Any]) -> dict[str, Any]:
+    """Bodies, joints, scenes and collision shapes of a stage: their attributes, relations and poses in the stage."""
+    from pxr import Tf, Usd, UsdGeom, UsdPhysics
+
+    try:
+        _expect_layers_inside(request["path"], request["folders"])
+        stage = Usd.Stage.Open(request["path"])
+    except Tf.ErrorException as error:  # its text names USD's own source files first
+        said = "; ".join(str(one.commentary) for one in error.args)
+        raise ValueError(re.sub(r"pxrInternal\S*", "its syntax", said)) from None
+    poses, made = UsdGeom.XformCache(), {}
+    for k, prim in enumerate(stage.Traverse(Usd.TraverseInstanceProxies())):
+        if k >= _MOST_PRIMS:
+            raise ValueError(f"it has more than {_MOST_PRIMS} prims")
+        body = prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        joint, scene = prim.IsA(UsdPhysics.Joint), prim.IsA(UsdPhysics.Scene)
+        if body or joint or scene or prim.HasAPI(UsdPhysics.CollisionAPI):
+            role = "body" if body else "joint" if joint else "scene" if scene else "shape"
+            made[str(prim.GetPath())] = {"role": role} | _prim(prim)
+    targets = [path for prim in made.values() for paths in prim["relations"].values() for path in paths]
+    frames = {}
+    for path in {*targets, *made}:
+        prim = stage.GetPrimAtPath(path)
+        if prim:
+            # Row vectors in USD: transposed, a pose as everywhere here.
+            matrix = poses.GetLocalToWorldTransform(prim)
+            frames[path] = [[matrix[column][row] for column in range(4)] for row in range(4)]
+    return {
+        "metres": UsdGeom.GetStageMetersPerUnit(stage),
+        "kilograms": UsdPhysics.GetStageKilogramsPerUnit(stage),
+        "up": str(UsdGeom.GetStageUpAxis(stage)),
+        "name": stage.GetDefaultPrim().GetName() if stage.GetDefaultPrim() else "",
+        "prims": made,
+        "frames": frames,
+    }
+
+
+def _expect_layers_inside(path: str, folders: list[str]) -> None:
+    """Refuse a stage that is composed of files outside the folders: USD's own code opens them, unseen by the guard."""
+    from pxr import Sdf
+
+    waiting, seen = [path], set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        if len(seen) > _MOST_LAYERS:
+            raise ValueError(f"it is composed of more than {_MOST_LAYERS} layers")
+        file = name.split("[")[0]  # a layer within a package: a.usdz[b.usd]
+        if not os.path.isabs(file):  # found nowhere
+            raise ValueError(f"the layer {file} cannot be read")
+        real = os.path.realpath(file)
+        if not any(real.startswith(os.path.realpath(folder) + os.sep) for folder in folders):
+            raise OutsideError(f"it refers to {file}, outside its folder and the packages stated")
+        layer = Sdf.Layer.FindOrOpen(name) if os.path.isfile(real) else None
+        if layer is None:
+            raise ValueError(f"the layer {file} cannot be read")
+        # An empty name is the layer itself.
+        waiting += [layer.ComputeAbsolutePath(found) for found in layer.GetCompositionAssetDependencies() if found]
+
+
+def _prim(prim: Any) -> dict[str, Any]:
+    values = {found.GetName(): _value(found) for found in prim.GetAttributes()}
+    return {
+        "type": str(prim.GetTypeName()),
+        "schemas": [str(name) for name in prim.GetAppliedSchemas()],
+        "values": {name: value for name, value in values.items() if value is not None},
+        "relations": {
+            found.GetName(): [str(x) for x in found.GetForwardedTargets()] for found in prim.GetRelationships()
+        },
+    }
+
+
+def _value(attribute: Any) -> Any:
+    """A number, word, vector or quaternion w x y z at the default time; None for anything else.
+
+    Of single precision the shortest decimal number that is stored so: 0.1 and not 0.10000000149.
+    """
+    import numpy
+    from pxr import Gf
+
+    kind = str(attribute.GetTypeName())
+    if kind.endswith("[]") or kind == "asset" or kind.startswith("matrix"):
+        return None
+    value = attribute.Get()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
+        value = [value.GetReal(), *value.GetImaginary()]
+    try:
+        numbers = [float(x) for x in value] if hasattr(value, "__len__") else float(value)
+    except (TypeError, ValueError):
+        return None
+    if "double" in kind or kind == "quatd":
+        return numbers
+    if isinstance(numbers, list):
+        return [float(str(numpy.float32(x))) for x in numbers]
+    return float(str(numpy.float32(numbers)))
+
+
+_TASKS = {"xacro": (prepare_xacro, run_xacro), "mjcf": (prepare_mjcf, run_mjcf), "usd": (prepare_usd, run_usd)}
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ def run_limited(task: str, request: dict[str, Any], folders: Sequence[Path], fil
     """The answer of a task in a child process.
 
     Args:
-        task: "xacro" or "mjcf".
+        task: "xacro", "mjcf" or "usd".
         request: argument, as JSON.
         folders: that the child may read from.
         file: the description, for errors.

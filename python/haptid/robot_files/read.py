@@ -12,10 +12,11 @@ from haptid.robot_files.sdf import read_sdf
 from haptid.robot_files.symoro import read_symoro
 from haptid.robot_files.tree import RobotTree
 from haptid.robot_files.urdf import read_urdf
+from haptid.robot_files.usd import read_usd
 from haptid.robot_files.xacro import expand_xacro
 from haptid.robot_files.xml import parse, read_bytes, refused
 
-_FORMATS = "URDF, xacro, MJCF, SDF, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
+_FORMATS = "URDF, xacro, MJCF, SDF, USD, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
 _XACRO = b"http://www.ros.org/wiki/xacro"
 
 
@@ -49,7 +50,7 @@ def read_robot(
     if suffix == ".csv":
         return read_dh_table(content, str(path), lengths or {}, snap)
     if suffix in (".usd", ".usda", ".usdc", ".usdz"):
-        raise refused(str(path), "it is USD, which is not read", "Export it as URDF or MJCF, and import that.")
+        return read_usd(path, roots, snap)
     if b"<" not in content[:4096]:
         raise refused(str(path), "it is no robot description", f"Give {_FORMATS}.")
     root = parse(content, str(path))

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
+from haptid._internal.bounded_files import ROBOT_FILE, read_bounded
 from haptid.errors import RobotFileError
 
-# A robot description has some hundred kilobytes at most; beyond this it is something else.
-LARGEST_DESCRIPTION = 30_000_000
 # Characters of a text that an error shows.
 _SHOWN = 60
 # Deepest nesting of elements: bodies of a chain are nested in MJCF.
@@ -138,21 +137,16 @@ def _short(text: str) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file of ordinary size.
+    """The content of a regular file of ordinary size.
 
     Raises:
-        RobotFileError: it cannot be opened, or is larger than any robot description.
+        RobotFileError: it cannot be opened, is a pipe or a device, or is larger than any robot description.
     """
     try:
-        with path.open("rb") as stream:
-            content = stream.read(LARGEST_DESCRIPTION + 1)
+        return read_bounded(path, ROBOT_FILE)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise refused(str(path), f"cannot be opened ({reason})", "Give the path of a robot description.") from None
-    if len(content) > LARGEST_DESCRIPTION:
-        found = f"has more than {LARGEST_DESCRIPTION} bytes"
-        raise refused(str(path), found, "A robot description is smaller: is this a mesh or a log?")
-    return content
 
 
 def parse(content: bytes, file: str) -> Element:
