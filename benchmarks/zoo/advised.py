@@ -43,7 +43,8 @@ def score(plant: WrongPlant) -> dict[str, Any]:
         row["seconds"] = time.process_time() - begin
         row["error"] = found.unseen[0].comparable.relative
         row["actions"] = [[action.kind, *action.places] for action in made.actions]
-        row["said"] = any("cannot be told" in text.lower() or "too small" in text.lower() for text in made.untold)
+        said = [text.lower() for text in made.undetermined]
+        row["said"] = any("cannot be determined" in text or "too small" in text for text in said)
         if plant.cause != "none":
             row |= {"size": plant.size, "motor": plant.motor, "rank": rank(plant, row["actions"])}
             row["distance"] = distance(found, replace(plant, cause="none"))
@@ -106,7 +107,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "named though not told": share(silent, 3),
         "wrong action though not told": sum(bool(r["actions"]) and r["rank"] is None for r in silent)
         / max(len(silent), 1),
-        "no action, and said what cannot be told": sum(r["said"] for r in unnamed) / max(len(unnamed), 1),
+        "no action, and said what cannot be determined": sum(r["said"] for r in unnamed) / max(len(unnamed), 1),
         "seconds, median": float(np.median([row["seconds"] for row in rows if "seconds" in row])),
         "causes": by_cause,
     }

@@ -81,8 +81,8 @@ def test_an_offset_that_gravity_shows_is_found_and_one_that_no_torque_shows_keep
     assert found.quantities.values[0] == pytest.approx(0.015, abs=4 * found.quantities.se[0])
     assert first < 0.2
     assert last == pytest.approx(1.0, abs=0.05)
-    (_, untold) = found.sentences(model)
-    assert "do not tell home offset of joint 2" in untold
+    (_, undetermined) = found.sentences(model)
+    assert "do not distinguish home offset of joint 2" in undetermined
 
 
 def test_the_doubt_moves_the_parameters_as_a_fit_at_other_offsets_does(model):

@@ -1,4 +1,4 @@
-"""What a log tells of the torque in other motion: the standard error of an estimate's torque, and the status by it."""
+"""Standard error of an estimate's torque in other motion, and the status by it."""
 
 import dataclasses
 

@@ -80,7 +80,7 @@ def test_a_gain_of_one_axis_cannot_be_told(tmp_path: Path) -> None:
     _, wrong = found(AXIS, "gain", tmp_path)
     made = advise(wrong, diagnose(wrong.estimate))
     assert made.actions == ()
-    assert "gain of the torque (motor 1)" in made.untold[0]
+    assert "gain of the torque (motor 1)" in made.undetermined[0]
 
 
 def test_the_best_combination_is_written_and_identified_again(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from haptid.advice.search import (
 )
 from haptid.advice.sides import MOST_LEFT, other_mounting, other_side
 from haptid.advice.trial import Setting, Trial, gain
-from haptid.advice.untold import untold
+from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate
@@ -165,7 +165,7 @@ class Action:
     @property
     def _open(self) -> Iterator[str]:
         if self.rivals:
-            yield f"Not told apart from it, within a standard error: {joined_names(self.rivals)}."
+            yield f"Not distinguishable from it, within a standard error: {joined_names(self.rivals)}."
         if self.kind in _OPEN:
             yield f"Not known: {_OPEN[self.kind]}."
 
@@ -196,7 +196,7 @@ class Advice:
     Attributes:
         actions: those with proof, sorted.
         before, after: unseen error without changes and with the best combination, per cent, on the same rows.
-        untold: sentences on what cannot be told from this log.
+        undetermined: sentences on what cannot be determined from this log.
         tried: number of candidates.
         motion: further motion that would make wide intervals narrow; None where none would, or none is wide.
     """
@@ -204,7 +204,7 @@ class Advice:
     actions: tuple[Action, ...]
     before: float
     after: float
-    untold: tuple[str, ...]
+    undetermined: tuple[str, ...]
     tried: int
     motion: MoreMotion | None = None
 
@@ -228,7 +228,7 @@ class Advice:
         together = [action.kind for action in self.combination if action.kind != USE]
         if len(together) > 1:
             shown.append(f"Together ({joined_names(together)}): unseen error {self.before:.3g} to {self.after:.3g} %.")
-        return (*shown, *((self.motion.sentence,) if self.motion else ()), *self.untold)
+        return (*shown, *((self.motion.sentence,) if self.motion else ()), *self.undetermined)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -237,7 +237,7 @@ class Advice:
             "unseen_error_percent": self.before,
             "combined_error_percent": self.after,
             "actions": [action.to_dict() for action in self.actions],
-            "untold": list(self.untold),
+            "undetermined": list(self.undetermined),
             "more_motion": None if self.motion is None else self.motion.to_dict(),
         }
 
@@ -261,7 +261,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         return Advice((), 0.0, 0.0, ("No action is tried without accelerations.",), 0)
     if reason := _too_slow(found):
         return Advice((), 0.0, 0.0, (reason,), 0)
-    if (side := _side(found, part)) is not None:  # nothing else can be told with it
+    if (side := _side(found, part)) is not None:  # nothing else can be judged with it
         return Advice((side,), side.before, side.after, (), 1)
     try:
         other = _filter(found, part)
@@ -282,7 +282,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     chosen, after = _combined(search, base, made)
     if (
         mounting := _mounting(found, part, after / max(before, 1e-300))
-    ) is not None:  # nothing else can be told with it
+    ) is not None:  # nothing else can be judged with it
         return Advice((mounting,), mounting.before, mounting.after, (), len(search.candidates) + 1)
     treatment = found.proposal.treatment
     listed = [
@@ -300,7 +300,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*first, *listed]
-    sentences = [*_other_motion(found, before), *untold(search, base, {action.kind for action in every}, not every)]
+    unknown = undetermined(search, base, {action.kind for action in every}, not every)
+    sentences = [*_other_motion(found, before), *unknown]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
@@ -331,8 +332,8 @@ def _too_slow(found: Identification) -> str:
         return ""
     return (
         f"The motion, {proposal.bandwidth_hz:.3g} Hz, is faster than the {limit:.3g} Hz that the log's rate of "
-        f"{1 / motion.dt:.4g} Hz permits: causes of the error cannot be told from this log. Record at a higher rate, "
-        f"or, if the device vibrates, with softer control."
+        f"{1 / motion.dt:.4g} Hz permits: causes of the error cannot be determined from this log. Record at a higher "
+        f"rate, or, if the device vibrates, with softer control."
     )
 
 

@@ -66,12 +66,16 @@ def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
         spread = estimate.spread(np.array(combinations))
         se = np.sqrt(np.diag(spread.covariance))
         t = np.array(combinations) @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
-        told = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
-        if told and all(t[k] < 0 for k in told) and (0 in told or len(told) > 1):
-            negative = tuple(names[k] for k in told)
+        significant = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
+        if significant and all(t[k] < 0 for k in significant) and (0 in significant or len(significant) > 1):
+            negative = tuple(names[k] for k in significant)
             parts = np.array(combinations) @ estimate.beta * np.array(sizes)
-            share = float(np.linalg.norm(parts[told])) / max(_middle(rows.y[m][rows.used[m]]), np.finfo(float).tiny)
-            yield Impossible(m, motor.label, negative, float(np.abs(t[told]).min()), share, np.array(combinations))
+            share = float(np.linalg.norm(parts[significant])) / max(
+                _middle(rows.y[m][rows.used[m]]), np.finfo(float).tiny
+            )
+            yield Impossible(
+                m, motor.label, negative, float(np.abs(t[significant]).min()), share, np.array(combinations)
+            )
 
 
 def _middle(signal: Array) -> float:

@@ -28,7 +28,7 @@ Try changes of a study and its device on the study's own logs, and list those th
 Tried are missing terms (friction, springs, rotor inertia, ripple), signs, gains and assignments of channels, time
 shifts, lengths and zeros, dead, coarse, clipped or stuck channels, contact, payloads and drift. Fits on every other
 time block are judged on the blocks between. Where a change would only rescale parameters, the proof is by bodies that
-can exist, or by the device file's prior bodies. What cannot be told from the log is said.
+can exist, or by the device file's prior bodies. What cannot be determined from the log is said.
 
 With --apply OUT, the best combination is written as OUT/study.toml, with OUT/device.toml where the device changes, and
 identified again: it is kept where this confirms it, and both errors are printed. The study itself is not changed.

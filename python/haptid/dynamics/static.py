@@ -62,7 +62,7 @@ class StaticModel(DynamicModel):
                 used[row] = np.isfinite(approach[row])
         return used
 
-    def told_by(self, c: Array, approach: Array) -> Self:
+    def determined_by(self, c: Array, approach: Array) -> Self:
         """The model with the base parameters that these poses determine."""
         made = self.with_terms(self.terms)
         made.__dict__["base"] = self.base_at(c, approach, TOLD_BY_POSES)

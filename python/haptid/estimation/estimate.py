@@ -32,7 +32,7 @@ from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
 WELL_CONDITIONED = 200.0
 # Standard error of the torque in other motion above which an estimate is uncertain, per cent, and what is said then.
-TORQUE_TOLD, _UNTOLD = 3.0, "The torque of other motion in the log's poses is uncertain"
+TORQUE_TOLD, _UNDETERMINED = 3.0, "The torque of other motion in the log's poses is uncertain"
 
 
 @runtime_checkable
@@ -111,7 +111,7 @@ class Estimate:
             unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
         classical_covariance: classical, valid for white residuals, (p, p).
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
-        status: "ok"; "uncertain" where the log does not tell the torque of other motion, or a standard error;
+        status: "ok"; "uncertain" where the log does not determine the torque of other motion, or a standard error;
             "constrained_outside_ci" where constraints contradict an interval; "noisy_positions" where noise of the
             positions, or their filter, changes the predicted torque too much.
         notes: for the user.
@@ -384,13 +384,13 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
 
 
 def judged(made: Estimate) -> Estimate:
-    """An estimate whose status and notes say whether the torque of other motion is told, by its present covariance."""
-    notes = tuple(note for note in made.notes if not note.startswith(_UNTOLD))
+    """An estimate with status and notes on the torque of other motion, by its present covariance."""
+    notes = tuple(note for note in made.notes if not note.startswith(_UNDETERMINED))
     size, unbounded = made.torque_uncertainty, bool(made.single_block)
     if unbounded or not size > TORQUE_TOLD:
         return made if notes == made.notes else replace(made, notes=notes)
     text = (
-        f"{_UNTOLD}: its standard error is {size:.3g} % of the measured torque (limit {TORQUE_TOLD:g} %). Record "
+        f"{_UNDETERMINED}: its standard error is {size:.3g} % of the measured torque (limit {TORQUE_TOLD:g} %). Record "
         f"longer, or motion that differs more in speed and acceleration from pose to pose."
     )
     return replace(made, status="uncertain" if made.status == "ok" else made.status, notes=(text, *notes))

@@ -1,4 +1,4 @@
-"""How well an estimate tells the torque of motion that differs from the log's."""
+"""Standard error of the torque in motion that differs from the log's."""
 
 from __future__ import annotations
 

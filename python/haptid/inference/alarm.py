@@ -83,7 +83,7 @@ class ModelAlarm:
             raise SettingError(f"per_hour is {per_hour!r}; write a number {wanted}.", where="per_hour")
         if len(observation.blocks) < _FEWEST:
             raise NoRowsError(
-                f"the reference has {len(observation.blocks)} time blocks; {_FEWEST} or more tell what is usual.",
+                f"the reference has {len(observation.blocks)} time blocks, and {_FEWEST} are needed for what is usual.",
                 found=len(observation.blocks),
                 limit=_FEWEST,
                 advice="Identify from a longer motion, or with shorter blocks.",

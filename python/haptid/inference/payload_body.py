@@ -113,14 +113,14 @@ def body_figures(joint: Joint, phi: ArrayLike) -> Array:
 
 
 def nearest_body(
-    joint: Joint, phi: Array, offset: Array, basis: Array, fit: JointFit, columns: np.ndarray, told: np.ndarray
+    joint: Joint, phi: Array, offset: Array, basis: Array, fit: JointFit, columns: np.ndarray, determined: np.ndarray
 ) -> ConsistentPayload:
     """The rigid body nearest to the free estimate in the metric of the torque.
 
     Minimises |R (u - u_free)|, R the R factor of the payload's unknowns with all others fitted again, over positive
     semidefinite pseudo-inertias (Wensing, Kim and Slotine 2018).
     """
-    figures = np.where(told, body_figures(joint, phi), np.nan) if phi[9] else np.full(10, np.nan)
+    figures = np.where(determined, body_figures(joint, phi), np.nan) if phi[9] else np.full(10, np.nan)
     least = float(np.linalg.eigvalsh(pseudo_inertia(phi))[0])
     if not basis.size or least >= -_PSD_ROUNDING * abs(phi[9]):
         return ConsistentPayload(False, figures, pseudo_inertia(phi), 0.0)
@@ -153,7 +153,9 @@ def nearest_body(
         return ConsistentPayload(False, figures, pseudo_inertia(found), 0.0)
     worse = 100 * (np.hypot(fit.solution.rest, extra) / fit.solution.rest - 1) if fit.solution.rest else float("inf")
     body = (
-        np.where(told, body_figures(joint, found), np.nan) if found[9] > _PSD_ROUNDING * mass else np.full(10, np.nan)
+        np.where(determined, body_figures(joint, found), np.nan)
+        if found[9] > _PSD_ROUNDING * mass
+        else np.full(10, np.nan)
     )
     if found[9] <= _PSD_ROUNDING * mass:
         body[0] = max(found[9], 0.0)

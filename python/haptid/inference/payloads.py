@@ -575,9 +575,9 @@ def _payload(
         spread.dof,
         tuple(spread.alone.tolist()),
     )
-    figures, told = _figures(body, joint, phi, basis, fit, columns, bool(known[9]))
-    consistent = nearest_body(joint, phi, offset, basis, fit, columns, told) if known[9] else None
-    return PayloadEstimate(body, parameters, figures, _left_out(body, known, told, static), consistent)
+    figures, determined = _figures(body, joint, phi, basis, fit, columns, bool(known[9]))
+    consistent = nearest_body(joint, phi, offset, basis, fit, columns, determined) if known[9] else None
+    return PayloadEstimate(body, parameters, figures, _left_out(body, known, determined, static), consistent)
 
 
 def _figures(
@@ -606,17 +606,17 @@ def _figures(
     # Measured against the size of the parameters: differences leave rounding in the gradient.
     hidden = np.linalg.norm(own @ fit.null, axis=1)
     whole = np.linalg.norm(np.abs(gradient) @ np.abs(basis) / fit.scale[columns], axis=1) if basis.size else 0.0
-    told = np.asarray(hidden <= _BLIND * np.maximum(whole, 1e-300))
+    determined = np.asarray(hidden <= _BLIND * np.maximum(whole, 1e-300))
     given = np.zeros(10, dtype=bool)
     given[0], given[1:4], given[4:] = body.mass is not None, body.com is not None, body.inertia is not None
-    shown = np.flatnonzero(told & ~given)
+    shown = np.flatnonzero(determined & ~given)
     spread, values = fit.spread(ways[shown]), body_figures(joint, phi)[shown]
     names, units = tuple(FIGURES[k] for k in shown), tuple(FIGURE_UNITS[k] for k in shown)
     made = Quantities(names, units, values, spread.covariance, spread.dof, tuple(spread.alone.tolist()))
-    return made, told
+    return made, determined
 
 
-def _left_out(body: AttachedBody, known: np.ndarray, told: np.ndarray, static: bool) -> tuple[str, ...]:
+def _left_out(body: AttachedBody, known: np.ndarray, determined: np.ndarray, static: bool) -> tuple[str, ...]:
     """Sentences on what the rows do not determine."""
     lost = [INERTIAL[k] + body.link for k in np.flatnonzero(~known)]
     if not lost:
@@ -626,6 +626,6 @@ def _left_out(body: AttachedBody, known: np.ndarray, told: np.ndarray, static: b
         rest = [name for name in lost if name[: len(name) - len(body.link)] in ("MX", "MY", "MZ", "M")]
         more = f", nor {listed(rest)}" if rest else ""
         return (f"Poses do not determine the inertia of {body.name}{more}: record motions for it.",)
-    figures = [FIGURES[k] for k in np.flatnonzero(~told)]
+    figures = [FIGURES[k] for k in np.flatnonzero(~determined)]
     shown = f", hence not {listed(figures)}" if figures else ""
     return (f"These recordings do not determine {listed(lost)} of {body.name}{shown}.",)

@@ -193,18 +193,21 @@ def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = No
         LogMismatchError: the channels do not fit the device.
     """
     whole = static_model(model)
-    told = whole.told_by(poses.c.T, poses.approach.T)
-    if not len(told.base):
+    determined = whole.determined_by(poses.c.T, poses.approach.T)
+    if not len(determined.base):
         raise NoRowsError("no joint moved between the poses, so no torque is used.", found=0, limit=1)
-    observation = observe_poses(told, poses)
+    observation = observe_poses(determined, poses)
     observation = replace(observation, motors=tuple(motor for motor in observation.motors if motor.rows.sum()))
     made = estimate(observation, method or WLS())
     return StaticIdentification(
-        poses, made, _static_left_out(model, whole, told), tuple(_verdicts(poses, observation, made, method or WLS()))
+        poses,
+        made,
+        _static_left_out(model, whole, determined),
+        tuple(_verdicts(poses, observation, made, method or WLS())),
     )
 
 
-def _static_left_out(model: DynamicModel, whole: StaticModel, told: StaticModel) -> tuple[str, ...]:
+def _static_left_out(model: DynamicModel, whole: StaticModel, determined: StaticModel) -> tuple[str, ...]:
     """Sentences on what poses, and these poses, do not determine."""
     said = []
     moving = [name for name in whole.base.no_effect if name not in model.base.no_effect]
@@ -216,7 +219,7 @@ def _static_left_out(model: DynamicModel, whole: StaticModel, told: StaticModel)
     lost = [
         whole.device.parameters.names[k]
         for k in whole.base.independent_columns
-        if k not in told.base.independent_columns
+        if k not in determined.base.independent_columns
     ]
     if lost:
         dry = {term.name for term in whole.terms if term.kind in COULOMB} & set(lost)

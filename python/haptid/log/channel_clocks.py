@@ -1,7 +1,7 @@
 """Drift of the torques' clock against that of the positions, found without a model.
 
 Torques that another device recorded, joined row by row, are late by an offset that grows linearly with time. A constant
-offset cannot be told from friction and inertia without a model; it is left to the estimate of the torque
+offset cannot be distinguished from friction and inertia without a model; it is left to the estimate of the torque
 delay. A growing one can: every torque is regressed on positions, velocities, accelerations and the signs of the
 velocities of all joints, and on its own rate, constant and growing with time. Misfits of this linear model do not grow
 with time; the last coefficient is the drift.

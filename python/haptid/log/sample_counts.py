@@ -39,12 +39,12 @@ class StepCounts:
 
     Attributes:
         periods: (rows - 1,).
-        told: where the motion is fast enough to tell, (rows - 1,); 1 elsewhere.
+        resolved: where the motion is fast enough to resolve a step, (rows - 1,); 1 elsewhere.
         clear: where it leaves no doubt, (rows - 1,).
     """
 
     periods: NDArray[np.intp]
-    told: NDArray[np.bool_]
+    resolved: NDArray[np.bool_]
     clear: NDArray[np.bool_]
 
 
@@ -58,22 +58,22 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
     """
     channels = list(positions)
     made = StepCounts(np.ones(rows - 1, dtype=np.intp), *(np.zeros(rows - 1, dtype=bool) for _ in range(2)))
-    told = whole = 0
+    resolved = whole = 0
     for a, b in spans:
         if b - a < max(_WIDTHS):
             continue
         own, part = [channel[a:b] for channel in channels], slice(a, b - 1)
         x = np.ones(b - a - 1)
         for width in _WIDTHS:
-            x, made.told[part], alike = _steps(own, np.rint(x), width)
-        made.clear[part] = made.told[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
+            x, made.resolved[part], alike = _steps(own, np.rint(x), width)
+        made.clear[part] = made.resolved[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
         made.periods[part] = np.rint(x).astype(np.intp)
-        told, whole = told + int((made.told[part] & alike).sum()), whole + int(made.clear[part].sum())
-    return made if told > _MANY * (rows - 1) and whole > _WHOLE * told else None
+        resolved, whole = resolved + int((made.resolved[part] & alike).sum()), whole + int(made.clear[part].sum())
+    return made if resolved > _MANY * (rows - 1) and whole > _WHOLE * resolved else None
 
 
 def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Each step in periods, (rows - 1,), where the motion tells it, and where all channels say the same.
+    """Each step in periods, (rows - 1,), where the motion resolves it, and where all channels say the same.
 
     Args:
         channels: each (rows,).
@@ -99,5 +99,5 @@ def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, ND
         x = moment / information
         unlike = np.sqrt(np.maximum(power - x * moment, 0.0) / max(moved, 1))
         alike = unlike < np.maximum(_UNLIKE, _SHARE * np.sqrt(power / max(moved, 1)))
-        told = (information > _CLEAR**-2) & (x > -_NEAR) & (x < LONGEST_COUNT) & (single > _SINGLE)
-    return np.where(told, x, 1.0), told, alike
+        resolved = (information > _CLEAR**-2) & (x > -_NEAR) & (x < LONGEST_COUNT) & (single > _SINGLE)
+    return np.where(resolved, x, 1.0), resolved, alike

@@ -507,7 +507,9 @@ def _counted(
     if apart.sum() < max(_FEWEST_MISCOUNTED, _MISCOUNTED * apart.size):
         return found, stale
     same = recorded.same_position[1:]
-    periods = np.where(counts.told, counts.periods, np.where(same, 1, np.maximum(np.rint(taken), 1))).astype(np.intp)
+    periods = np.where(counts.resolved, counts.periods, np.where(same, 1, np.maximum(np.rint(taken), 1))).astype(
+        np.intp
+    )
     a, b = max(spans, key=lambda span: span[1] - span[0])
     # The latency of a queue wanders: over half a segment it matters least.
     half = (b - a) // 2

@@ -1,9 +1,9 @@
 """Whether a joint that moves far turns several times (rad) or a little (deg): by its torque, which gravity repeats.
 
 The weight of a joint that turns is periodic in its angle, and nearly a straight line where it moves by some degrees. A
-rigid joint with friction is fitted in both units; the torque of a joint without weight tells nothing. Where no torque
-is explained, as of a pendulum that swings freely, the acceleration tells several turns, and never some degrees: that of
-a sine, which is planned, is a straight line of the position.
+rigid joint with friction is fitted in both units; the torque of a joint without weight has no information on it. Where
+no torque is explained, as of a pendulum that swings freely, the acceleration identifies several turns, and never some
+degrees: that of a sine, which is planned, is a straight line of the position.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 from haptid._internal.signals import polynomial_filter
 
-# Rows that are fitted, and the residual power of one unit below which, as a share of the other's, it is told.
+# Rows that are fitted, and the residual power of one unit below which, as a share of the other's, it is taken.
 _ROWS, _TOLD = 2000, 0.85
 # Residual power, as a share of the torque's, above which no fit explains the torque.
 _EXPLAINED = 0.7

@@ -384,7 +384,7 @@ class ResultAdvice(ResultTable):
     unseen_error_percent: float
     combined_error_percent: float = Field(description="with the best combination")
     actions: list[ResultAction]
-    untold: list[str] = Field(description="what cannot be told from the log")
+    undetermined: list[str] = Field(description="what cannot be determined from the log")
     more_motion: ResultMotion | None = Field(description="further motion that would make wide intervals narrow")
 
 

@@ -187,7 +187,7 @@ def identify(
 
 @contextmanager
 def _naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study) -> Iterator[None]:
-    """Where parameters cannot be told and joints stand still in every log of the fit, name these and what to do."""
+    """Where parameters are not identifiable, name the joints that stand still in every log, and what to do."""
     try:
         yield
     except IdentifiabilityError as error:
@@ -201,7 +201,8 @@ def _naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study)
         options = " ".join(f"--hold {names[k]}={float(fitted[0].position[0, k]):.6g}" for k in still)
         moving = ", ".join(name for k, name in enumerate(names) if k not in still)
         raise IdentifiabilityError(
-            f"{study.path}: no log moves {', '.join(names[k] for k in still)}, so their parameters cannot be told.",
+            f"{study.path}: no log moves {', '.join(names[k] for k in still)}, so their parameters are "
+            "not identifiable.",
             where=tuple(names[k] for k in still),
             limit="motion of every joint in some log",
             advice=f"For a model of {moving} alone, import the robot with `{options}` and map the channels of "

@@ -2,7 +2,7 @@
 
 An encoder's zero is set at a mechanical stop or a mark, and a device stands on a table: both are known to a fraction of
 a degree, not exactly. Either changes the torque of every link. Some of these errors show in the torque, others only
-rotate a link's own frame and are absorbed by its parameters; with a prior both are told apart by the data, and what
+rotate a link's own frame and are absorbed by its parameters; with a prior both are distinguished by the data, and what
 stays uncertain is in the interval of every parameter.
 """
 
@@ -38,7 +38,7 @@ from haptid.uncertainty.quantities import Quantities
 # Gauss-Newton steps, and the change, in standard deviations of the prior, below which they end.
 _STEPS, _STILL = 6, 1e-3
 # Share of the prior's standard deviation above which a posterior one means that the logs have no information.
-_UNTOLD = 0.9
+_UNKNOWN = 0.9
 
 
 @dataclass(frozen=True)
@@ -141,12 +141,14 @@ class Calibration:
     def sentences(self, model: DynamicModel) -> tuple[str, ...]:
         """Sentences: the corrections, quantities that are not identifiable, and the estimated gravity."""
         q = self.quantities
-        untold = [name for name, se, std in zip(q.names, q.se, self.prior_std, strict=True) if se > _UNTOLD * std]
+        undetermined = [
+            name for name, se, std in zip(q.names, q.se, self.prior_std, strict=True) if se > _UNKNOWN * std
+        ]
         made = [f"The logs are corrected for {', '.join(q.names)}; their uncertainty is in every interval."]
-        if untold:
+        if undetermined:
             made.append(
-                f"These logs do not tell {', '.join(untold)} from the parameters of the links: the prior's standard "
-                "deviation is in every interval."
+                f"These logs do not distinguish {', '.join(undetermined)} from the parameters of the links: the "
+                "prior's standard deviation is in every interval."
             )
         if self.rotation.any():
             made.append(

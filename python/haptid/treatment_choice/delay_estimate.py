@@ -149,8 +149,8 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
 def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
     """Mean and covariance of the delays where most are close to the hold and some are not.
 
-    The prior is a mixture of two normal ones, which hardly changes a delay that the log tells: one that it hardly tells
-    stays near the hold, and what is left open is in the covariance.
+    The prior is a mixture of two normal ones, which hardly changes a delay with much information in the log: one with
+    little stays near the hold, and what is left open is in the covariance.
 
     Args:
         off: delays over the hold under the wide prior alone, (channels,), s.
@@ -160,10 +160,10 @@ def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
     wide, close = delay_prior(len(off), dt), delay_prior(len(off), dt, _CLOSE)
     precision = np.linalg.inv(covariance)
     values, vectors = np.linalg.eigh(precision - np.linalg.inv(wide))
-    told, pull = (vectors * np.maximum(values, 0.0)) @ vectors.T, precision @ off
+    information, pull = (vectors * np.maximum(values, 0.0)) @ vectors.T, precision @ off
     made = []
     for share, prior in ((_MOST, close), (1 - _MOST, wide)):
-        own = np.linalg.inv(told + np.linalg.inv(prior))
+        own = np.linalg.inv(information + np.linalg.inv(prior))
         size = np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
         made.append((np.log(share) + 0.5 * size + 0.5 * float(pull @ own @ pull), own @ pull, own))
     weights = np.exp(np.array([log for log, _, _ in made]) - max(log for log, _, _ in made))

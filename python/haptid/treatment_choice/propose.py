@@ -151,11 +151,11 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
             why = f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
     choice = _Choice.of(filters, times, given, treatment, delays)
     if choice.positions_matter:
-        usual, choice = choice, _told_best(choice)
+        usual, choice = choice, _least_uncertain(choice)
         if choice is not usual:
             why = (
                 f", {choice.times:g} times it: errors of the positions matter, and behind these filters the torque of "
-                f"other motion has a standard error of {choice.told:.2g} in place of {usual.told:.2g} %"
+                f"other motion has a standard error of {choice.torque_se:.2g} in place of {usual.torque_se:.2g} %"
             )
     filters, treatment, delays = choice.filters, choice.treatment, choice.delays
     reference = filters.lowered(np.inf).at(REFERENCE, {"torque_delay_s": treatment.torque_delay_s}, all_rows=True)
@@ -178,7 +178,7 @@ class _Choice:
         delays: of the torque channels.
         effects: of noise and position filter on the parameters.
         motion: the other motion, of `other_motion`; None where nothing was estimated.
-        told: standard error of the torque in it, per cent.
+        torque_se: standard error of the torque in it, per cent.
         by_positions: share of its square by errors of the positions.
     """
 
@@ -190,7 +190,7 @@ class _Choice:
     delays: Delays | None
     effects: Mapping[str, Array]
     motion: Array | None
-    told: float
+    torque_se: float
     by_positions: float
 
     @staticmethod
@@ -211,19 +211,19 @@ class _Choice:
             effects = noise_effect(rows, logs, filters.spectra, treatment)
             made = with_treatment_uncertainty(estimate(rows, WLS()), delays, effects)
         except (NoRowsError, IdentifiabilityError, MotionTooShortError):
-            told, share = np.inf, 0.0  # nothing to compare
+            torque_se, share = np.inf, 0.0  # nothing to compare
         else:
             motion = other_motion(made.observation) if motion is None else motion
-            told = torque_uncertainty(made.observation, made.covariance, motion)
+            torque_se = torque_uncertainty(made.observation, made.covariance, motion)
             parts = [made.nuisances[name] for name in OF_POSITIONS if name in made.nuisances]
             own = sum(torque_uncertainty(made.observation, shifts.T @ shifts, motion) ** 2 for shifts in parts)
-            share = own / told**2 if 0 < told < np.inf else 0.0
-        return _Choice(filters, times, given, treatment, why_block, delays, effects, motion, told, share)
+            share = own / torque_se**2 if 0 < torque_se < np.inf else 0.0
+        return _Choice(filters, times, given, treatment, why_block, delays, effects, motion, torque_se, share)
 
     @property
     def positions_matter(self) -> bool:
         """Whether other filters may be better: errors of the positions are much of what is uncertain."""
-        return self.told > _WORTH_TRYING and self.by_positions > _BY_POSITIONS
+        return self.torque_se > _WORTH_TRYING and self.by_positions > _BY_POSITIONS
 
     def with_filters(self, filters: _Filters, times: float) -> _Choice:
         """The choice with other filters."""
@@ -232,12 +232,12 @@ class _Choice:
         return _Choice.of(filters, times, self.given, *made, self.motion)
 
 
-def _told_best(usual: _Choice) -> _Choice:
-    """The filters behind which the torque of other motion is told best; the usual ones where no others are much better.
+def _least_uncertain(usual: _Choice) -> _Choice:
+    """The filters behind which the torque of other motion is least uncertain; the usual ones if none is much better.
 
     Unseen rows cannot choose here: their positions have the same errors, and parameters that these attenuate predict
     them better than the true ones. A lower position filter takes away more of the errors and more of the motion; a wide
-    parallel filter behind it keeps what dry friction tells. The standard error has all of this in it.
+    parallel filter behind it keeps the information of dry friction. The standard error has all of this in it.
 
     Args:
         usual: filters for the noise as it was taken from the spectra.
@@ -256,7 +256,7 @@ def _told_best(usual: _Choice) -> _Choice:
             best = _better(best, best.filters, times)
         if "cutoff_hz" not in given and not usual.filters.above:
             best = _better(best, usual.filters.bulk(given), usual.times)
-    return best if best.told < _BETTER * usual.told else usual
+    return best if best.torque_se < _BETTER * usual.torque_se else usual
 
 
 def _better(best: _Choice, filters: _Filters, times: float) -> _Choice:
@@ -268,7 +268,7 @@ def _better(best: _Choice, filters: _Filters, times: float) -> _Choice:
         other = best.with_filters(filters, times)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return best
-    return other if other.told < best.told else best
+    return other if other.torque_se < best.torque_se else best
 
 
 def _no_delay(logs: Sequence[Log]) -> str:

@@ -179,13 +179,13 @@ def _open(made: Estimate) -> tuple[str, ...]:
 
 
 def _left_open(left: Sequence[str], made: Estimate) -> str:
-    """What the log does not tell, and what was done about it, as a sentence; nothing where it tells all."""
+    """What the log does not determine and what was done about it, as a sentence; empty where it determines all."""
     if not left:
         return ""
     more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
     where = "the device file's bodies" if has_prior(made.model) else "zero"
     return (
-        f" The log does not tell {', '.join(left[:_NAMED])}{more}: a weak prior keeps the torque of other "
+        f" The log does not determine {', '.join(left[:_NAMED])}{more}: a weak prior keeps the torque of other "
         f"motion near that of {where}. Record motion of these joints, fast and at other poses."
     )
 

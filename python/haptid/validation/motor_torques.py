@@ -119,7 +119,8 @@ def _parts(s: Chunk, chi: Array) -> tuple[Array, Array, Array]:
 
 
 def motor_shares(estimate: Estimate, motion: Motion) -> tuple[MotorShare, ...]:
-    """Figures of redundant motors along a motion; none where motors are not redundant, or cannot be told apart."""
+    """Figures of redundant motors along a motion; none where motors are not redundant or not distinguishable."""
     device, log = estimate.model.device, motion.log
-    told = device.redundant and device.distribution is not None and log is not None and not motion.treatment.momentum
-    return motor_torques(estimate, motion).shares if told and log and log.channels.torque.side == "motor" else ()
+    distributed = device.redundant and device.distribution is not None
+    determined = distributed and log is not None and not motion.treatment.momentum
+    return motor_torques(estimate, motion).shares if determined and log and log.channels.torque.side == "motor" else ()

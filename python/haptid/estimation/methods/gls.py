@@ -80,7 +80,7 @@ class TorqueNoise(UnitVarianceRows):
     Rows that mix channels, such as those of redundant or coupled motors, have correlated errors whose covariance
     varies with the pose. The rows of an instant are multiplied by the inverse Cholesky factor of theirs. The variances
     of the channels (the diagonal of Sigma) are found from the residuals by expectation maximisation, where they can be
-    told apart; where they cannot, they stay in the proportions of the distribution with least sum of squares.
+    distinguished; where they cannot, they stay in the proportions of the distribution with least sum of squares.
 
     Source: Dempster, Laird and Rubin (1977), J. Royal Statistical Society B 39(1), section 4.4 (variance components).
 

@@ -114,8 +114,8 @@ def torque_scales(
 ) -> tuple[TorqueScale, ...]:
     """Of every motor where it is identifiable; gravity, a rotor and the other terms are estimated jointly.
 
-    Where a rotor's inertia cannot be told from that of the bodies, it may explain a larger torque: the scale then
-    counts where it is below one or beyond what rotors do, or where gravity has the same.
+    Where a rotor's inertia cannot be distinguished from that of the bodies, it may explain a larger torque: the scale
+    then counts where it is below one or beyond what rotors do, or where gravity has the same.
     """
     made: list[TorqueScale] = []
     for m, label in enumerate(labels):

@@ -31,13 +31,14 @@ from haptid.uncertainty.quantities import half_width
 _SEGMENTS, _FEWEST, _SHORTEST, _REACHES = 24, 8, 16, 4
 # Bands in an octave, and bin of a segment where the lowest begins: before it is the window's side of the mean.
 _BANDS, _FIRST_BIN = 2, 2
-# A band tells where the interval of its ratio is at most so wide to either side; so far from one, a ratio is a failure.
-TELLS, FAILS = 0.1, 0.05
+# A band is informative where the interval of its ratio is at most so wide to either side; a ratio so far from one is a
+# failure.
+INFORMATIVE, FAILS = 0.1, 0.05
 # Least gain of the position filter in a band, and largest share of encoder noise in the power of its positions.
 _PASSED, _NOISE = 0.98, 0.01
 # Segments with more of a band's power are corrected as if they had so much less; degrees of freedom, at least.
 _LEVERAGE, _LEAST_DOF = 0.05, 2.0
-# Bands from which growth with frequency is told.
+# Bands from which growth with frequency is tested.
 _LEAST_BANDS = 3
 # Probability that a rigid device fails in any band of any motor.
 FALSE_ALARMS = 0.03
@@ -52,7 +53,8 @@ class FrequencyRange:
         low, high: edges of the bands, (bands,), Hz.
         ratio, se: measured over predicted torque in phase with it, and its standard error, (bands,).
         dof: degrees of freedom of each, (bands,).
-        tells: whether each band is excited enough to tell a ratio from one, and free of noise and filters, (bands,).
+        informative: whether each band is excited enough to distinguish a ratio from one, and free of noise and filters,
+            (bands,).
         p: of a ratio of one, (bands,).
     """
 
@@ -62,12 +64,12 @@ class FrequencyRange:
     ratio: Array
     se: Array
     dof: Array
-    tells: np.ndarray
+    informative: np.ndarray
     p: Array
 
     def fails(self, tests: int) -> np.ndarray:
         """Whether the rigid model fails in each band, at FALSE_ALARMS over so many tests, (bands,)."""
-        return np.asarray(self.tells & (self.p * tests < FALSE_ALARMS) & (np.abs(self.ratio - 1) > FAILS))
+        return np.asarray(self.informative & (self.p * tests < FALSE_ALARMS) & (np.abs(self.ratio - 1) > FAILS))
 
     @property
     def conf_int(self) -> Array:
@@ -76,18 +78,18 @@ class FrequencyRange:
         return np.column_stack([self.ratio - half, self.ratio + half])
 
     def growth(self) -> tuple[float, float]:
-        """Slope of the ratio with the square of the frequency, s^2, and its p-value, over the bands that tell.
+        """Slope of the ratio with the square of the frequency, s^2, and its p-value, over the informative bands.
 
         Fitted together with a constant: other errors of a model change all bands alike.
         """
-        if self.tells.sum() < _LEAST_BANDS:
+        if self.informative.sum() < _LEAST_BANDS:
             return 0.0, 1.0
-        weight = 1 / self.se[self.tells]
-        A = np.column_stack([weight, weight * (self.low * self.high)[self.tells]])
+        weight = 1 / self.se[self.informative]
+        A = np.column_stack([weight, weight * (self.low * self.high)[self.informative]])
         scale = np.linalg.norm(A, axis=0)
-        beta, *_ = np.linalg.lstsq(A / scale, weight * self.ratio[self.tells], rcond=None)
+        beta, *_ = np.linalg.lstsq(A / scale, weight * self.ratio[self.informative], rcond=None)
         se = float(np.sqrt(np.linalg.inv((A / scale).T @ (A / scale))[1, 1]))
-        dof = float(self.dof[self.tells].min())
+        dof = float(self.dof[self.informative].min())
         return float(beta[1] / scale[1]), 2 * float(t_tail(abs(float(beta[1])) / se, dof))
 
 
@@ -186,23 +188,25 @@ def _of(
     there = (freedom > _LEAST_DOF) & (se > 0)
     safe, known = np.where(there, se, 1.0), np.maximum(freedom, 1.0)
     p = np.array([2 * float(t_tail(t, v)) for t, v in zip(np.abs(ratio - 1) / safe, known, strict=True)])
-    tells = there & (half_width(safe, known) < TELLS) & clean
+    informative = there & (half_width(safe, known) < INFORMATIVE) & clean
     low_edges, high_edges = np.array(edges[:-1]), np.array(edges[1:])
-    return FrequencyRange(label, low_edges, high_edges, freeze(ratio), freeze(se), freeze(freedom), tells, freeze(p))
+    return FrequencyRange(
+        label, low_edges, high_edges, freeze(ratio), freeze(se), freeze(freedom), informative, freeze(p)
+    )
 
 
 def rigid_range(ranges: Sequence[FrequencyRange]) -> Finding:
     """Up to which frequency does the rigid model explain the torque, and does it lack elasticity?"""
-    tests = sum(int(one.tells.sum()) for one in ranges)
+    tests = sum(int(one.informative.sum()) for one in ranges)
     if not tests:
-        text = "No band of frequency is excited enough to tell how far the rigid model holds."
+        text = "No band of frequency is excited enough to know how far the rigid model holds."
         return Finding("rigid range", "ok", {}, text)
     figures: dict[str, float] = {}
     failed, elastic, held = [], [], []
     for one in ranges:
-        if not one.tells.any():
+        if not one.informative.any():
             continue
-        fails, highest = one.fails(tests), float(one.high[one.tells][-1])
+        fails, highest = one.fails(tests), float(one.high[one.informative][-1])
         figures[f"{one.label}, Hz"] = end = float(one.low[fails][0]) if fails.any() else highest
         if not fails.any():
             held.append((end, one.label))
@@ -210,7 +214,7 @@ def rigid_range(ranges: Sequence[FrequencyRange]) -> Finding:
         off = f"off by {100 * (float(one.ratio[fails][-1]) - 1):+.0f} % at {float(one.high[fails][-1]):.3g} Hz"
         failed.append(f"{one.label} up to {end:.3g} Hz ({off})")
         slope, p = one.growth()
-        if fails[one.tells][-1] and p * len(ranges) < FALSE_ALARMS and abs(slope) * highest**2 > FAILS:
+        if fails[one.informative][-1] and p * len(ranges) < FALSE_ALARMS and abs(slope) * highest**2 > FAILS:
             figures[f"{one.label}, resonance, Hz"] = resonance = abs(slope) ** -0.5
             elastic.append(f"{one.label}, about {resonance:.2g} Hz")
     return Finding("rigid range", "doubt" if failed else "ok", figures, " ".join(_sentences(held, failed, elastic)))

@@ -45,9 +45,9 @@ class ResidualSection(Section):
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own
-        told = [one for one in source.diagnosis.ranges if one.tells.sum() > 1]  # a curve
-        ranges = list(range(len(charts), len(charts) + len(told)))
-        charts += [frequency_response(one) for one in told]
+        informative = [one for one in source.diagnosis.ranges if one.informative.sum() > 1]  # a curve
+        ranges = list(range(len(charts), len(charts) + len(informative)))
+        charts += [frequency_response(one) for one in informative]
         return cls(charts=tuple(charts), logs=logs, ranges=ranges)
 
 
@@ -118,16 +118,17 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
 
 def frequency_response(one: FrequencyRange) -> Chart:
     """Measured over predicted torque of a motor by frequency, with its 95 % band."""
-    told = one.tells
-    f, interval = np.sqrt(one.low * one.high)[told], one.conf_int[told]
+    informative = one.informative
+    f, interval = np.sqrt(one.low * one.high)[informative], one.conf_int[informative]
+    ratio = one.ratio[informative]
     curves = [
         chart_series("95 % band", "band", "sky", x=packed(f), low=packed(interval[:, 0]), high=packed(interval[:, 1])),
-        chart_series("measured / predicted", "line", RESIDUAL, x=packed(f), y=packed(one.ratio[told]), width=2.2),
+        chart_series("measured / predicted", "line", RESIDUAL, x=packed(f), y=packed(ratio), width=2.2),
         chart_series("rigid model", "line", MEASURED, x=packed(f), y=packed(np.ones_like(f))),
     ]
-    worst = int(np.argmax(np.abs(one.ratio[told] - 1)))
+    worst = int(np.argmax(np.abs(ratio - 1)))
     caption = (
-        f"Farthest from one: {figure(float(one.ratio[told][worst]))} at {figure(float(f[worst]))} Hz. Bands that are "
+        f"Farthest from one: {figure(float(ratio[worst]))} at {figure(float(f[worst]))} Hz. Bands that are "
         "not excited, or spoiled by encoder noise or the position filter, are not drawn."
     )
     alt = f"Measured over predicted torque of {one.label} against frequency, rows of the fit, with its 95 % band."

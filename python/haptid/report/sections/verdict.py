@@ -26,7 +26,7 @@ class VerdictSection(Section):
         met: the same as a value; None without a criterion.
         uses: for each use its name, status and wording.
         sentences: of the verdict, one for each use.
-        next: changes that were tried on the data, with their proofs, by gain; what cannot be told.
+        next: changes that were tried on the data, with their proofs, by gain; what cannot be determined.
         looks: for each of `sentences` the names of the findings it is based on.
         findings: for each check its name, status and sentence, the worst first.
         left_out: sentences on checks that are not possible with these rows.

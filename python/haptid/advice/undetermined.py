@@ -1,4 +1,4 @@
-"""What a log cannot tell: changes that other parameters would absorb, and effects too small to be proven from it."""
+"""What a log cannot determine: changes that other parameters would absorb, and effects too small to be proven."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
 from haptid.uncertainty.distributions import normal_quantile
 
 # Share of a column's length that the model's own columns must leave, and change of the error by a factor of 1.5, for a
-# candidate to be told at all.
+# candidate to be detected at all.
 _TOLD = 1e-4
 # Unseen error, per cent, below which nothing needs to be said of what remains; size of an effect, per cent of the
-# torque, below which it need not be told.
+# torque, below which it need not be detected.
 _CLOSE, _SMALL = 5.0, 5.0
 # An effect as large as the whole torque, per cent, would not be small.
 _WHOLE = 100.0
-# Power at which the smallest effect that the log can tell is stated.
+# Power at which the smallest effect that the log can detect is stated.
 _POWER = 0.8
 # Kinds of which that is stated.
 _EFFECTS = ("spring", "rotor inertia", "stribeck", "load friction", "offset", "viscosity by direction")
 
 
-def untold(search: Trials, base: Trial, kinds: set[str], silent: bool) -> Iterator[str]:
-    """Sentences on what cannot be told from this log.
+def undetermined(search: Trials, base: Trial, kinds: set[str], silent: bool) -> Iterator[str]:
+    """Sentences on what cannot be determined from this log.
 
     Args:
         search: of the log.
@@ -38,14 +38,14 @@ def untold(search: Trials, base: Trial, kinds: set[str], silent: bool) -> Iterat
     alike = absorbed(search, base, kinds)
     if alike:
         yield (
-            f"Cannot be told from this log, because the model's other parameters would absorb it: "
+            f"Cannot be determined from this log, because the model's other parameters would absorb it: "
             f"{joined_names(alike, most=3)}."
         )
     error = unseen_percent(search.model, search.bench, base)
     if silent and error > _CLOSE:
         yield (
             f"None of {len(search.candidates)} changes lowers the error on unseen blocks "
-            f"({error:.3g} %): its cause cannot be told from this log."
+            f"({error:.3g} %): its cause cannot be determined from this log."
         )
     if not silent:  # what a wrong model leaves is no noise
         return
@@ -53,8 +53,8 @@ def untold(search: Trials, base: Trial, kinds: set[str], silent: bool) -> Iterat
     if large := [(one, size) for one, size in found if size > _SMALL]:
         shown = [f"{one.kind} on {one.places[0]} below {size:.2g} %" for one, size in large]
         yield (
-            f"Too small to be told from this log, at {100 * _POWER:g} % power, as a share of the motor's torque (rms): "
-            f"{joined_names(shown, most=3)}."
+            f"Too small to be detected from this log, at {100 * _POWER:g} % power, as a share of the motor's torque "
+            f"(rms): {joined_names(shown, most=3)}."
         )
 
 
