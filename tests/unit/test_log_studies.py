@@ -233,6 +233,22 @@ def test_a_study_is_drafted_for_the_joints_of_a_device(tmp_path: Path) -> None:
     assert len(read_study(tmp_path / "study.toml").logs) == 2
 
 
+def test_parts_of_a_recording_in_several_files_are_named(tmp_path: Path) -> None:
+    small_study.write_study(tmp_path)
+    log = small_study.columns(1)
+    torques = {key for key in log if key.startswith("tau")}
+    for name, keys in (("q", log.keys() - torques), ("tau", torques)):
+        own = {key: log[key] for key in sorted(keys)}
+        header, data = ",".join(own), np.column_stack([*own.values()])
+        np.savetxt(tmp_path / f"{name}.csv", data, delimiter=",", header=header, comments="")
+    device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
+    _, found = draft_study([tmp_path / "q.csv", tmp_path / "tau.csv"], read_device(device), str(device), tmp_path)
+    assert found.lacking == ("torque",)
+    assert any(note.startswith("tau.csv has torques, which q.csv lacks") for note in found.notes)
+    _, found = draft_study([tmp_path / "q.csv"], read_device(device), str(device), tmp_path)
+    assert not any("lacks" in note for note in found.notes)
+
+
 def test_joints_that_stand_still_are_drafted_and_named(tmp_path: Path) -> None:
     """A log that moves one joint of two: the draft permits its constant channel, and the error says what to hold."""
     small_study.write_study(tmp_path)

@@ -73,7 +73,12 @@ def _show(found: Survey, draft: str, study: Path | None) -> None:
     out.print()
     if not found.table:
         out.print("No channels of positions were recognised; name them in [channels].", highlight=False)
-    if study is not None:
+    if study is not None and found.lacking:
+        lacking = " and ".join(f"{key}s" for key in found.lacking)
+        out.print(
+            f"Study in {study}; it lacks {lacking}, which were not recognised: name their channels in [channels]."
+        )
+    elif study is not None:
         out.print(f"Study in {study}. Units and choices are guesses: check them, then haptid identify {study}")
     elif draft:
         out.print("Draft for a study; units and choices are guesses, to be checked:\n", highlight=False)

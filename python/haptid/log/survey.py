@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -36,8 +37,8 @@ _NUMBERS = 20_000_000
 # Words of channels' names, after the last point and without digits and units.
 _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
-    ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "u", "current", "currents", "moment", "load",
-                          "force", "i", "amps", "iq"})),
+    ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "eff", "u", "current", "currents", "moment",
+                          "load", "force", "i", "amps", "iq"})),
     ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
                             "encoder", "phi"})),
 )  # fmt: skip
@@ -147,6 +148,18 @@ class Survey:
     notes: tuple[str, ...]
     topics: tuple[TopicSurvey, ...]
     table: str
+
+    @property
+    def lacking(self) -> tuple[Quantity, ...]:
+        """Signals that the table has not: positions or torques that were not recognised."""
+        named = tomllib.loads(self.table).get("channels", {}) if self.table else {}
+        wanted: tuple[Quantity, ...] = ("position", "torque")
+        return tuple(key for key in wanted if key not in named)
+
+    @property
+    def quantities(self) -> frozenset[Quantity]:
+        """What its channels seem to be."""
+        return frozenset(channel.quantity for topic in self.topics for channel in topic.channels)
 
     def to_json(self) -> str:
         """The same as JSON; NaN is null."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from haptid._internal.toml_text import basic_string
 from haptid.device import Device
+from haptid.errors import HaptidError
 from haptid.log.survey import Survey, survey
 
 
@@ -34,6 +36,7 @@ def draft_study(
         single = joints.get(int(driven[0]), ()) if len(driven) == 1 else ()
         motors.append((motor.name, *single))
     found = survey(logs[0], *([tuple(filter(None, group)) for group in groups] for groups in (joints.values(), motors)))
+    found = replace(found, notes=(*found.notes, *_elsewhere(found, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:
         device_path = _relative(path, folder)
@@ -44,6 +47,22 @@ def draft_study(
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
         lines += ['role = "validate"', ""] if k else [""]
     return "\n".join(lines).rstrip() + "\n", found
+
+
+def _elsewhere(found: Survey, others: Sequence[str | Path]) -> Iterator[str]:
+    """Sentences on other files that have what the first one lacks, and not what it has: parts of one recording."""
+    for other in others if found.lacking else ():
+        try:
+            there = survey(other).quantities
+        except HaptidError:
+            continue
+        parts = [key for key in found.lacking if key in there]
+        if parts and not there.issuperset(("position", "torque")):
+            has = " and ".join(f"{key}s" for key in parts)
+            yield (
+                f"{Path(other).name} has {has}, which {found.path.name} lacks: a log is one file with all of its "
+                "channels; put their columns side by side in one table"
+            )
 
 
 def _relative(path: Path, folder: str | Path) -> str:
