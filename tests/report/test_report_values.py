@@ -16,7 +16,7 @@ import haptid
 from haptid import errors
 from haptid.errors import OutputFolderError, ResultFileError
 from haptid.report import HandForceData, ReportSource, make_report, read_report, sparklines, write_comparison
-from haptid.report.chart import envelope, extremes, packed, shaded
+from haptid.report.chart import envelope, extremes, packed, quantised, shaded
 from haptid.report.citations import bibtex, entries
 from haptid.report.mathml import groupings, parameter
 from haptid.report.report import DATA, PAGE
@@ -35,6 +35,9 @@ finite = st.floats(-1e6, 1e6, width=32)
 def unpacked(values):
     if "f32" in values:
         return np.frombuffer(base64.b64decode(values["f32"]), dtype="<f4")
+    if "u16" in values:
+        levels = np.frombuffer(base64.b64decode(values["u16"]), dtype="<u2")
+        return np.where(levels == 65535, np.nan, values["low"] + values["step"] * levels.astype(float))
     return values["start"] + values["step"] * np.arange(values["count"])
 
 
@@ -51,6 +54,16 @@ def test_no_peak_is_lost_by_thinning(y, each):
 @given(arrays(np.float64, st.integers(1, 200), elements=finite))
 def test_packed_numbers_are_read_as_they_were(y):
     np.testing.assert_array_equal(unpacked(packed(y)), y.astype("f4"))
+
+
+@given(arrays(np.float64, st.integers(1, 200), elements=finite), st.integers(0, 200))
+def test_quantised_numbers_are_right_to_half_a_level(y, missing):
+    y[missing : missing + 3] = np.nan
+    again = unpacked(quantised(y))
+    np.testing.assert_array_equal(np.isnan(again), np.isnan(y))
+    if np.isfinite(y).any():
+        span = np.nanmax(y) - np.nanmin(y)
+        assert np.nanmax(np.abs(again - y)) <= 0.5 * span / 65534 + 4e-16 * np.nanmax(np.abs(y))
 
 
 def test_an_envelope_spans_the_time_of_its_rows():

@@ -17,6 +17,9 @@ COLOURS = ("black", "blue", "vermillion", "green", "purple", "orange", "sky", "y
 # Colours of measured, predicted and residual in every chart.
 MEASURED, PREDICTED, RESIDUAL = "black", "blue", "vermillion"
 
+# Levels of quantised numbers, and the one of a missing value.
+_MOST_LEVEL, _MISSING = 65534, 65535
+
 _Style = Literal["line", "envelope", "points", "band", "stack", "interval"]
 
 
@@ -43,6 +46,21 @@ def packed(values: ArrayLike) -> dict[str, Any]:
     """Numbers in the page's format: float32, little-endian, base64; NaN where a value is missing."""
     flat = np.ascontiguousarray(values, dtype="<f4").ravel()
     return {"f32": base64.b64encode(flat.tobytes()).decode("ascii"), "count": len(flat)}
+
+
+def quantised(values: ArrayLike) -> dict[str, Any]:
+    """Numbers of a dense curve or cloud in half the size: 65 535 levels over their range, which no screen resolves.
+
+    For linear axes alone. NaN where a value is missing.
+    """
+    flat = np.asarray(values, dtype=float).ravel()
+    known = np.isfinite(flat)
+    low, high = (float(flat[known].min()), float(flat[known].max())) if known.any() else (0.0, 0.0)
+    step = (high - low) / _MOST_LEVEL
+    levels = np.full(len(flat), _MISSING, dtype="<u2")
+    levels[known] = np.rint((flat[known] - low) / step) if step > 0 else 0
+    text = base64.b64encode(levels.tobytes()).decode("ascii")
+    return {"u16": text, "low": low, "step": step, "count": len(flat)}
 
 
 def even(start: float, step: float, count: int) -> dict[str, Any]:
@@ -78,11 +96,11 @@ def envelope(name: str, colour: str, t0: float, step: float, y: Array, bins: int
     """
     each = -(-len(y) // bins)
     if each <= 2:
-        return chart_series(name, "line", colour, x=even(t0, step, len(y)), y=packed(y))
+        return chart_series(name, "line", colour, x=even(t0, step, len(y)), y=quantised(y))
     low, high = extremes(y, each)
     middle = t0 + 0.5 * (each - 1) * step
     return chart_series(
-        name, "envelope", colour, x=even(middle, each * step, len(low)), low=packed(low), high=packed(high)
+        name, "envelope", colour, x=even(middle, each * step, len(low)), low=quantised(low), high=quantised(high)
     )
 
 

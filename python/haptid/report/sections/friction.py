@@ -15,7 +15,7 @@ from haptid.dynamics.regressor import external
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.errors import LogTimeError, MissingAccelerationError, NoRowsError
 from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
-from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
+from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot, quantised
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import ReportSource, Track
@@ -64,7 +64,7 @@ def _chart(
     centres, means = binned(velocity, data)
     speed, torque = model_curve(source, motor, float(np.abs(velocity).max()))
     curves = [
-        chart_series("rows", "points", "sky", x=packed(velocity[some]), y=packed(data[some])),
+        chart_series("rows", "points", "sky", x=quantised(velocity[some]), y=quantised(data[some])),
         chart_series("mean of the rows", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
         chart_series("model", "line", PREDICTED, x=packed(speed), y=packed(torque), width=2.2, dash="6 3"),
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.signals import hann_window, welch
 from haptid.inference.diagnosis import FrequencyRange
-from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot
+from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot, quantised
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
 
@@ -67,7 +67,7 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
     centres, means = binned(x, y)
     some = np.linspace(0, len(x) - 1, min(len(x), CLOUD)).astype(int)
     curves = [
-        chart_series("rows", "points", "sky", x=packed(x[some]), y=packed(y[some])),
+        chart_series("rows", "points", "sky", x=quantised(x[some]), y=quantised(y[some])),
         chart_series("mean", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
     ]
     rms = float(np.sqrt(np.mean(y**2)))

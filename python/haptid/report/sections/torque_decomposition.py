@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
-from haptid.report.chart import COLOURS, Chart, axis, chart_series, even, packed, plot
+from haptid.report.chart import COLOURS, Chart, axis, chart_series, even, packed, plot, quantised
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
 
@@ -72,10 +72,10 @@ def _stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Ch
     total = averaged(found.total[motor], each)
     times = even(t0, each * track.step, len(total))
     curves = [
-        chart_series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))
+        chart_series(found.parts[j], "stack", _colour(j), x=times, y=quantised(averaged(found.torque[j, motor], each)))
         for j in present(found)
     ]
-    curves.append(chart_series("model", "line", "black", x=times, y=packed(total), width=1))
+    curves.append(chart_series("model", "line", "black", x=times, y=quantised(total), width=1))
     text = ", ".join(f"{found.parts[j]} {float(found.rms[j, motor]):.3g}" for j in present(found))
     drawn = f"Means over {each} rows are drawn ({each * track.step:.3g} s)." if each > 1 else "Every row is drawn."
     caption = f"RMS in {unit}: {text}. {drawn}"

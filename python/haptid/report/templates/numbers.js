@@ -1,9 +1,16 @@
 // Decoding of the numbers of the page, ticks of axes and formatting.
 
 function numbers(packed) {
-  if (packed.f32 === undefined) return Float64Array.from({ length: packed.count }, (_, k) => packed.start + k * packed.step);
+  if (packed.f32 === undefined && packed.u16 === undefined) return Float64Array.from({ length: packed.count }, (_, k) => packed.start + k * packed.step);
+  if (packed.u16 !== undefined) return levels(packed);
   const bytes = Uint8Array.from(atob(packed.f32), (c) => c.charCodeAt(0));
   return new Float32Array(bytes.buffer);
+}
+
+// 65535 is a missing value.
+function levels(packed) {
+  const bytes = Uint8Array.from(atob(packed.u16), (c) => c.charCodeAt(0));
+  return Float64Array.from(new Uint16Array(bytes.buffer), (k) => (k === 65535 ? NaN : packed.low + k * packed.step));
 }
 
 function shown(value, digits = 4) {
