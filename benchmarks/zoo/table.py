@@ -58,6 +58,7 @@ def aggregate(cases: Sequence[Case], rows: Sequence[Row]) -> dict[str, dict[str,
 def _figures(pairs: Sequence[tuple[Case, Row]]) -> dict[str, float]:
     read = [(c, r) for c, r in pairs if "error" in r]
     exact = [(c, r) for c, r in read if c.misfit == "none"]
+    good = [r for _, r in exact if r["status"] == "ok"]
     scored = [r for _, r in read if r.get("ratio") is not None]
     delays = [abs(x) for _, r in exact for x in r["delay_error"]]
     figures = {
@@ -70,6 +71,7 @@ def _figures(pairs: Sequence[tuple[Case, Row]]) -> dict[str, float]:
         "bad and ok": float(sum(r["ratio"] > 3 and r["status"] == "ok" for r in scored)),
         "bad and fit for torque": float(sum(r["ratio"] > 3 and r.get("verdict") == "ok" for r in scored)),
         "covered": _mean([r["covered"] for _, r in exact], [r["parameters"] for _, r in exact]),
+        "covered with status ok": _mean([r["covered"] for r in good], [r["parameters"] for r in good]),
         "error/se 50": _percentile([r["error_over_se"] for _, r in exact], 50),
         "delay 50": _percentile(delays, 50),
         "delay 90": _percentile(delays, 90),
@@ -105,6 +107,7 @@ def table(figures: Mapping[str, Mapping[str, float]], former: Mapping[str, Mappi
         "ratio",
         "bad&ok",
         "cover",
+        "of ok",
         "|e|/se",
         "delay err",
         "s",
@@ -128,6 +131,7 @@ def _line(name: str, f: Mapping[str, float]) -> tuple[str, ...]:
         *(
             f"{f['bad and ok']:.0f}",
             f"{100 * f['covered']:.0f} %",
+            f"{100 * f.get('covered with status ok', float('nan')):.0f} %",
             f"{f['error/se 50']:.2f}",
             delay,
             f"{f['seconds']:.2f}",
