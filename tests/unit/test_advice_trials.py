@@ -1,11 +1,15 @@
 """Trials of advice: fits from Gram matrices are least squares, and no block's error has been minimised."""
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import haptid
+import small_study
+from haptid.advice import advise
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows
 from haptid.advice.search import Proven, TriedChange, _ranked
@@ -115,3 +119,18 @@ def test_coulomb_friction_comes_before_what_refines_it():
     spring, elsewhere = found("spring", 0.3, ("motor 1",)), found("coulomb", 0.5, ("motor 3",))
     assert [one.candidate.kind for one in _ranked([dry, spring, load])] == ["coulomb", "load friction", "spring"]
     assert [one.candidate.kind for one in _ranked([elsewhere, load])] == ["load friction", "coulomb"]
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.1, False), (0.2, True)])
+def test_the_rate_is_blamed_where_it_limits_the_filter(tmp_path: Path, share: float, refused: bool) -> None:
+    """The filter is lower than the motion in both cases; only in one is the motion too fast for the log's rate."""
+    small_study.write_study(tmp_path)
+    found = haptid.identify(haptid.read_study(tmp_path / "study.toml"))
+    (motion, *_) = found.estimate.observation.motions
+    limit = motion.treatment.parallel(motion.dt)
+    assert limit is not None
+    fast = share / motion.dt
+    assert fast > limit
+    told = advise(replace(found, proposal=replace(found.proposal, bandwidth_hz=fast)))
+    assert any("faster than" in sentence for sentence in told.sentences) is refused
+    assert (told.tried == 0) is refused

@@ -37,6 +37,7 @@ from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
+from haptid.treatment_choice.propose import HIGHEST_PARALLEL
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
@@ -327,8 +328,8 @@ def _other_motion(found: Identification, before: float) -> Iterator[str]:
 def _too_slow(found: Identification) -> str:
     """The reason why no change is tried, for a log sampled too slowly for its motion; empty for others."""
     motion, proposal = found.estimate.observation.motions[0], found.proposal
-    limit = motion.treatment.parallel(motion.dt)
-    if limit is None or "parallel_cutoff_hz" in found.study.treatment or proposal.bandwidth_hz <= limit:
+    limit = HIGHEST_PARALLEL / motion.dt  # a lower filter may be chosen for the noise
+    if "parallel_cutoff_hz" in found.study.treatment or proposal.bandwidth_hz <= limit:
         return ""
     return (
         f"The motion, {proposal.bandwidth_hz:.3g} Hz, is faster than the {limit:.3g} Hz that the log's rate of "

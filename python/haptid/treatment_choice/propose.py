@@ -43,7 +43,7 @@ REFERENCE_BLOCKS = 8
 ROWS_IN_PERIOD = 8
 # Highest cut-offs of the position filter and of the parallel filter, as shares of the sampling rate; the lowest of the
 # position filter over the bandwidth; the lowest of the parallel filter as a number of periods in the log.
-_HIGHEST, _HIGHEST_PARALLEL, _LOWEST, _SHORTEST = 0.35, 0.15, 1.2, 10.0
+_HIGHEST, HIGHEST_PARALLEL, _LOWEST, _SHORTEST = 0.35, 0.15, 1.2, 10.0
 # Highest cut-off of the position filter over that of the parallel filter: it passes that filter's band unchanged.
 _WIDEST = 3.0
 # Rows for each parameter, at least: a longer parallel filter leaves fewer.
@@ -408,7 +408,7 @@ class _Filters:
 
     def parallel(self, times: float) -> float:
         """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""
-        return min(max(times * self.bandwidth, self.lowest), _HIGHEST_PARALLEL / self.dt)
+        return min(max(times * self.bandwidth, self.lowest), HIGHEST_PARALLEL / self.dt)
 
     def at(self, times: float, given: _Given, all_rows: bool = False) -> Treatment:
         """The treatment with a parallel filter so many times the bandwidth, and the given settings."""
