@@ -12,43 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from haptid.export.expressions.emit import Function
-from haptid.export.expressions.graph import Expr, Graph
 from haptid.export.model.functions import Code
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 NAME = "dev"
-OPERATIONS = {
-    "+": np.add,
-    "-": np.subtract,
-    "*": np.multiply,
-    "/": np.divide,
-    "pow": np.power,
-    "negative": np.negative,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "sqrt": np.sqrt,
-    "fabs": np.abs,
-    "sign": np.sign,
-    "above": lambda x: np.maximum(x, 0),
-    "below": lambda x: np.minimum(x, 0),
-}
-
-
-def evaluated(graph: Graph, outputs: list[Expr], values: dict[str, np.ndarray]) -> list[np.ndarray]:
-    """Values of expressions, from values of their names."""
-    known: dict[int, np.ndarray] = {}
-    for node in sorted(graph.live(outputs)):
-        op, args, _ = graph.nodes[node]
-        if op == "number":
-            known[node] = np.float64(args[0])
-        elif op == "name":
-            known[node] = values[args[0]]
-        else:
-            known[node] = OPERATIONS[op](*(known[arg] for arg in args))
-    return [out.sign * known[out.node] for out in outputs]
 
 
 def named(beta: np.ndarray, **arrays: np.ndarray) -> dict[str, np.ndarray]:

@@ -387,12 +387,6 @@ def experiment_key(folder: Path) -> object:
 
 
 @case
-def export_of_a_loop(folder: Path) -> object:
-    model = haptid.DynamicModel(haptid.read_device("four_bar"))
-    return export_c((model, np.ones(len(model.base))), folder / "out")
-
-
-@case
 def not_validated(folder: Path) -> object:
     model, made = moved(folder)
     return export_c(haptid.estimate(haptid.observe(model, made), haptid.WLS()), folder / "out", largest_error=5.0)

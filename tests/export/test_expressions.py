@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from compiled import NAME, STRICT, compiler, evaluated, named, relative, run
+from compiled import NAME, STRICT, compiler, named, relative, run
 from haptid.export import CCode, export_c
 from haptid.export.expressions.factoring import factored
 from haptid.export.expressions.graph import PARAMETER, Graph, cost, operations
 from haptid.export.expressions.polynomial import cheapest
+from haptid.export.expressions.rewriting import values_of
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
 from haptid.export.selftest import ReferenceValues
@@ -35,7 +36,7 @@ def test_every_function_is_the_python_models(mechanism):
         kept = reference.at(np.flatnonzero(sound))
         values = named(beta, q=kept.q, qd=kept.qd, qdd=kept.qdd, tau=kept.tau)
         for (name, outputs), wanted in zip(function.outputs, kept.functions[function.name]().values(), strict=True):
-            made = np.array([np.broadcast_to(x, sound.sum()) for x in evaluated(code.graph, list(outputs), values)])
+            made = np.array([np.broadcast_to(x, sound.sum()) for x in values_of(code.graph, list(outputs), values)])
             tolerance = 1e-5 if function.checks else ROUNDING
             assert relative(made.T, wanted) < tolerance, (function.name, name)
 
@@ -53,7 +54,7 @@ def test_momentum_explains_the_torque(mechanism):
     def at(name, q, qd, qdd):
         values = named(beta, q=q, qd=qd, qdd=qdd)
         outputs = [x for _, each in code[name].outputs for x in each]
-        return np.array([np.broadcast_to(x, q.shape[1]) for x in evaluated(code.graph, outputs, values)])
+        return np.array([np.broadcast_to(x, q.shape[1]) for x in values_of(code.graph, outputs, values)])
 
     n = len(reference.q)
     ahead, behind = (
@@ -90,9 +91,9 @@ def test_rewriting_changes_no_value(seed):
             total = total + product
         outputs.append(total)
     values = named(np.array([0.7]), q=rng.normal(size=(1, 8)), qd=rng.normal(size=(1, 8)))
-    wanted = np.array([np.broadcast_to(y, 8) for y in evaluated(graph, outputs, values)])
+    wanted = np.array([np.broadcast_to(y, 8) for y in values_of(graph, outputs, values)])
     for made in (factored(graph, outputs), cheapest(graph, outputs)):
-        got = np.array([np.broadcast_to(y, 8) for y in evaluated(graph, made, values)])
+        got = np.array([np.broadcast_to(y, 8) for y in values_of(graph, made, values)])
         np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-12)
 
 
@@ -125,7 +126,7 @@ def test_powers(power):
     made = graph.power(graph.name("q[0]"), graph.number(power))
     q = np.array([[0.3, 1.7]])
     np.testing.assert_allclose(
-        *np.broadcast_arrays(evaluated(graph, [made], named(np.zeros(0), q=q))[0], q[0] ** power)
+        *np.broadcast_arrays(values_of(graph, [made], named(np.zeros(0), q=q))[0], q[0] ** power)
     )
 
 
@@ -180,7 +181,7 @@ def test_every_kind_of_term(tmp_path):
     reference = ReferenceValues.at_random(model, beta, 0.05, 200)
     for name in ("terms", "friction"):
         outputs = list(code[name].outputs[0][1])
-        made = np.array(evaluated(code.graph, outputs, named(beta, q=reference.q, qd=reference.qd)))
+        made = np.array(values_of(code.graph, outputs, named(beta, q=reference.q, qd=reference.qd)))
         wanted = reference.functions[name]()["tau"].T
         assert np.abs(wanted).max() > 0.1
         np.testing.assert_allclose(made, wanted, rtol=1e-10, atol=1e-12)

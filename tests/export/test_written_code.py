@@ -86,7 +86,7 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
     reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
     arrays = {x: getattr(reference, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
-    reference = ReferenceValues(model, beta, SPEED, **arrays)
+    reference = ReferenceValues(model, beta, SPEED, **arrays, before=reference.before)
     for function in library.code.functions:
         if function.checks:
             continue
@@ -226,7 +226,7 @@ def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     omega = 3.0 * k
     q, qd, qdd = (0.3 * omega**d * np.sin(omega * t + k + d * np.pi / 2) for d in range(3))
     push = np.array([0.02, -0.01, 0.03])
-    reference = ReferenceValues(model, beta, SPEED, q, qd, qdd, qdd)
+    reference = ReferenceValues.along(model, beta, SPEED, (q, qd, qdd), qdd)
     tau = sum(reference.functions[name]()["tau"].T for name in ("inverse_dynamics", "terms")) - push[:, None]
     text = "\n".join(
         " ".join(repr(float(x)) for x in row) for row in np.stack([q, qd, tau], 1).transpose(2, 0, 1).reshape(-1, 9)

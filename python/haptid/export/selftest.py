@@ -18,9 +18,12 @@ from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
+from haptid.export.model.passive import passive_positions, start_pose
 from haptid.motion.filters import HighPass
 from haptid.observation.reversals import smoothed_friction
 
+# Distance of the positions from which loops are closed, rad or m.
+_NEARBY = 1e-4
 # Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
 _WORST = 1e-6
 
@@ -33,6 +36,7 @@ class ReferenceValues:
         beta: its base parameters, (p,), SI.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         q, qd, qdd, tau: coordinates of the torque rows, their rates and torques, each (active, samples).
+        before: positions of passive joints near those at q, from which loops are closed, (passive, samples).
     """
 
     model: DynamicModel
@@ -42,20 +46,30 @@ class ReferenceValues:
     qd: Array
     qdd: Array
     tau: Array
+    before: Array
 
     @staticmethod
     def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> ReferenceValues:
-        """Random states: positions in +-pi, rates in +-2, torques in +-1."""
+        """Random states: positions in +-pi, or where loops close, rates in +-2, torques in +-1."""
         rng = np.random.default_rng(seed)
-        n = len(model.device.active)
-        q = rng.uniform(-np.pi, np.pi, (n, samples))
-        qd, qdd = rng.uniform(-2, 2, (2, n, samples))
-        return ReferenceValues(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
+        q = np.asarray(model.device.row_map @ model.device.closure.draw(rng, samples))
+        qd, qdd = rng.uniform(-2, 2, (2, *q.shape))
+        return ReferenceValues.along(model, beta, speed, (q, qd, qdd), rng.uniform(-1, 1, q.shape))
+
+    @staticmethod
+    def along(
+        model: DynamicModel, beta: Array, speed: float, motion: tuple[Array, Array, Array], tau: Array
+    ) -> ReferenceValues:
+        """At the states of a motion: q, qd and qdd."""
+        z = passive_positions(model, motion[0])
+        before = z + _NEARBY * np.cos(np.arange(z.size)).reshape(z.shape)
+        return ReferenceValues(model, beta, speed, *motion, tau, before)
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
         """Reference outputs of each function of the code, (samples, size)."""
         return {
+            "close": lambda: {"z": self.z.T},
             "inverse_dynamics": lambda: {"tau": self._bodies(self.qd, self.qdd).T},
             "gravity": lambda: {"tau": self._bodies(self._none, self._none).T},
             "terms": lambda: {"tau": self._terms(lambda term: term.kind != "rotor").T},
@@ -81,8 +95,19 @@ class ReferenceValues:
 
     def at(self, samples: np.ndarray) -> ReferenceValues:
         """A subset of the states."""
-        q, qd, qdd, tau = (x[:, samples] for x in (self.q, self.qd, self.qdd, self.tau))
-        return replace(self, q=q, qd=qd, qdd=qdd, tau=tau)
+        arrays = {name: getattr(self, name)[:, samples] for name in ("q", "qd", "qdd", "tau", "before")}
+        return replace(self, **arrays)
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """Inputs of the functions by their names, (size, samples)."""
+        names = ("q", "z", "qd", "qdd", "tau", "before")
+        return {name: getattr(self, name) for name in names if len(getattr(self, name))}
+
+    @cached_property
+    def z(self) -> Array:
+        """Positions of the passive joints that loops determine at every pose, (passive, samples)."""
+        return passive_positions(self.model, self.q)
 
     @cached_property
     def _chi(self) -> Array:
@@ -144,8 +169,8 @@ def selftest(files: Files) -> str:
     """Source of the self-test program."""
     reference = states(files)
     parts, calls = [], []
-    for name in ("q", "qd", "qdd", "tau"):
-        parts.append(_table(f"in_{name}", getattr(reference, name).T, files.dialect, inputs=True))
+    for name, values in reference.inputs.items():
+        parts.append(_table(f"in_{name}", values.T, files.dialect, inputs=True))
     for function in files.code.functions:
         if not reference.sound(function.name).all():
             calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
@@ -153,12 +178,14 @@ def selftest(files: Files) -> str:
         wanted = reference.functions[function.name]()
         parts += [_table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
-    q, qd, tau = path(len(files.model.device.active))
+    q, qd, tau = path(files.model)
     observed, differentiated = watched(files, q, qd, tau)
+    z = passive_positions(files.model, q)
     for name, values in (("q", q), ("qd", qd), ("tau", tau)):
         parts.append(_table(f"path_{name}", values.T, files.dialect, inputs=True))
     parts.append(_table("observer_wanted", observed, DOUBLE))
     parts.append(_table("differentiator_wanted", differentiated, DOUBLE))
+    parts += [_table("loops_wanted", z.T, DOUBLE)] if len(z) else []
     return files.filled(
         "selftest.c",
         samples=_SAMPLES,
@@ -167,7 +194,16 @@ def selftest(files: Files) -> str:
         calls="\n".join(f"        {line}" for line in calls),
         observer_scale=_scale(observed),
         differentiator_scale=_scale(differentiated),
+        **(_loop_checks(files.name, z) if len(z) else {"loops_start": "", "loops_checked": "", "z": ""}),
     )
+
+
+def _loop_checks(name: str, z: Array) -> dict[str, str]:
+    """Statements that follow the loops along the path, and compare their positions."""
+    start = f"    {name}_loops loops;\n    failures += {name}_loops_start(&loops, path_q[0]);\n"
+    update = f"        failures += {name}_loops_update(&loops, path_q[i]);\n"
+    compared = f'        compare("loops", i, {len(z)}, loops.z, loops_wanted[i], {_scale(z)});\n'
+    return {"loops_start": start, "loops_checked": update + compared, "z": "loops.z, "}
 
 
 def states(files: Files) -> ReferenceValues:
@@ -177,12 +213,13 @@ def states(files: Files) -> ReferenceValues:
     return reference.at(np.argsort(unsound, kind="stable")[:_SAMPLES])
 
 
-def path(active: int) -> tuple[Array, Array, Array]:
-    """Positions, rates and torques of a short motion, each (active, samples)."""
+def path(model: DynamicModel) -> tuple[Array, Array, Array]:
+    """Positions, rates and torques of a short motion about the start pose, each (active, samples)."""
     t = STEP * np.arange(_SAMPLES)
-    omega = _SLOWEST * (1 + np.arange(active))[:, None]
+    start = start_pose(model)
+    omega = _SLOWEST * (1 + np.arange(len(start)))[:, None]
     q, qd = AMPLITUDE * np.sin(omega * t + 0.5), AMPLITUDE * omega * np.cos(omega * t + 0.5)
-    return np.asarray(q), np.asarray(qd), np.asarray(np.cos(omega * t))
+    return np.asarray(start[:, None] + q), np.asarray(qd), np.asarray(np.cos(omega * t))
 
 
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
@@ -212,6 +249,7 @@ def _calls(files: Files, function: Function, wanted: dict[str, Array]) -> Sequen
     lines += [
         f'compare("{function.name}", i, {len(values)}, {name}, {function.name}_{name}[i], {_scale(wanted[name])});'
         for name, values in function.outputs
+        if name in wanted
     ]
     return ["{", *(f"    {line}" for line in lines), "}"]
 

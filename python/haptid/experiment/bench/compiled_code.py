@@ -71,7 +71,7 @@ class Compiled:
             folder: with NAME.h and NAME.c.
 
         Raises:
-            ExportError: the folder does not have exactly one model, or its code does not compile.
+            ExportError: the folder does not have exactly one model, its loops are not linear, or it does not compile.
             MissingDependencyError: there is no compiler.
             ResultFileError: header and source are of different exports.
         """
@@ -79,6 +79,12 @@ class Compiled:
         for path in (header, header.with_suffix(".c")):
             verified(path, path.read_bytes())
         text, name = header.read_text(encoding="utf-8"), header.stem
+        if f"{name}_loops;" in text:
+            raise ExportError(
+                f"{header} is of a device whose loops are not linear; the bench runs code of other devices only.",
+                where=header,
+                advice="Rehearse it with the Python model, and run the code's self-test.",
+            )
         real = ctypes.c_float if f"typedef float {name}_real" in text else ctypes.c_double
         size, coordinates, parameters = (
             _number(text, pattern)

@@ -30,8 +30,11 @@ class Dialect(Protocol):
     def sound(self, positive: Sequence[str]) -> Sequence[str]:
         """Statements that test whether values are positive."""
 
-    def end(self, outputs: Mapping[str, Sequence[str]], checked: bool) -> Sequence[str]:
-        """Last statements of a function: outputs, and with `checked` the status of the tests."""
+    def end(self, outputs: Mapping[str, Sequence[str]], otherwise: Mapping[str, str] | None) -> Sequence[str]:
+        """Last statements of a function: outputs, and unless `otherwise` is None the status of the tests.
+
+        `otherwise` has the inputs that take the place of outputs where a test fails; other outputs are zero there.
+        """
 
 
 class Keeping(Dialect, Protocol):
@@ -92,13 +95,15 @@ class C:
         tests = " && ".join(f"({text} > {self.literal(0.0)})" for text in positive)
         return [f"const int sound = {tests};"]
 
-    def end(self, outputs: Mapping[str, Sequence[str]], checked: bool) -> Sequence[str]:
+    def end(self, outputs: Mapping[str, Sequence[str]], otherwise: Mapping[str, str] | None) -> Sequence[str]:
         lines = []
         for name, texts in outputs.items():
             for place, text in enumerate(texts):
-                guarded = f"(sound != 0) ? ({text}) : {self.literal(0.0)}" if checked else text
-                lines.append(f"{name}[{place}] = {guarded};")
-        return [*lines, "return (sound != 0) ? 0 : 1;"] if checked else lines
+                if otherwise is not None:
+                    else_ = f"{otherwise[name]}[{place}]" if name in otherwise else self.literal(0.0)
+                    text = f"(sound != 0) ? ({text}) : {else_}"
+                lines.append(f"{name}[{place}] = {text};")
+        return lines if otherwise is None else [*lines, "return (sound != 0) ? 0 : 1;"]
 
 
 DOUBLE = C("double", "")
@@ -139,10 +144,10 @@ class Rust:
         tests = " && ".join(f"{text} > 0.0" for text in positive)
         return [f"let sound = {tests};"]
 
-    def end(self, outputs: Mapping[str, Sequence[str]], checked: bool) -> Sequence[str]:
+    def end(self, outputs: Mapping[str, Sequence[str]], otherwise: Mapping[str, str] | None) -> Sequence[str]:
         arrays = [f"[{', '.join(texts)}]" for texts in outputs.values()]
         made = arrays[0] if len(arrays) == 1 else f"({', '.join(arrays)})"
-        return [f"sound.then_some({made})"] if checked else [made]
+        return [made] if otherwise is None else [f"sound.then_some({made})"]
 
 
 @dataclass(frozen=True)
@@ -177,10 +182,10 @@ class Matlab:
     def sound(self, positive: Sequence[str]) -> Sequence[str]:
         return [f"sound = {' && '.join(f'({text} > 0)' for text in positive)};"]
 
-    def end(self, outputs: Mapping[str, Sequence[str]], checked: bool) -> Sequence[str]:
+    def end(self, outputs: Mapping[str, Sequence[str]], otherwise: Mapping[str, str] | None) -> Sequence[str]:
         lines = [f"{name} = [{'; '.join(self._rows(name, texts))}];" for name, texts in outputs.items()]
-        if checked:
-            lines += [f"if ~sound, {name}(:) = 0; end" for name in outputs]
+        if otherwise is not None:
+            lines += [f"if ~sound, {name}(:) = {otherwise.get(name, '0')}; end" for name in outputs]
         return lines
 
     def _rows(self, name: str, texts: Sequence[str]) -> list[str]:

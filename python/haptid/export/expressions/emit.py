@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from haptid.export.expressions.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
 from haptid.export.expressions.graph import PARAMETER, RUN, Expr, Graph
@@ -24,6 +24,7 @@ class Function:
         outputs: names of the output arrays, and their expressions.
         checks: expressions that must be positive; otherwise the function returns zeros and a failure.
         parameters: whether it depends on the parameters, or on geometry alone.
+        otherwise: inputs that take the place of outputs where the checks fail, by the output's name.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Function:
     outputs: tuple[tuple[str, tuple[Expr, ...]], ...]
     checks: tuple[Expr, ...] = ()
     parameters: bool = True
+    otherwise: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def all(self) -> list[Expr]:
@@ -104,7 +106,7 @@ def _body(
     if function.checks:
         lines += dialect.sound([writer.signed(check.sign, check.node) for check in function.checks])
     outputs = {name: [writer.signed(value.sign, value.node) for value in values] for name, values in function.outputs}
-    return [*lines, *dialect.end(outputs, bool(function.checks))]
+    return [*lines, *dialect.end(outputs, function.otherwise if function.checks else None)]
 
 
 class _Writer:

@@ -1,4 +1,4 @@
-"""Small linear systems as expressions: square-root-free LDL' factorisation, mobility matrix, force from torques."""
+"""Small linear systems as expressions: LDL' and QR factorisations without square roots, mobility matrix, force."""
 
 from __future__ import annotations
 
@@ -67,6 +67,79 @@ class Factors:
             for k in range(i + 1, len(y)):
                 y[i] = y[i] - self.lower[k][i] * y[k]
         return y
+
+
+# Least length of a column of Q, squared, relative to that of A: where Python counts a pose of loops as singular.
+_DEPENDENT = 1e-6
+
+
+@dataclass(frozen=True)
+class Orthogonal:
+    """A P = Q R of a matrix with independent columns; R has a unit diagonal, the columns of Q are orthogonal.
+
+    Modified Gram-Schmidt, which needs no exchange of rows (Golub and Van Loan 2013, section 5.2.8): there are no
+    branches, and rows that repeat what others say are allowed. Columns with many zeros come first: they stay sparse.
+
+    Attributes:
+        order: columns of A in the order of P.
+        columns: of Q.
+        upper: columns of R above its diagonal.
+        inverse: 1 / |q|^2 of every column.
+        checks: all positive where no column nearly depends on those before it.
+    """
+
+    order: list[int]
+    columns: list[list[Expr]]
+    upper: list[list[Expr]]
+    inverse: list[Expr]
+    checks: list[Expr]
+
+    @staticmethod
+    def of(A: list[list[Expr]]) -> Orthogonal:
+        """Of the rows of a matrix.
+
+        Raises:
+            ZeroDivisionError: a column is identically zero.
+        """
+        by_column = [list(column) for column in zip(*A, strict=True)]
+        filled = [sum(entry.value != 0 for entry in column) for column in by_column]
+        order = sorted(range(len(filled)), key=lambda k: (filled[k], k))
+        made = Orthogonal(order, [], [], [], [])
+        for a in (by_column[k] for k in order):
+            shares, q = made._taken_out(a)
+            square = dot(q, q)
+            made.upper.append(shares)
+            made.columns.append(q)
+            made.inverse.append(1.0 / square)
+            made.checks.append(square - _DEPENDENT * dot(a, a))
+        return made
+
+    def solve(self, b: list[Expr]) -> list[Expr]:
+        """x of A x = b, least squares."""
+        x, _ = self._taken_out(b)
+        for i in reversed(range(len(x))):
+            for k in range(i + 1, len(x)):
+                x[i] = x[i] - self.upper[k][i] * x[k]
+        return [x[self.order.index(k)] for k in range(len(x))]
+
+    def transposed(self, f: list[Expr]) -> list[Expr]:
+        """y of A' y = f of least length."""
+        w: list[Expr] = []
+        for shares, value in zip(self.upper, (f[k] for k in self.order), strict=True):
+            for share, known in zip(shares, w, strict=True):
+                value = value - share * known
+            w.append(value)
+        scaled = [value * inverse for value, inverse in zip(w, self.inverse, strict=True)]
+        return [dot(row, scaled) for row in zip(*self.columns, strict=True)]
+
+    def _taken_out(self, b: list[Expr]) -> tuple[list[Expr], list[Expr]]:
+        """Coordinates of a vector along the columns of Q, and what is left of it."""
+        shares, rest = [], b
+        for q, inverse in zip(self.columns, self.inverse, strict=True):
+            share = dot(q, rest) * inverse
+            rest = [x - share * y for x, y in zip(rest, q, strict=True)]
+            shares.append(share)
+        return shares, rest
 
 
 def mobility(factors: Factors, J: list[list[Expr]]) -> list[list[Expr]]:

@@ -37,10 +37,12 @@ def export_c(
 ) -> CExport:
     """Write a model as C99 for a control loop: header, source, self-test, examples, CMakeLists.txt and README.md.
 
-    Inverse dynamics, gravity, friction, mass matrix, forward dynamics, and with a handle its pose, Jacobian, mobility
-    and force; the momentum observer and a differentiator. All but the observer and the differentiator are straight-line
-    code. The coordinates are those of the device's torque rows. Functions that are singular in every pose are left out:
-    forward dynamics of a coordinate without inertia, the force at a handle that cannot move.
+    Inverse dynamics, gravity, friction, mass matrix, forward dynamics, and with a handle its pose, Jacobian,
+    mobility and force; the momentum observer and a differentiator. All but the observer and the differentiator are
+    straight-line code. Positions of passive joints of loops that are not linear are found by a fixed number of
+    Newton steps at each sample, and are an input of the other functions. The coordinates are those of the device's
+    torque rows. Functions that are singular in every pose are left out: forward dynamics of a coordinate without
+    inertia, the force at a handle that cannot move.
 
     Args:
         identified: an identification, a result, an estimate, or a dynamic model and its base parameters.
@@ -52,7 +54,7 @@ def export_c(
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
-        ExportError: a term that code cannot compute, or loops that are not linear.
+        ExportError: a term that code cannot compute.
         ShapeError: the number of base parameters is not that of the device.
         OutputFolderError: the folder cannot be written.
     """

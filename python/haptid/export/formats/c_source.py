@@ -11,19 +11,38 @@ from importlib import resources
 
 import numpy as np
 
+from haptid._internal.arrays import Array
 from haptid._internal.escaping import c_comment
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
 from haptid.export.model.functions import Code
+from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.provenance import Provenance, about, coordinate_lines
 
 # Maximum line length of a comment or a declaration, characters.
 _WIDTH = 116
 # Declarations and heads of definitions in C.
 DECLARATION = re.compile(r"^((?:\w+ )+\w+\()([^;(){}]*)\)(?=;|\n\{)", re.MULTILINE)
+# Steps from the start pose of loops to a first sample.
+SEGMENTS = 256
 # Settings of the examples: sampling period, s; observer gain, rad/s; differentiator cutoff, Hz; motion per tick, rad.
 STEP, GAIN, CUTOFF_HZ, CREEP = 0.001, 40.0, 50.0, 1e-4
+
+
+# What the examples add where there are passive joints of loops; @ is the name of the model.
+_IN_EXAMPLES = {
+    "loops_field": "\n    @_loops loops;",
+    "loops_closed": """
+    const @_real *const z = state->loops.z;
+    state->wrong += @_loops_update(&state->loops, q);""",
+    "loops_start": """
+    {
+        @_real q[N];
+        read_encoders(0, q);
+        state.wrong += @_loops_start(&state.loops, q);
+    }""",
+}
 
 
 class _Template(string.Template):
@@ -74,7 +93,34 @@ class Files:
             "speed": f"{self.code.speed:g}",
             "verdict": self.source.verdict,
             **literals,
+            **self._passive,
         }
+
+    @cached_property
+    def _passive(self) -> Mapping[str, object]:
+        """Text about passive joints of loops that are not linear; empty where there are none."""
+        count, real, n = len(self.code.passive), f"{self.name}_real", len(self.model.device.active)
+        if not count:
+            names = ("z", "qz", "z_declared", "qz_declared", "passive_count", "start")
+            return dict.fromkeys((*names, *_IN_EXAMPLES), "")
+        z = f"const {real} z[{count}], "
+        return {
+            "m": count,
+            "segments": SEGMENTS,
+            "z": "z, ",
+            "qz": "q, z, ",
+            "z_declared": z,
+            "qz_declared": f"const {real} q[{n}], {z}",
+            "passive_count": f"\n#define {self.name.upper()}_PASSIVE {count}",
+            "start": f"{self.name}_start_q[i] + ",
+            "start_q": self._numbers(start_pose(self.model)),
+            "start_z": self._numbers(start_positions(self.model)),
+            **{key: text.replace("@", self.name) for key, text in _IN_EXAMPLES.items()},
+        }
+
+    def _numbers(self, values: Array) -> str:
+        """Entries of an array."""
+        return ",\n".join(f"    {self.dialect.literal(float(value))}" for value in values)
 
     def filled(self, template: str, **values: object) -> str:
         """A template with its values; declarations that exceed WIDTH are wrapped."""
@@ -85,6 +131,7 @@ class Files:
     def header(self) -> str:
         """Declarations, with units, limits, the verdict and the hashes of the data."""
         handle = self.filled("handle.h") if "handle_mobility" in self.code else ""
+        loops = self.filled("loops.h") if self.code.passive else ""
         prototypes = "".join(f"{_about(function)}{self.signature(function)};\n\n" for function in self.code.functions)
         return self.filled(
             "model.h",
@@ -93,6 +140,7 @@ class Files:
             parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
             prototypes=prototypes,
             handle=handle,
+            loops=loops,
         )
 
     def body(self) -> str:
@@ -107,6 +155,7 @@ class Files:
             init=_indented(["(void)p;", *self.generated.init]),
             bodies="".join(self._definition(function) for function in self.code.functions),
             handle=self.filled("handle.c") if "handle_mobility" in self.code else "",
+            loops=self.filled("loops.c") if self.code.passive else "",
         )
 
     def signature(self, function: Function) -> str:

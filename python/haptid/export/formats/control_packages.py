@@ -38,6 +38,7 @@ def export_ros2_control(
 
     Raises:
         UnvalidatedModelError, ExportError, ShapeError, OutputFolderError: as in `export_c`.
+        ExportError: the device has loops that are not linear.
     """
     files = _files(identified, code, validation, largest_error, anyway)
     texts = {
@@ -68,6 +69,7 @@ def export_chai3d(
 
     Raises:
         UnvalidatedModelError, ExportError, ShapeError, OutputFolderError: as in `export_c`.
+        ExportError: the device has loops that are not linear.
         ExportError: the device has no handle, or one that cannot move in all directions.
     """
     files = _files(identified, code, validation, largest_error, anyway)
@@ -91,6 +93,15 @@ def _files(
     code = code or CCode()
     source = provenance(identified, validation, largest_error, anyway)
     made = code_of(source.model, code.reversal_speed, source.zero)
+    if made.passive:
+        passive = [source.model.device.joint_names[j] for j in made.passive]
+        raise ExportError(
+            f"{source.model.device.name} has loops that are not linear: the positions of {', '.join(passive)} are "
+            "found at every sample, which these packages do not do.",
+            where=source.model.device.name,
+            found=passive,
+            advice="Export it as c, and call its loops_update in the controller before all other functions.",
+        )
     return Files(source, made, DOUBLE, code.name or default_name(source.model.device.name))
 
 

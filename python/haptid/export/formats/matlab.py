@@ -9,6 +9,7 @@ from haptid._internal.escaping import one_line
 from haptid.export.expressions.dialects import Matlab
 from haptid.export.expressions.emit import Function, straight
 from haptid.export.model.functions import Code, code_of
+from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode, Export, default_name, write
 from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
 from haptid.validation.validation import Validation
@@ -35,7 +36,7 @@ def export_matlab(
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
-        ExportError: a term that code cannot compute, or loops that are not linear.
+        ExportError: a term that code cannot compute.
         OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -44,7 +45,20 @@ def export_matlab(
     name = code.name or default_name(source.model.device.name)
     texts = {f"{name}_parameters.m": _parameters(source, name)}
     texts |= {f"{name}_{function.name}.m": _function(made, function, name) for function in made.functions}
+    if made.passive:
+        texts[f"{name}_start.m"] = _start(source, name)
     return write(folder, texts, source.verdict)
+
+
+def _start(source: Provenance, name: str) -> str:
+    """The function of the pose from which loops are followed."""
+    values = {"q": start_pose(source.model), "z": start_positions(source.model)}
+    lines = [
+        f"function [q, z] = {name}_start()",
+        "% Pose from which loops are followed: coordinates, and positions of passive joints for the first close.",
+        *(f"{x} = [{'; '.join(repr(float(value)) for value in each)}];" for x, each in values.items()),
+    ]
+    return "\n".join([*lines, "end", ""])
 
 
 def _parameters(source: Provenance, name: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from haptid.export.expressions.dialects import Rust
 from haptid.export.expressions.emit import Emitted, Function, emitted
 from haptid.export.model.functions import Code, code_of
+from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode, Export, default_name, write
 from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
 from haptid.validation.validation import Validation
@@ -71,7 +72,7 @@ def export_rust(
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
-        ExportError: a term that code cannot compute, or loops that are not linear.
+        ExportError: a term that code cannot compute.
         OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -100,8 +101,22 @@ def _library(source: Provenance, code: Code, generated: Emitted) -> str:
         k=generated.constants,
         init=textwrap.indent("\n".join(generated.init), " " * 8),
     )
+    written += _start(source) if code.passive else ""
     functions = "".join(_function(function, generated.bodies[function.name]) for function in code.functions)
     return f"{documentation}\n#![no_std]\n#![allow(clippy::all)]\n{written}{functions}"
+
+
+def _start(source: Provenance) -> str:
+    """Constants of the pose from which loops are followed."""
+    q = start_pose(source.model)
+    lines = []
+    for name, said, values in (
+        ("START_Q", "Coordinates of the pose from which loops are followed.", q),
+        ("START_Z", "Positions of its passive joints: `before` of the first `close`.", start_positions(source.model)),
+    ):
+        entries = ", ".join(repr(float(value)) for value in values)
+        lines.append(f"\n/// {said}\npub const {name}: [f64; {len(values)}] = [{entries}];\n")
+    return "".join(lines)
 
 
 def _function(function: Function, lines: tuple[str, ...]) -> str:

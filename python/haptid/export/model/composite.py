@@ -112,8 +112,8 @@ def _joined(a: tuple[_Moments, Vector, Expr], b: tuple[_Moments, Vector, Expr]) 
 def _projected(tree: Tree, bodies: Bodies, entries: dict[tuple[int, int], Expr], none: Expr) -> list[list[Expr]]:
     """Mass matrix of the coordinates from that of the tree's joints, plus the rotors."""
     rates = [link.rate / bodies.length if link.prismatic else link.rate for link in tree.links]
-    made = [[none] * tree.active for _ in range(tree.active)]
-    for a in range(tree.active):
+    made = [[none] * tree.coordinates for _ in range(tree.coordinates)]
+    for a in range(tree.coordinates):
         for b in range(a + 1):
             total = none
             for (i, j), value in entries.items():

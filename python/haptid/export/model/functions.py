@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ExportError
 from haptid.export.expressions.emit import Function
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
 from haptid.export.expressions.polynomial import TRIALS, cheapest
+from haptid.export.expressions.rewriting import replaced
 from haptid.export.expressions.solving import Factors, force, mobility
+from haptid.export.expressions.vectors import Turn, dot
 from haptid.export.model.composite import mass_matrix_expressions
+from haptid.export.model.frames import FrameExpressions, frame_expressions
 from haptid.export.model.hamilton import momentum_expressions
-from haptid.export.model.handle import HandleExpressions, handle_expressions
+from haptid.export.model.loops import LoopExpressions
 from haptid.export.model.moments import moments_of
 from haptid.export.model.newton import Bodies, inverse_dynamics_expressions
 from haptid.export.model.terms import term_torque
@@ -35,12 +38,14 @@ class Code:
         graph: the store of their expressions.
         functions: in the order of the file.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+        passive: indices of the joints whose positions `close` finds.
     """
 
     model: DynamicModel
     graph: Graph
     functions: tuple[Function, ...]
     speed: float
+    passive: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> Function:
         return next(function for function in self.functions if function.name == name)
@@ -62,26 +67,17 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
         zero: indices of eliminated base parameters, zero in the code.
 
     Raises:
-        ExportError: a term that code cannot compute, or loops that are not linear.
+        ExportError: a term that code cannot compute.
+        IncompleteDeviceError: redundant motors without a distribution law.
     """
-    varying = model.device.varying.any(axis=1)
-    if varying.any():
-        passive = [model.device.joint_names[j] for j in np.flatnonzero(varying)]
-        raise ExportError(
-            f"{model.device.name} has nonlinear loops: {', '.join(passive)} depend nonlinearly on the active joints.",
-            where=model.device.name,
-            found=passive,
-            advice="Code without iterations exists only for linear loops: parallelograms, couplings and mimic joints.",
-        )
     graph, tree = Graph(), tree_of(model)
     none = graph.number(0.0)
     parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(model.base))]
-    bodies = Bodies.of(moments_of(model), parameters, tree.length)
-    made = _Functions(model, graph, tree, bodies, parameters, speed)
-    functions = [*made.torques(), *made.rigid(), made.momentum()]
+    made = _Functions(model, graph, tree, Bodies.of(moments_of(model), parameters, tree), parameters, speed)
+    functions = [*made.closing(), *made.torques(), *made.rigid(), made.momentum()]
     if model.device.handle is not None:
-        functions += made.at_handle(handle_expressions(tree, model.device.handle, made.q))
-    return Code(model, graph, tuple(functions), speed)
+        functions += made.at_handle(frame_expressions(tree, model.device.handle, made.x))
+    return Code(model, graph, (*functions, *made.drives()), speed, tree.passive)
 
 
 def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr]:
@@ -93,7 +89,11 @@ def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -
 
 @dataclass(frozen=True, eq=False)
 class _Functions:
-    """Builder of the functions: mechanism, parameters and input symbols."""
+    """Builder of the functions: mechanism, parameters and input symbols.
+
+    What depends on rates of passive joints is written with symbols for these and brought into its cheapest form; then
+    the rates that the loops imply take their place.
+    """
 
     model: DynamicModel
     graph: Graph
@@ -101,38 +101,95 @@ class _Functions:
     bodies: Bodies
     parameters: Sequence[Expr]
     speed: float
-    q: list[Expr] = field(init=False)
-    qd: list[Expr] = field(init=False)
-    qdd: list[Expr] = field(init=False)
-    tau: list[Expr] = field(init=False)
 
-    def __post_init__(self) -> None:
-        for name in ("q", "qd", "qdd", "tau"):
-            symbols = [self.graph.name(f"{name}[{k}]") for k in range(self.tree.active)]
-            object.__setattr__(self, name, symbols)
+    def names(self, text: str, count: int) -> list[Expr]:
+        """Symbols of an array."""
+        return [self.graph.name(f"{text}[{k}]") for k in range(count)]
+
+    def by_coordinate(self, text: str, passive: str) -> list[Expr]:
+        """Symbols for the coordinates of the rows, then for the passive joints."""
+        return self.names(text, self.tree.active) + self.names(passive, len(self.tree.passive))
+
+    @cached_property
+    def x(self) -> list[Expr]:
+        """Coordinates of the tree."""
+        return self.by_coordinate("q", "z")
+
+    @cached_property
+    def xd(self) -> list[Expr]:
+        return self.by_coordinate("qd", "zd")
+
+    @cached_property
+    def xdd(self) -> list[Expr]:
+        return self.by_coordinate("qdd", "zdd")
+
+    @cached_property
+    def loops(self) -> LoopExpressions:
+        return LoopExpressions.of(self.model, self.tree, self.x, self.xd)
 
     @property
     def none(self) -> list[Expr]:
-        return [self.graph.number(0.0)] * self.tree.active
+        return [self.graph.number(0.0)] * self.tree.coordinates
+
+    def rows(self, values: list[Expr]) -> list[Expr]:
+        """The entries of the torque rows' coordinates."""
+        return values[: self.tree.active]
 
     def sizes(self, *names: str) -> tuple[tuple[str, int], ...]:
-        return tuple((name, self.tree.active) for name in names)
+        """Inputs; with positions those of the passive joints."""
+        passive = (("z", len(self.tree.passive)),) if self.tree.passive else ()
+        return tuple(each for name in names for each in ((name, self.tree.active), *(passive if name == "q" else ())))
 
-    def newton(self, qd: list[Expr], qdd: list[Expr]) -> list[Expr]:
-        return inverse_dynamics_expressions(self.tree, self.bodies, self.q, qd, qdd, self.tree.gravity)
+    def newton(self, xd: list[Expr], xdd: list[Expr]) -> list[Expr]:
+        return inverse_dynamics_expressions(self.tree, self.bodies, self.x, xd, xdd, self.tree.gravity)
+
+    def moving(self, values: list[Expr], qdd: list[Expr] | None = None) -> list[Expr]:
+        """The values with the motion of the passive joints in place of its symbols; at accelerations of the rows."""
+        n, loops = self.tree.active, self.loops
+        motion = dict(zip(self.xd[n:], loops.rates(self.rows(self.xd)), strict=True))
+        if qdd is not None:
+            motion |= dict(zip(self.xdd[n:], self.moving(loops.accelerations(qdd)), strict=True))
+        return replaced(self.graph, values, {name.node: value for name, value in motion.items()})
+
+    def closing(self) -> list[Function]:
+        """Positions of the passive joints."""
+        if not self.tree.passive:
+            return []
+        count = len(self.tree.passive)
+        made = self.loops.close(self.names("before", count))
+        return [
+            Function(
+                "close",
+                (
+                    "Positions of the passive joints, rad or m, at which the loops close: a fixed number of Newton",
+                    "steps from those of the sample before. The bound is on their error, rad or sizes of the",
+                    "mechanism, beyond rounding. Fails near singular poses and too far from the sample before: z is",
+                    "then before.",
+                ),
+                (("q", self.tree.active), ("before", count)),
+                (("z", tuple(made.positions)), ("bound", (made.bound,))),
+                tuple(made.checks),
+                parameters=False,
+                otherwise={"z": "before"},
+            )
+        ]
 
     def torques(self) -> list[Function]:
         """Torques: inverse dynamics, gravity, terms and friction."""
-        inverse = cheapest_form(self.graph, self.newton(self.qd, self.qdd), MORE * TRIALS)
-        gravity = cheapest_form(self.graph, self.newton(self.none, self.none))
-        terms = term_torque(self.model, self.parameters, self.q, self.qd, self.speed, friction_only=False)
-        friction = term_torque(self.model, self.parameters, self.q, self.qd, self.speed, friction_only=True)
+        project, qdd = self.loops.projected, self.rows(self.xdd)
+        inverse = project(cheapest_form(self.graph, self.newton(self.xd, self.xdd), MORE * TRIALS))
+        gravity = project(cheapest_form(self.graph, self.newton(self.none, self.none)))
+        arguments = self.model, self.tree, self.parameters, self.x, self.xd, self.speed
+        terms, friction = (
+            self.moving(project(shortest(self.graph, term_torque(*arguments, friction_only=alone))))
+            for alone in (False, True)
+        )
         return [
             Function(
                 "inverse_dynamics",
                 ("Torque of bodies and rotors, M qdd + C qd + g: no friction, no springs, N m or N.",),
                 self.sizes("q", "qd", "qdd"),
-                (("tau", tuple(inverse)),),
+                (("tau", tuple(self.moving(inverse, qdd))),),
             ),
             Function(
                 "gravity",
@@ -147,24 +204,27 @@ class _Functions:
                     f"The sign of a velocity v is tanh(v / {self.speed:g}), or smoother if the device file says so.",
                 ),
                 self.sizes("q", "qd"),
-                (("tau", tuple(shortest(self.graph, terms))),),
+                (("tau", tuple(terms)),),
             ),
             Function(
                 "friction",
                 ("Friction torque, viscous and dry, N m or N; smoothed in the same way.",),
-                self.sizes("qd"),
-                (("tau", tuple(shortest(self.graph, friction))),),
+                self.sizes("q", "qd") if self.tree.passive else self.sizes("qd"),
+                (("tau", tuple(friction)),),
             ),
         ]
 
     def rigid(self) -> list[Function]:
         """Mass matrix and forward dynamics."""
-        mass = self.mass(self.tree.relative(self.q))
-        full = tuple(mass[a][b] for a in range(self.tree.active) for b in range(self.tree.active))
-        turns = self.tree.turns(self.q)
-        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
-        both = cheapest_form(self.graph, [*self.newton(self.qd, self.none), *low])
-        bias, entries = both[: self.tree.active], both[self.tree.active :]
+        n = self.tree.active
+        mass = self.mass(self.tree.relative(self.x))
+        full = tuple(mass[a][b] for a in range(n) for b in range(n))
+        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.x, self._shared_turns))
+        # Accelerations of the coordinates are zero, those of passive joints are not.
+        slowed = self.rows(self.none) + self.xdd[n:]
+        both = cheapest_form(self.graph, [*self.newton(self.xd, slowed), *low])
+        bias, entries = both[: self.tree.coordinates], both[self.tree.coordinates :]
+        bias = self.moving(self.loops.projected(bias), self.rows(self.none))
         made = Function(
             "mass_matrix",
             ("Mass matrix including rotors, kg m^2, kg m or kg.",),
@@ -172,10 +232,10 @@ class _Functions:
             (("M", full),),
         )
         try:
-            factors = Factors.of(_full(entries, self.tree.active))
+            factors = Factors.of(self._on_rows(_full(entries, self.tree.coordinates)))
         except ZeroDivisionError:  # a coordinate without inertia
             return [made]
-        qdd = factors.solve([t - h for t, h in zip(self.tau, bias, strict=True)])
+        qdd = factors.solve([t - h for t, h in zip(self.names("tau", n), bias, strict=True)])
         return [
             made,
             Function(
@@ -190,34 +250,51 @@ class _Functions:
             ),
         ]
 
-    def mass(self, relative: list[tuple[Expr, Expr]]) -> list[list[Expr]]:
+    @property
+    def _shared_turns(self) -> list[Turn]:
+        """Turns of every link in its parent, from the absolute angles that the recursions use."""
+        return self.tree.differences(self.tree.turns(self.x))
+
+    def mass(self, relative: list[Turn]) -> list[list[Expr]]:
         """The matrix from joint angles or from absolute angles, whichever is cheaper."""
-        own = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, relative))
-        turns = self.tree.turns(self.q)
-        absolute = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        own = _low(mass_matrix_expressions(self.tree, self.bodies, self.x, relative))
+        absolute = _low(mass_matrix_expressions(self.tree, self.bodies, self.x, self._shared_turns))
         forms = [cheapest_form(self.graph, form) for form in (own, absolute)]
-        return _full(min(forms, key=lambda form: cost(self.graph, form)), self.tree.active)
+        return self._on_rows(_full(min(forms, key=lambda form: cost(self.graph, form)), self.tree.coordinates))
+
+    def _on_rows(self, M: list[list[Expr]]) -> list[list[Expr]]:
+        """[1 G'] M [1; G]: the matrix of the rows' coordinates from that of the tree's."""
+        n = self.tree.active
+        if not self.tree.passive:
+            return M
+        G = list(zip(*self.loops.jacobian_by_rows, strict=True))
+        half = [[row[a] + dot(row[n:], G[a]) for a in range(n)] for row in M]  # M [1; G]
+        passive = list(zip(*half[n:], strict=True))
+        low = [half[a][b] + dot(G[a], passive[b]) for a in range(n) for b in range(a + 1)]
+        return _full(low, n)
 
     def momentum(self) -> Function:
         """Generalised momentum and its remainder, for the momentum observer."""
-        p, slope = momentum_expressions(self.tree, self.bodies, self.q, self.qd, self.tree.turns(self.q))
+        p, slope = momentum_expressions(self.tree, self.bodies, self.x, self.xd, self.tree.turns(self.x))
         gravity = self.newton(self.none, self.none)
         rest = [g - s for g, s in zip(gravity, slope, strict=True)]
         both = cheapest_form(self.graph, [*p, *rest])
-        n = self.tree.active
+        p, rest = both[: self.tree.coordinates], both[self.tree.coordinates :]
+        rest = [r + t for r, t in zip(rest, self.loops.turning(p), strict=True)]
+        p, rest = (self.moving(self.loops.projected(values)) for values in (p, rest))
         return Function(
             "momentum",
             ("Generalised momentum p = M qd, kg m^2/s or kg m/s, and rest in tau = dp/dt + rest, N m or N.",),
             self.sizes("q", "qd"),
-            (("p", tuple(both[:n])), ("rest", tuple(both[n:]))),
+            (("p", tuple(p)), ("rest", tuple(rest))),
         )
 
-    def at_handle(self, handle: HandleExpressions) -> list[Function]:
+    def at_handle(self, handle: FrameExpressions) -> list[Function]:
         """Pose and Jacobian of the handle, and where they exist its mobility and force."""
-        n = self.tree.active
+        n, m = self.tree.active, self.tree.coordinates
         pose = cheapest_form(self.graph, [*handle.position, *(x for row in handle.rotation for x in row)])
         entries = cheapest_form(self.graph, [x for row in handle.jacobian for x in row])
-        J = [entries[k : k + n] for k in range(0, 3 * n, n)]
+        J = self._by_rows([entries[k : k + m] for k in range(0, len(entries), m)])
         made = [
             Function(
                 "handle_pose",
@@ -233,20 +310,25 @@ class _Functions:
                     "the coordinates. Its transpose maps a wrench to torques.",
                 ),
                 self.sizes("q"),
-                (("J", tuple(entries)),),
+                (("J", tuple(x for row in J for x in row)),),
                 parameters=False,
             ),
         ]
         optional = [self._mobility] + [self._force] * all(self.model.device.measured)
         for function in optional:
             with suppress(ZeroDivisionError):  # singular in every pose
-                made.append(function(J))
+                made.append(function(J[:3]))
         return made
 
+    def _by_rows(self, J: list[list[Expr]]) -> list[list[Expr]]:
+        """J [1; G]: a Jacobian by the rows' coordinates from one by the tree's."""
+        n, G = self.tree.active, list(zip(*self.loops.jacobian_by_rows, strict=True)) if self.tree.passive else []
+        return [[row[a] + dot(row[n:], G[a]) for a in range(n)] for row in J] if G else J
+
     def _mobility(self, J: list[list[Expr]]) -> Function:
-        turns = self.tree.turns(self.q)
-        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.q, self.tree.differences(turns)))
-        factors = Factors.of(_full(cheapest_form(self.graph, low), self.tree.active))
+        low = _low(mass_matrix_expressions(self.tree, self.bodies, self.x, self._shared_turns))
+        whole = _full(cheapest_form(self.graph, low), self.tree.coordinates)
+        factors = Factors.of(self._on_rows(whole))
         A = mobility(factors, J)
         return Function(
             "handle_mobility",
@@ -257,7 +339,7 @@ class _Functions:
         )
 
     def _force(self, J: list[list[Expr]]) -> Function:
-        found, checks = force(J, self.tau)
+        found, checks = force(J, self.names("tau", self.tree.active))
         return Function(
             "handle_force",
             ("Force at the handle's origin equivalent to these torques, in the base frame, without moment, N.",),
@@ -266,6 +348,10 @@ class _Functions:
             tuple(checks),
             parameters=False,
         )
+
+    def drives(self) -> list[Function]:
+        """Torques of motors that are not one for each row, and those of the rows."""
+        return []
 
 
 def _low(M: list[list[Expr]]) -> list[Expr]:

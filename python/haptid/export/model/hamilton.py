@@ -75,7 +75,7 @@ def _gathered(
     """Momenta from the tips inwards, and the energy derivatives, projected on the coordinates."""
     none, count = turns[0][0] * 0.0, len(tree.links)
     linear, angular, waiting = ([(none, none, none)] * count for _ in range(3))
-    p, slope = [none] * tree.active, [none] * tree.active
+    p, slope = [none] * tree.coordinates, [none] * tree.coordinates
     for i in sorted(twists, reverse=True):
         link, twist = tree.links[i], twists[i]
         own, own_about = _own(bodies, i, twist, none)

@@ -14,6 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device.parameters import INERTIAL
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import NO_EFFECT, regroup, select_independent
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.graph import Expr
@@ -43,12 +44,12 @@ class SecondMoments:
 
     Attributes:
         links: parameters of each link: kind to row of `factors`.
-        rotors: weights over the accelerations of the coordinates, (active,), and row of `factors`.
+        rotors: term of each rotor, and row of `factors`.
         factors: map from the device's base parameters to these, (kept, p), SI.
     """
 
     links: tuple[Mapping[str, int], ...]
-    rotors: tuple[tuple[Array, int], ...]
+    rotors: tuple[tuple[TermColumn, int], ...]
     factors: Array
 
     def expressions(self, parameters: Sequence[Expr]) -> list[Expr]:
@@ -83,7 +84,7 @@ def moments_of(model: DynamicModel, seed: int = 0) -> SecondMoments:
         if k < 10 * len(model.device.joints):
             bodies[k // 10][kinds[k]] = row
     turned = tuple(
-        (model.terms[rotors[k - 10 * len(model.device.joints)]].weights, row)
+        (model.terms[rotors[k - 10 * len(model.device.joints)]], row)
         for row, k in enumerate(kept)
         if k >= 10 * len(model.device.joints)
     )
@@ -104,8 +105,8 @@ def _regressor(model: DynamicModel, columns: Sequence[int], seed: int) -> Array:
     rng = np.random.default_rng(seed)
     n = len(model.device.active)
     states = 4 + -(-4 * len(columns) // n)
-    c = rng.uniform(-np.pi, np.pi, (n, states))
+    c = np.ascontiguousarray(model.device.row_map @ model.device.closure.draw(rng, states))
     cd, cdd = rng.uniform(-2, 2, (2, n, states))
     own = np.zeros((len(model.externals), states))
-    Y = np.asarray(model.mechanism.regressor(c, cd, cdd, own, list(columns)))
+    Y = np.asarray(model.mechanism.regressor(c, cd, cdd, own, list(columns), model.loops(c, cd)))
     return np.ascontiguousarray(Y.transpose(0, 2, 1).reshape(-1, len(columns)))

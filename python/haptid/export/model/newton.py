@@ -76,12 +76,12 @@ class Bodies:
     length: float
 
     @staticmethod
-    def of(moments: SecondMoments, parameters: Sequence[Expr], length: float) -> Bodies:
-        """Mass and first moments scaled by powers of the length, precomputed from the parameters."""
-        made = moments.expressions(parameters)
+    def of(moments: SecondMoments, parameters: Sequence[Expr], tree: Tree) -> Bodies:
+        """Mass and first moments scaled by powers of the tree's length, precomputed from the parameters."""
+        made, length = moments.expressions(parameters), tree.length
         unit = {"MX": length, "MY": length, "MZ": length, "M": length * length}
         links = tuple({kind: made[row] * unit.get(kind, 1.0) for kind, row in kept.items()} for kept in moments.links)
-        return Bodies(links, tuple((weights, made[row]) for weights, row in moments.rotors), length)
+        return Bodies(links, tuple((tree.of_term(term), made[row]) for term, row in moments.rotors), length)
 
     def of_link(self, i: int, none: Expr) -> tuple[tuple[Expr, ...], Vector, Expr]:
         """Second moments XX XY XZ YY YZ ZZ, first moments and mass of a link, `none` for zero."""
@@ -180,7 +180,7 @@ class _Recursion:
         """Forces and moments from the tips inwards, projected on the coordinates."""
         none, count = zero(self.graph), len(self.tree.links)
         force, moment, waiting = [none] * count, [none] * count, [none] * count
-        tau = [self.graph.number(0.0)] * self.tree.active
+        tau = [self.graph.number(0.0)] * self.tree.coordinates
         for i in reversed(range(count)):
             link = self.tree.links[i]
             if not self.needed[i]:

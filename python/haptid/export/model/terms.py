@@ -17,12 +17,20 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.export.expressions.graph import Expr, Graph
 from haptid.export.expressions.vectors import combined
+from haptid.export.model.tree import Tree
 
 
 def term_torque(
-    model: DynamicModel, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
+    model: DynamicModel,
+    tree: Tree,
+    parameters: Sequence[Expr],
+    q: list[Expr],
+    qd: list[Expr],
+    speed: float,
+    *,
+    friction_only: bool,
 ) -> list[Expr]:
-    """Torque of the terms on the coordinates, (active), without rotors.
+    """Torque of the terms on the tree's coordinates, without rotors.
 
     Args:
         parameters: the device's base parameters.
@@ -38,14 +46,16 @@ def term_torque(
         if not wanted or not row.any():
             continue
         parameter = combined(row, parameters)
-        torque = parameter * _column(model, term, graph, q, qd, speed)
-        tau = [t + float(w) * torque for t, w in zip(tau, term.weights, strict=True)]
+        weights = tree.of_term(term)
+        torque = parameter * _column(model, tree, term, q, qd, speed)
+        tau = [t + float(w) * torque for t, w in zip(tau, weights, strict=True)]
     return tau
 
 
-def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
+def _column(model: DynamicModel, tree: Tree, term: TermColumn, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
     """Regressor column of a term, with the sign of a velocity smoothed."""
-    x, v = combined(term.weights, q) + term.offset, combined(term.weights, qd)
+    graph, weights = q[0].graph, tree.of_term(term)
+    x, v = combined(weights, q) + term.offset, combined(weights, qd)
     if term.kind == "viscous":
         return v
     if term.kind == "offset":
@@ -58,16 +68,14 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
         return graph.number(0.0)  # the code is for a warm device
     if isinstance(term.shape, Presliding):
         return _sliding(term.shape, graph, v, speed)
-    joints = [
-        combined(row, q) + float(offset)
-        for row, offset in zip(model.device.rates, model.device.closure.offset, strict=True)
-    ]
+    joints = [combined(link.rate, q) + link.joint_offset for link in tree.links]
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, LoadDependentFriction):
         raise _unexportable_term(term.name, "load-dependent friction depends on accelerations")
     assert isinstance(term.shape, CustomColumn)  # the last kind
-    return _written(model, term, term.shape, graph, joints, qd)
+    rates = [combined(link.rate, qd) for link in tree.links]
+    return _written(model, term, term.shape, joints, rates)
 
 
 def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
@@ -106,14 +114,14 @@ def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
 
 
 def _written(
-    model: DynamicModel, term: TermColumn, column: CustomColumn, graph: Graph, joints: list[Expr], qd: list[Expr]
+    model: DynamicModel, term: TermColumn, column: CustomColumn, joints: list[Expr], rates: list[Expr]
 ) -> Expr:
     """A custom column of the device file."""
     if column.reads({f"a_{name}" for name in model.device.joint_names}):
         raise _unexportable_term(term.name, f"its expression {column.text} depends on accelerations")
+    graph = joints[0].graph
     values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
     values["pi"] = graph.number(np.pi)
-    rates = [combined(row, qd) for row in model.device.rates]
     for name, position, rate in zip(model.device.joint_names, joints, rates, strict=True):
         values[f"q_{name}"], values[f"v_{name}"] = position, rate
     return _expression(graph, column.tree, values)

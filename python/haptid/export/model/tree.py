@@ -1,4 +1,8 @@
-"""Kinematic tree for code generation: links with parallel axes in groups, one absolute angle per orientation."""
+"""Kinematic tree for code generation: links with parallel axes in groups, one absolute angle per orientation.
+
+Its coordinates are those of the torque rows, then the positions of the passive joints that loops determine at every
+pose; all other joints follow these at constant rates (`haptid.export.model.passive`).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import (
@@ -24,6 +29,7 @@ from haptid.export.expressions.vectors import (
     rotated,
     snapped,
 )
+from haptid.export.model.passive import passive_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +45,9 @@ class Link:
         group: index of the first link of its group.
         rotation: of the group's base in the frame of the first link's parent, (3, 3).
         arm: its origin in the parent's link frame at zero joint position, (3,), m.
-        rate: joint rate per coordinate rate, (active,).
+        rate: joint rate per coordinate rate, (coordinates,).
         joint_offset: joint position where the coordinates are zero, rad or m.
-        turn: angle about z in the group's base per coordinate, (active,); zero for a prismatic joint.
+        turn: angle about z in the group's base per coordinate, (coordinates,); zero for a prismatic joint.
         offset: that angle where the coordinates are zero, rad.
     """
 
@@ -63,17 +69,30 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """The links of a device in the coordinates of its torque rows.
+    """The links of a device.
 
     Attributes:
         links: parents before children.
-        active: number of coordinates.
+        active: number of coordinates of the torque rows.
+        passive: indices of the joints whose positions are the other coordinates.
         gravity: in the base frame, (3,), m/s^2.
     """
 
     links: tuple[Link, ...]
     active: int
+    passive: tuple[int, ...]
     gravity: Array
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates."""
+        return self.active + len(self.passive)
+
+    def of_term(self, term: TermColumn) -> Array:
+        """The coordinate of a term as a combination of the tree's coordinates, (coordinates,)."""
+        if term.joint is not None:
+            return self.links[term.joint].rate
+        return np.concatenate([term.weights, np.zeros(len(self.passive))])
 
     @cached_property
     def length(self) -> float:
@@ -137,10 +156,14 @@ class Tree:
 
 
 def tree_of(model: DynamicModel) -> Tree:
-    """The device's tree in the coordinates of its torque rows."""
+    """The device's tree."""
     links: list[Link] = []
+    passive = passive_joints(model)
+    rates, offsets = np.zeros((len(model.device.joints), passive.rates.shape[1])), model.device.closure.offset.copy()
+    rates[:, : len(model.device.active)] = snapped(model.device.rates)
+    rates[list(passive.joints)], offsets[list(passive.joints)] = passive.rates, passive.offset
     for i, joint in enumerate(model.device.joints):
-        rate, offset = snapped(model.device.rates[i]), float(model.device.closure.offset[i])
+        rate, offset = rates[i], float(offsets[i])
         rotation, group, turn, angle = snapped(joint.rotation), i, rate, offset
         above = links[joint.parent] if joint.parent >= 0 else None
         if joint.prismatic:
@@ -162,7 +185,7 @@ def tree_of(model: DynamicModel) -> Tree:
                 offset=angle,
             )
         )
-    return Tree(tuple(links), len(model.device.active), model.device.gravity)
+    return Tree(tuple(links), len(model.device.active), passive.found, model.device.gravity)
 
 
 def sine_cosine(weights: Array, offset: float, q: list[Expr]) -> Turn:

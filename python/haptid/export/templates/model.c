@@ -13,24 +13,24 @@ void @{name}_init(@{name}_model *model, const double p[@{NAME}_PARAMETERS])
 @{init}
 }
 @{bodies}
-void @{name}_torque(const @{name}_model *model, const @{name}_real q[@{n}], const @{name}_real qd[@{n}],
+void @{name}_torque(const @{name}_model *model, const @{name}_real q[@{n}], @{z_declared}const @{name}_real qd[@{n}],
                     const @{name}_real qdd[@{n}], @{name}_real tau[@{n}])
 {
     @{real} terms[@{n}];
     int i;
-    @{name}_inverse_dynamics(model, q, qd, qdd, tau);
-    @{name}_terms(model, q, qd, terms);
+    @{name}_inverse_dynamics(model, q, @{z}qd, qdd, tau);
+    @{name}_terms(model, q, @{z}qd, terms);
     for (i = 0; i < @{n}; i++) {
         tau[i] += terms[i];
     }
 }
 
-void @{name}_friction_compensation(const @{name}_model *model, const @{name}_real qd[@{n}], @{name}_real share,
+void @{name}_friction_compensation(const @{name}_model *model, @{qz_declared}const @{name}_real qd[@{n}], @{name}_real share,
                                    @{name}_real tau[@{n}])
 {
     const @{real} limited = fmin@{f}(fmax@{f}(share, @{zero}), @{one});
     int i;
-    @{name}_friction(model, qd, tau);
+    @{name}_friction(model, @{qz}qd, tau);
     for (i = 0; i < @{n}; i++) {
         tau[i] *= limited;
     }
@@ -52,14 +52,14 @@ int @{name}_observer_init(@{name}_observer *observer, @{name}_real gain, @{name}
 }
 
 void @{name}_observer_update(const @{name}_model *model, @{name}_observer *observer, const @{name}_real q[@{n}],
-                             const @{name}_real qd[@{n}], const @{name}_real tau[@{n}], @{name}_real torque[@{n}])
+                             @{z_declared}const @{name}_real qd[@{n}], const @{name}_real tau[@{n}], @{name}_real torque[@{n}])
 {
     @{real} p[@{n}];
     @{real} rest[@{n}];
     @{real} terms[@{n}];
     int i;
-    @{name}_momentum(model, q, qd, p, rest);
-    @{name}_terms(model, q, qd, terms);
+    @{name}_momentum(model, q, @{z}qd, p, rest);
+    @{name}_terms(model, q, @{z}qd, terms);
     for (i = 0; i < @{n}; i++) {
         const @{real} pushed = tau[i] - rest[i] - terms[i];
         if (observer->started != 0) {
@@ -102,4 +102,4 @@ void @{name}_differentiator_update(@{name}_differentiator *filter, const @{name}
     }
     filter->started = 1;
 }
-@{handle}
+@{handle}@{loops}

@@ -16,7 +16,7 @@ extern "C" {
 #endif
 
 #define @{NAME}_COORDINATES @{n}
-#define @{NAME}_PARAMETERS @{p}
+#define @{NAME}_PARAMETERS @{p}@{passive_count}
 
 typedef @{real} @{name}_real;
 
@@ -35,7 +35,7 @@ void @{name}_init(@{name}_model *model, const double p[@{NAME}_PARAMETERS]);
 
 @{prototypes}
 /* Inverse dynamics including all terms: motor torque for this motion, N m or N. */
-void @{name}_torque(const @{name}_model *model, const @{name}_real q[@{n}], const @{name}_real qd[@{n}],
+void @{name}_torque(const @{name}_model *model, const @{name}_real q[@{n}], @{z_declared}const @{name}_real qd[@{n}],
                     const @{name}_real qdd[@{n}], @{name}_real tau[@{n}]);
 
 /*
@@ -43,7 +43,7 @@ void @{name}_torque(const @{name}_model *model, const @{name}_real q[@{n}], cons
  * (or m/s) it passes smoothly through zero, so that velocity noise does not cause chatter. The share is limited to
  * 0 .. 1: overcompensation makes the device unstable. Begin with 0.5.
  */
-void @{name}_friction_compensation(const @{name}_model *model, const @{name}_real qd[@{n}], @{name}_real share,
+void @{name}_friction_compensation(const @{name}_model *model, @{qz_declared}const @{name}_real qd[@{n}], @{name}_real share,
                                    @{name}_real tau[@{n}]);
 
 /*
@@ -64,7 +64,7 @@ int @{name}_observer_init(@{name}_observer *observer, @{name}_real gain, @{name}
 
 /* Next sample: torque of the hand on every coordinate, N m or N. */
 void @{name}_observer_update(const @{name}_model *model, @{name}_observer *observer, const @{name}_real q[@{n}],
-                             const @{name}_real qd[@{n}], const @{name}_real tau[@{n}], @{name}_real torque[@{n}]);
+                             @{z_declared}const @{name}_real qd[@{n}], const @{name}_real tau[@{n}], @{name}_real torque[@{n}]);
 
 /* Velocity of sampled positions: s w / (s + w), discretised by Tustin's rule; delay 1 / w. */
 typedef struct {
@@ -80,7 +80,7 @@ int @{name}_differentiator_init(@{name}_differentiator *filter, @{name}_real cut
 
 /* Next sample; at rest before the first one. */
 void @{name}_differentiator_update(@{name}_differentiator *filter, const @{name}_real q[@{n}], @{name}_real qd[@{n}]);
-@{handle}
+@{loops}@{handle}
 #ifdef __cplusplus
 }
 #endif

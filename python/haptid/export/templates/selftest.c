@@ -43,8 +43,8 @@ static void check_loops(const @{name}_model *model)
     int i;
     failures += @{name}_observer_init(&observer, @{gain}, @{step});
     failures += @{name}_differentiator_init(&filter, @{cutoff}, @{step});
-    for (i = 0; i < SAMPLES; i++) {
-        @{name}_observer_update(model, &observer, path_q[i], path_qd[i], path_tau[i], made);
+@{loops_start}    for (i = 0; i < SAMPLES; i++) {
+@{loops_checked}        @{name}_observer_update(model, &observer, path_q[i], @{z}path_qd[i], path_tau[i], made);
         compare("observer", i, N, made, observer_wanted[i], @{observer_scale});
         @{name}_differentiator_update(&filter, path_q[i], made);
         compare("differentiator", i, N, made, differentiator_wanted[i], @{differentiator_scale});
