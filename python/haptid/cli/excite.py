@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +15,7 @@ from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, 
 if TYPE_CHECKING:
     from haptid._internal.arrays import Array
     from haptid.device import Device
+    from haptid.device.priors import PriorBody
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import Experiment
     from haptid.experiment.excitation import (
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         FurtherMotions,
         Limits,
         LogInformation,
+        PlannedMotion,
         TrianglesWithSines,
     )
 
@@ -53,6 +55,12 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
   --motions     number of motions, each designed given those before it: OUT-1.toml, OUT-2.toml, ..
 
   --buffer      each motion with its start and stop fits so many samples at --rate-hz
+
+  --friction-test, --poses, --reversals, --payload
+                further motions of the same campaign, within the same limits: OUT-friction.toml, OUT-poses.toml, ..:
+                strokes at constant speeds, joint after joint; held poses that determine gravity best, each from both
+                sides; small slow motions with many reversals; the motion again with a known body on a link. They go
+                into --samples, --player and --page too. With --motions 0 there are no others
 
   --after       the next motion of a campaign: given the logs of this result (a folder of `haptid identify`), the one
                 that lowers the largest relative interval most, over all essential parameters or those of --parameter.
@@ -86,7 +94,13 @@ def excite(
     clearance_mm: Annotated[float, typer.Option(min=0.0, help="least distance of collision shapes")] = 10.0,
     triangles: Annotated[bool, typer.Option("--triangles", help="triangles with superimposed sines")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
-    count: Annotated[int, typer.Option("--motions", min=1, max=100, help="number of motions")] = 1,
+    count: Annotated[int, typer.Option("--motions", min=0, max=100, help="number of motions")] = 1,
+    friction: Annotated[bool, typer.Option("--friction-test", help="also strokes at constant speeds")] = False,
+    poses: Annotated[int | None, typer.Option(min=2, max=200, help="also so many held poses, from both sides")] = None,
+    reversals: Annotated[bool, typer.Option("--reversals", help="also small motions with many reversals")] = False,
+    payload: Annotated[
+        str | None, typer.Option(help="also the motion with a body on a link: LINK=KG@X,Y,Z, m in the link's frame")
+    ] = None,
     buffer: Annotated[int | None, typer.Option(min=2, help="samples that a controller can hold")] = None,
     keep: Annotated[
         list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
@@ -170,6 +184,11 @@ def excite(
         if buffer is not None and not triangles:
             family = of_buffer(family, buffer, rate_hz)  # type: ignore[arg-type]
         columns, search = tuple(keep) if keep else None, Search(tries=max_evaluations, seed=seed)
+        loaded = None if payload is None else _payload(payload, model)
+        if not (count or friction or poses or reversals):
+            raise wrong_option("--motions", "0 alone", "--friction-test, --poses or --reversals too")
+        if not count and (after is not None or loaded is not None):
+            raise wrong_option("--motions", "0 with --after or --payload", "1 or more")
         label = "largest relative interval" if after is not None or count > 1 else criterion or "condition"
         further = None
         with progress_bars(quiet or as_json) as bars:
@@ -178,7 +197,21 @@ def excite(
             def progress(share: float, cost: float) -> None:
                 bars.update(task, completed=share, description=_so_far(label, cost))
 
-            if after is not None or count > 1:
+            def design(values: Array | None) -> Excitation:
+                return design_excitation(
+                    model,
+                    family,
+                    within,
+                    criterion=CRITERIA[criterion or "condition"],
+                    columns=columns,
+                    beta=values,
+                    search=search,
+                    progress=progress,
+                )
+
+            if count == 0:
+                motions: tuple[Excitation, ...] = ()
+            elif after is not None or count > 1:
                 known = _known(after, model, beta)
                 columns = columns if after is not None or columns else known.valued
                 further = next_motions(
@@ -193,32 +226,31 @@ def excite(
                 )
                 motions = further.motions
             else:
-                chosen = CRITERIA[label]
-                motions = (
-                    design_excitation(
-                        model,
-                        family,
-                        within,
-                        criterion=chosen,
-                        columns=columns,
-                        beta=beta,
-                        search=search,
-                        progress=progress,
-                    ),
-                )
-        paths = [_numbered(out_file, k, len(motions)) for k in range(len(motions))]
-        for k, (found, path) in enumerate(zip(motions, paths, strict=True)):
-            _write(found, path, [_numbered(one, k, len(motions)) for one in also or []], other, rate_hz, rehearsal)
-        if player is not None and motions:
-            write_player(player, [MotionSamples.of(found, rate_hz) for found in motions])
-        if page_file is not None and motions:
-            _write_page(page_file, motions, further)
+                motions = (design(beta),)
+            wanted = {"friction": friction, "poses": poses, "reversals": reversals}
+            others = _others({k: v for k, v in wanted.items() if v}, model, within, motions, start, beta)
+            if loaded is not None:
+                others["payload"] = _loaded(model, loaded, motions, within, beta, design)
+        named = {_suffix(k, len(motions)): found for k, found in enumerate(motions)} | {
+            f"-{name}": found for name, found in others.items()
+        }
+        files = {out_file.with_name(f"{out_file.stem}{name}.toml"): found for name, found in named.items()}
+        for (name, found), path in zip(named.items(), files, strict=True):
+            weight = loaded if name == "-payload" else None
+            copies = [one.with_name(f"{one.stem}{name}{one.suffix}") for one in also or []]
+            _write(found, path, copies, other, rate_hz, rehearsal, weight)
+        if player is not None and files:
+            write_player(player, [MotionSamples.of(found, rate_hz) for found in files.values()])
+        if page_file is not None and files:
+            _write_page(page_file, files, further)
     if as_json:
-        made = [_values(found, path) for found, path in zip(motions, paths, strict=True)]
-        print_json(made[0] if further is None else {"motions": made, **_predicted(further)})
+        made = [_values(found, path) for path, found in files.items()]
+        print_json(made[0] if further is None and len(made) == 1 else {"motions": made, **_predicted(further)})
     elif not quiet:
-        for found, path in zip(motions, paths, strict=True):
+        for path, found in files.items():
             _show(found, path, condition=further is None)
+        for name in others:
+            _show_next(name, out_file, loaded)
         if further is not None:
             _show_intervals(further)
 
@@ -244,20 +276,82 @@ def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogIn
     return LogInformation.none(model, beta) if after is None else log_information(Result.load(after), model)
 
 
-def _numbered(path: Path, k: int, many: int) -> Path:
-    """Of one motion its file, of several NAME-1, NAME-2, .."""
-    return path if many == 1 else path.with_name(f"{path.stem}-{k + 1}{path.suffix}")
+def _suffix(k: int, many: int) -> str:
+    """What is added to the name of a motion's file: nothing for the only one, else -1, -2, .."""
+    return "" if many == 1 else f"-{k + 1}"
+
+
+def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
+    """A link and the point mass on it, from LINK=KG@X,Y,Z."""
+    import numpy as np
+
+    from haptid.cli.options import numbers, wrong_option
+    from haptid.device.priors import PriorBody
+
+    link, equals, body = text.partition("=")
+    mass, at, com = body.partition("@")
+    names = model.device.joint_names
+    if not equals or not at or link not in names:
+        raise wrong_option("--payload", text, f"LINK=KG@X,Y,Z, such as {names[-1]}=0.5@0,0,0.1; {names} are links")
+    (kg,) = numbers("--payload", mass, "the mass in kg", 1)
+    if kg <= 0:
+        raise wrong_option("--payload", text, "a mass above 0 kg")
+    return link, PriorBody(kg, np.array(numbers("--payload", com, "the centre of mass in m", 3)), None)
+
+
+def _others(
+    wanted: dict[str, int | bool],
+    model: DynamicModel,
+    within: Limits,
+    motions: Sequence[Excitation],
+    start: str | None,
+    beta: Array | None,
+) -> dict[str, PlannedMotion]:
+    """Motions of the other families, about the pose in which the first motion rests."""
+    from haptid.cli.options import numbers
+    from haptid.experiment.excitation import CAMPAIGN_FAMILIES, resting_pose
+
+    device = model.device
+    rest = resting_pose(motions[0]) if motions else None
+    if start is not None:
+        rest = numbers("--start", start, "positions of the active joints", len(device.active))
+    return {
+        name: CAMPAIGN_FAMILIES[name].make(
+            model, within, rest=rest, beta=beta, **({"count": many} if name == "poses" else {})
+        )
+        for name, many in wanted.items()
+    }
+
+
+def _loaded(
+    model: DynamicModel,
+    load: tuple[str, PriorBody],
+    motions: Sequence[Excitation],
+    within: Limits,
+    beta: Array | None,
+    design: Callable[[Array], Excitation],
+) -> Excitation:
+    """The motion with a body on a link: searched anew where its torque counts in the limits, else the first one."""
+    import numpy as np
+
+    from haptid.observation import payload_torque
+
+    more = payload_torque(model, *load)
+    if all(x is None for x in (within.torque, within.rms_torque, within.power, within.handle_force)):
+        return motions[0]
+    return design(more + (model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else beta))
 
 
 def _write(
-    found: Excitation,
+    found: PlannedMotion,
     out_file: Path,
     also: list[Path],
     like: Experiment | None,
     rate_hz: float,
     rehearsal: float | None,
+    weight: tuple[str, PriorBody] | None,
 ) -> None:
-    """Write the experiment of a motion and its samples."""
+    """Write the experiment of a motion, with a weight on a link or without, and its samples."""
     from haptid.experiment.excitation import MotionSamples, write_experiment, write_motion
     from haptid.experiment.excitation.writing import plain_experiment
 
@@ -266,21 +360,23 @@ def _write(
         files.append((out_file.with_name(f"{out_file.stem}-rehearsal.csv"), rehearsal))
     for path, share in files:
         write_motion(path, MotionSamples.of(found, rate_hz, share))
-    write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz)
+    write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz, weight)
 
 
-def _write_page(path: Path, motions: Sequence[Excitation], further: FurtherMotions | None) -> None:
+def _write_page(path: Path, files: Mapping[Path, PlannedMotion], further: FurtherMotions | None) -> None:
     """Write the page of the motions."""
     from haptid._internal.atomic_folder import publishing_files
     from haptid.report.motion_page import motion_page
 
-    text = motion_page(motions, further)
+    text = motion_page({file.stem: found for file, found in files.items()}, further)
     with publishing_files(path) as folder:
         (folder / path.name).write_text(text, encoding="utf-8")
 
 
-def _predicted(found: FurtherMotions) -> dict[str, Any]:
-    """Predicted intervals as JSON values."""
+def _predicted(found: FurtherMotions | None) -> dict[str, Any]:
+    """Predicted intervals as JSON values; nothing without a campaign."""
+    if found is None:
+        return {}
     intervals = [
         {"name": name, "before_percent": before, "after_percent": after} for name, before, after in found.table()
     ]
@@ -358,19 +454,35 @@ def _family(
     return family if seconds is None else replace(family, seconds=seconds)
 
 
-def _values(found: Excitation, path: Path) -> dict[str, Any]:
-    """The search's result as JSON values."""
+def _values(found: PlannedMotion, path: Path) -> dict[str, Any]:
+    """A motion as JSON values."""
+    from haptid.experiment.excitation import Excitation
+
+    files = {"experiment": str(path), "samples": str(path.with_suffix(".csv"))}
+    if not isinstance(found, Excitation):
+        return {**files, "seconds": found.seconds}
     conditions = {
         when: {"raw": one.raw, "scaled": one.scaled}
         for when, one in (("first_condition", found.before), ("condition", found.after))
     }
-    files = {"experiment": str(path), "samples": str(path.with_suffix(".csv"))}
     searched = {"parameters": list(found.after.names), "motions_evaluated": found.tried}
     return {**files, **searched, **conditions, "predicted_relative_se_percent": dict(found.predicted)}
 
 
-def _show(found: Excitation, path: Path, condition: bool) -> None:
+def _show(found: PlannedMotion, path: Path, condition: bool) -> None:
     """Print condition numbers before and after, and the paths of the files."""
+    from haptid.experiment.excitation import Excitation
+
+    if isinstance(found, Excitation):
+        _show_condition(found, condition)
+    if found.clearance is not None:
+        out.print(f"  {found.clearance}", highlight=False)
+    lasts = f"{found.seconds:.4g} s; experiment in {path}, samples in {path.with_suffix('.csv')}"
+    out.print(lasts, highlight=False, soft_wrap=True)
+
+
+def _show_condition(found: Excitation, condition: bool) -> None:
+    """Print what the search did, and condition numbers before and after where they count."""
     out.print(
         f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions evaluated", style="bold"
     )
@@ -378,9 +490,22 @@ def _show(found: Excitation, path: Path, condition: bool) -> None:
         if not condition:
             break
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
-    if found.clearance is not None:
-        out.print(f"  {found.clearance}", highlight=False)
     weak = [name for name, se in found.predicted.items() if se > 50]
     if condition and weak and len(weak) < len(found.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
-    out.print(f"Experiment in {path}, samples in {path.with_suffix('.csv')}")
+
+
+def _show_next(name: str, out_file: Path, load: tuple[str, PriorBody] | None) -> None:
+    """Print what the log of another family is for, and the command that evaluates it."""
+    from haptid.experiment.excitation import CAMPAIGN_FAMILIES
+
+    what = f"{out_file.stem}-{name}"
+    if name == "payload":
+        assert load is not None  # as there is such a motion
+        link, body = load
+        com = ", ".join(f"{x:g}" for x in body.com.tolist())
+        text = f'`payload = {{ link = "{link}", mass = {body.mass:g}, com = [{com}] }}` with its log in the study'
+        out.print(f"{what}: torque constants; {text}, then `haptid payload --gains`", highlight=False, soft_wrap=True)
+    else:
+        of = CAMPAIGN_FAMILIES[name]
+        out.print(f"{what}: {of.what}; `{of.then}`", highlight=False, soft_wrap=True)

@@ -222,8 +222,9 @@ def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
     made[..., 3, 3] = 1.0
     cosines, sines = np.cos(q), np.sin(q)
     for j, joint in enumerate(joints):
-        R, p = np.broadcast_to(joint.rotation, (len(q), 3, 3)), np.broadcast_to(joint.translation, (len(q), 3))
-        if joint.parent >= 0:
+        if joint.parent < 0:
+            R, p = joint.rotation[None], joint.translation[None]
+        else:
             above = made[:, joint.parent, :3]
             moved = above.reshape(-1, 4)[:, :3] @ np.column_stack([joint.rotation, joint.translation])
             moved = moved.reshape(-1, 3, 4)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
-from haptid.experiment.excitation import Excitation, FurtherMotions
+from haptid.experiment.excitation import Excitation, FurtherMotions, PlannedMotion
 from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.report.page import page
@@ -17,18 +17,23 @@ from haptid.report.page import page
 _SAMPLES = 800
 
 
-def motion_page(motions: Sequence[Excitation], further: FurtherMotions | None = None) -> str:
+def motion_page(motions: Mapping[str, PlannedMotion], further: FurtherMotions | None = None) -> str:
     """An HTML document: positions, velocities, accelerations and torques of each motion within their limits.
 
     Args:
-        motions: at least one, of one device.
+        motions: by name, at least one, of one device.
         further: the campaign that they belong to; without one, the first motion of the search is compared with the one
             that was found.
     """
-    sections = [section for k, found in enumerate(motions) for section in _motion(found, k, len(motions))]
-    device = motions[0].model.device
-    about = f"{len(motions)} exciting motion{'s' if len(motions) > 1 else ''} of {device.name}"
-    return page(f"Exciting motion: {device.name}", about, [_information(motions[0], further), *sections])
+    sections: list[DocumentSection] = []
+    searched = [found for found in motions.values() if isinstance(found, Excitation)]
+    if searched:
+        sections.append(_information(searched[0], further))
+    for k, (name, found) in enumerate(motions.items()):
+        sections += _motion(found, k, "The motion" if len(motions) == 1 else name)
+    device = next(iter(motions.values())).model.device
+    about = f"{len(motions)} motion{'s' if len(motions) > 1 else ''} of {device.name}"
+    return page(f"Planned motion: {device.name}", about, sections)
 
 
 def _information(found: Excitation, further: FurtherMotions | None) -> DocumentSection:
@@ -59,7 +64,7 @@ def _information(found: Excitation, further: FurtherMotions | None) -> DocumentS
     return DocumentSection("information", "Information", text, (TextTable("", cells),), (chart,))
 
 
-def _motion(found: Excitation, k: int, many: int) -> Iterator[DocumentSection]:
+def _motion(found: PlannedMotion, k: int, title: str) -> Iterator[DocumentSection]:
     """One motion over time."""
     bounds, device = found.bounds, found.model.device
     made = found.trajectory(found.seconds / _SAMPLES)
@@ -78,14 +83,15 @@ def _motion(found: Excitation, k: int, many: int) -> Iterator[DocumentSection]:
     for j, (label, unit) in enumerate(zip(device.row_labels, device.torque_units, strict=True)):
         limit = _both(bounds.actuation.torque)[j]
         charts += _panel(f"tau-{k}-{j}", "Torque", label, unit, made.t, tau[j], limit)
-    raw, scaled = found.after.raw, found.after.scaled
-    text = [
-        f"{found.seconds:.4g} s, {found.tried} motions evaluated, condition number {raw:.4g}, "
-        f"{scaled:.4g} with unit columns."
-    ]
+    text = [f"{found.seconds:.4g} s."]
+    if isinstance(found, Excitation):
+        raw, scaled = found.after.raw, found.after.scaled
+        text = [
+            f"{found.seconds:.4g} s, {found.tried} motions evaluated, condition number {raw:.4g}, "
+            f"{scaled:.4g} with unit columns."
+        ]
     if found.clearance is not None:
         text.append(f"{found.clearance}.")
-    title = "The motion" if many == 1 else f"Motion {k + 1}"
     yield DocumentSection(f"motion-{k + 1}", title, tuple(text), (), tuple(charts))
 
 

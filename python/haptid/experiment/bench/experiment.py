@@ -28,6 +28,7 @@ from haptid.experiment.bench.trajectories import (
     Fourier,
     Grid,
     Multisine,
+    Poses,
     Sweep,
     TrajectoryKind,
     Triangles,
@@ -115,6 +116,21 @@ class GridTable(_Table):
     points: int = Field(3, ge=1, le=20, description="positions of each joint")
     dwell: _Positive = Field(1.0, description="duration of every pose, s")
     move: _Positive = Field(1.0, description="duration of every change of pose, s")
+    approach: EachPositive | None = Field(
+        None, description="reach every pose twice, from so far below in all joints and from so far above, rad or m"
+    )
+
+
+class PosesTable(_Table):
+    """Held poses, one after the other."""
+
+    kind: Literal["poses"]
+    poses: list[Annotated[list[_Finite], Field(min_length=1)]] = Field(
+        min_length=2, description="of the active joints, rad or m; the first and the last are not held"
+    )
+    speed: EachPositive = Field(description="largest on the way between poses, rad/s or m/s")
+    acceleration: EachPositive | None = Field(None, description="the same, rad/s^2 or m/s^2")
+    dwell: _Positive = Field(1.0, description="duration of every pose, s")
     approach: EachPositive | None = Field(
         None, description="reach every pose twice, from so far below in all joints and from so far above, rad or m"
     )
@@ -213,7 +229,8 @@ class ExperimentTable(_Table):
     name: str = Field(min_length=1)
     seed: int = Field(0, ge=0, description="of phases and noise; --seed replaces it")
     trajectory: Annotated[
-        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable, Field(discriminator="kind")
+        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable | PosesTable,
+        Field(discriminator="kind"),
     ] = Field(description="the planned motion")
     controller: _ControllerTable
     encoders: EncodersTable | None = None
@@ -236,7 +253,13 @@ def experiment_schema() -> dict[str, Any]:
     return ExperimentTable.model_json_schema(by_alias=True)
 
 
-_KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
+_KINDS: Mapping[str, type] = {
+    "multisine": Multisine,
+    "fourier": Fourier,
+    "sweep": Sweep,
+    "grid": Grid,
+    "poses": Poses,
+}
 
 # Advice of errors about experiment files.
 SCHEMA_ADVICE = "`haptid schema experiment` prints every key."

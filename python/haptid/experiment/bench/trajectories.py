@@ -22,6 +22,8 @@ Figures = tuple[float, ...]
 Rates = tuple[Array, Array, Array]
 # Sharpness of a triangle's corners: 1 is a true corner, with unbounded acceleration.
 SHARPNESS = 0.98
+# Largest speed and acceleration of a quintic move of unit distance and duration; shortest move between poses, s.
+QUINTIC_SPEED, QUINTIC_ACCELERATION, _LEAST_MOVE = 1.875, 10 / np.sqrt(3), 0.2
 # Relative spread of a multisine's frequencies around a geometric series, so that two motions do not share frequencies.
 SPREAD = 0.08
 
@@ -253,15 +255,60 @@ class Sweep:
 
 
 @dataclass(frozen=True)
+class Poses:
+    """Held poses, one after the other, each joint in a straight line between them: gravity and stiction.
+
+    Attributes:
+        poses: one position for each active joint in each, rad or m; the first and the last are not held.
+        speed: maximum of each joint on the way, rad/s or m/s.
+        acceleration: maximum of each joint on the way, rad/s^2 or m/s^2; None for no limit.
+        dwell: duration of every hold, s.
+        approach: every pose is reached twice, from this distance below in all joints and from this distance above, so
+            that friction separates from gravity, rad or m; None reaches it once, from the pose before.
+    """
+
+    poses: tuple[Figures, ...]
+    speed: Figures
+    acceleration: Figures | None = None
+    dwell: float = 1.0
+    approach: Figures | None = None
+
+    def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
+        """Deterministic."""
+        del rng
+        stops, seconds = self.stops(names)
+        return _held(stops, seconds, dt)
+
+    def stops(self, names: list[str]) -> tuple[list[tuple[Array, float]], list[float]]:
+        """Where the joints stop and for how long, s; and the duration of every move between two of them, s.
+
+        Raises:
+            ExperimentError: not one position for each joint, or fewer than two poses.
+        """
+        if len(self.poses) < 2:
+            raise _value_count("poses", len(self.poses), ["the first", "the last"])
+        poses = [per_coordinate("poses", pose, names) for pose in self.poses]
+        beside = None if self.approach is None else per_coordinate("approach", self.approach, names)
+        stops = [(poses[0], 0.0), *_both_sides(poses[1:-1], self.dwell, beside), (poses[-1], self.dwell)]
+        speed = per_coordinate("speed", self.speed, names)
+        most = per_coordinate("acceleration", self.acceleration or (np.inf,), names)
+        seconds = []
+        for (here, _), (there, _) in pairwise(stops):
+            distance = np.abs(there - here)
+            by_rates = (QUINTIC_SPEED * distance / speed, np.sqrt(QUINTIC_ACCELERATION * distance / most))
+            seconds.append(max(_LEAST_MOVE, *(float(x.max()) for x in by_rates)))
+        return stops, seconds
+
+
+@dataclass(frozen=True)
 class Grid:
-    """Static poses on a grid, one after the other: gravity and stiction.
+    """Held poses on a grid; consecutive ones are neighbours.
 
     Attributes:
         centre, amplitude: rad or m.
         points: positions of each joint.
-        dwell, move: duration of every pose, and of every move between poses, s.
-        approach: every pose is reached twice, from this distance below in all joints and from this distance above, so
-            that friction separates from gravity, rad or m; None reaches it once, from the pose before.
+        dwell, move: duration of every hold, and of every move between poses, s.
+        approach: see `Poses`.
     """
 
     centre: Figures
@@ -272,7 +319,7 @@ class Grid:
     approach: Figures | None = None
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """Deterministic; consecutive poses are neighbours on the grid."""
+        """Deterministic."""
         del rng
         centre, amplitude = (
             per_coordinate("centre", self.centre, names),
@@ -280,25 +327,29 @@ class Grid:
         )
         steps = np.linspace(-1, 1, self.points) if self.points > 1 else np.zeros(1)
         poses = [centre + amplitude * pose for pose in _snake(steps, len(names))]
-        stops = [(pose, self.dwell) for pose in poses]
-        if self.approach is not None:
-            beside = per_coordinate("approach", self.approach, names)
-            stops = [
-                stop
-                for pose in poses
-                for side in (-beside, beside)
-                for stop in ((pose + side, 0.0), (pose, self.dwell))
-            ]
-        stops = [(centre, 0.0), *stops, (centre, self.dwell)]
-        t = _times(sum(self.move + dwell for _, dwell in stops[1:]), dt)
-        made = np.zeros((3, len(t), len(names)))
-        made[0] = stops[0][0]
-        start = 0.0
-        for (here, _), (there, dwell) in pairwise(stops):
-            s = np.array(move(t - start, 1.0, self.move))
-            made += s[:, :, None] * (there - here)
-            start += self.move + dwell
-        return made[0], made[1], made[2]
+        beside = None if self.approach is None else per_coordinate("approach", self.approach, names)
+        stops = [(centre, 0.0), *_both_sides(poses, self.dwell, beside), (centre, self.dwell)]
+        return _held(stops, [self.move] * (len(stops) - 1), dt)
+
+
+def _both_sides(poses: list[Array], dwell: float, beside: Array | None) -> list[tuple[Array, float]]:
+    """Stops at poses, each from both sides where a distance is given."""
+    if beside is None:
+        return [(pose, dwell) for pose in poses]
+    return [stop for pose in poses for side in (-beside, beside) for stop in ((pose + side, 0.0), (pose, dwell))]
+
+
+def _held(stops: list[tuple[Array, float]], seconds: list[float], dt: float) -> Rates:
+    """Quintic moves, of these durations, between stops."""
+    t = _times(sum(seconds) + sum(dwell for _, dwell in stops[1:]), dt)
+    made = np.zeros((3, len(t), len(stops[0][0])))
+    made[0] = stops[0][0]
+    start = 0.0
+    for ((here, _), (there, dwell)), lasts in zip(pairwise(stops), seconds, strict=True):
+        s = np.array(move(t - start, 1.0, lasts))
+        made += s[:, :, None] * (there - here)
+        start += lasts + dwell
+    return made[0], made[1], made[2]
 
 
 def per_coordinate(name: str, figures: Sequence[float], names: list[str]) -> Array:

@@ -1,5 +1,13 @@
 """Design of exciting motions: parametrised families, limits, optimality criteria, and the constrained search."""
 
+from haptid.experiment.excitation.campaign import (
+    CAMPAIGN_FAMILIES,
+    friction_test,
+    held_poses,
+    pose_columns,
+    resting_pose,
+    reversals,
+)
 from haptid.experiment.excitation.criteria import (
     CRITERIA,
     AverageVariance,
@@ -20,11 +28,12 @@ from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
 from haptid.experiment.excitation.played import PlayedMotion, compare_with_plan, read_motion
 from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
-from haptid.experiment.excitation.search import Excitation, Search, design_excitation
+from haptid.experiment.excitation.search import Excitation, PlannedMotion, Search, design_excitation
 from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
 from haptid.experiment.excitation.writing import plain_experiment, write_experiment
 
 __all__ = [
+    "CAMPAIGN_FAMILIES",
     "CRITERIA",
     "AverageVariance",
     "Coupling",
@@ -40,6 +49,7 @@ __all__ = [
     "LogInformation",
     "MotionBounds",
     "MotionSamples",
+    "PlannedMotion",
     "PlayedMotion",
     "PlayerSettings",
     "Quality",
@@ -50,13 +60,18 @@ __all__ = [
     "TrianglesWithSines",
     "compare_with_plan",
     "design_excitation",
+    "friction_test",
+    "held_poses",
     "motion_condition",
     "next_motions",
     "observed_motion",
     "of_buffer",
     "plain_experiment",
+    "pose_columns",
     "quality",
     "read_motion",
+    "resting_pose",
+    "reversals",
     "write_experiment",
     "write_motion",
     "write_player",

@@ -19,7 +19,7 @@ from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.escaping import write_csv
 from haptid.errors import SettingError
 from haptid.experiment.bench.trajectories import Fourier
-from haptid.experiment.excitation.search import Excitation
+from haptid.experiment.excitation.search import PlannedMotion
 
 # Numbers of text formats that a program reads: relative rounding of 1e-12.
 _DIGITS = ".13g"
@@ -48,7 +48,7 @@ class MotionSamples:
     qdd: Array
 
     @staticmethod
-    def of(found: Excitation, rate_hz: float, speed: float = 1.0) -> MotionSamples:
+    def of(found: PlannedMotion, rate_hz: float, speed: float = 1.0) -> MotionSamples:
         """The samples of a motion.
 
         Args:

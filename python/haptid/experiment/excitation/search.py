@@ -73,31 +73,21 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
-    """An optimised exciting motion with its quality.
+class PlannedMotion:
+    """A motion within limits.
 
     Attributes:
         kind: of motion; the bench plans it.
         seed: of its phases.
-        before: quality of the first feasible motion of the search.
-        after: quality of the motion found.
         bounds: its limits.
-        tried: number of motions evaluated.
-        noise: standard deviation of a row of each motor, (motors,), N m or N.
-        history: number of motions evaluated, and least cost of the criterion, at each improvement.
         clearance: least distance of collision shapes along the whole motion; None without shapes.
     """
 
     model: DynamicModel
     kind: TrajectoryKind
     seed: int
-    before: Quality
-    after: Quality
     bounds: MotionBounds
-    tried: int
-    noise: Array
-    history: tuple[tuple[int, float], ...] = ()
-    clearance: Clearance | None = None
+    clearance: Clearance | None
 
     def trajectory(self, dt: float) -> Trajectory:
         """The motion in steps of dt, s: the same that the bench plans from its experiment file."""
@@ -106,8 +96,27 @@ class Excitation:
     @cached_property
     def seconds(self) -> float:
         """Duration, s."""
-        motion = self.after.observation.motions[0]
-        return (len(motion) - 1) * motion.dt
+        made = self.trajectory(_CHECK_STEP)
+        return (len(made) - 1) * made.dt
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation(PlannedMotion):
+    """An optimised exciting motion with its quality.
+
+    Attributes:
+        before: quality of the first feasible motion of the search.
+        after: quality of the motion found.
+        tried: number of motions evaluated.
+        noise: standard deviation of a row of each motor, (motors,), N m or N.
+        history: number of motions evaluated, and least cost of the criterion, at each improvement.
+    """
+
+    before: Quality
+    after: Quality
+    tried: int
+    noise: Array
+    history: tuple[tuple[int, float], ...] = ()
 
     @cached_property
     def predicted(self) -> dict[str, float]:
@@ -211,7 +220,7 @@ def design_excitation(
     best, clearance = state.checked()
     kind, before, after = family.kind(best.x, state.bounds), state.found(state.first), state.found(best)
     history = tuple(state.history)
-    return Excitation(model, kind, best.seed, before, after, state.bounds, state.tried, state.noise, history, clearance)
+    return Excitation(model, kind, best.seed, state.bounds, clearance, before, after, state.tried, state.noise, history)
 
 
 def _check_start(bounds: MotionBounds, q: Array) -> None:
@@ -317,22 +326,23 @@ class _Search:
             TrajectoryError: none does.
         """
         dt, last = 1.0 / max(_DENSE_HZ, self.search.rows_hz), self.kept[: -_LOOKED_AT - 1 : -1]
-        within = [start for start in last if self._between(start, dt, _INSIDE)[0][0] <= 0]
-        if not within:
-            self.nearest = self._between(last[0], dt, _INSIDE)
-            raise self.outside
         collision, least = self.bounds.collision, self.bounds.limits.clearance
-        if collision is None:
-            return within[0], None
         best: Clearance | None = None
-        for start in within:
+        for start in last:
+            exceeded = self._between(start, dt, _INSIDE)
+            if exceeded[0][0] > 0:
+                self.nearest = exceeded
+                continue
+            if collision is None:
+                return start, None
             kind = self.family.kind(start.x, self.bounds)
             made = plan(kind, self.bounds.model, _CHECK_STEP, phases(start.seed))
             found = clearance_along(collision, made.q, made.dt)
             if found.bound > 0 and found.distance >= least - max(0.1 * least, LEAST_TOLERANCE):
                 return start, found
             best = found if best is None or found.distance > best.distance else best
-        assert best is not None  # as there is a motion
+        if best is None:
+            raise self.outside
         raise TrajectoryError(
             f"between the rows of the search {best.pair} come to {1e3 * best.distance:.4g} mm at {best.time:.3f} s; "
             f"the limit is {1e3 * least:.4g} mm.",
@@ -419,7 +429,7 @@ class _Search:
         if cost >= self.least:
             return ((0.0, "a limit"),)
         worst = self._between(start, 1.0 / (_DENSER * self.search.rows_hz), 2 * _INSIDE)
-        if worst[0][0] <= 0:  # clearances and flat loops change slowly: their rows are dense enough
+        if worst[0][0] <= 0:  # flat loops change slowly: their rows are dense enough
             self.first = self.first or start
             self.least = cost
             self.kept.append(start)

@@ -12,33 +12,44 @@ from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.toml_text import toml
 from haptid.device.device import DistributionLaw
+from haptid.device.priors import PriorBody
 from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.bench.experiment import Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import Fourier, TrajectoryKind, TrianglesAndSines
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
-from haptid.experiment.excitation.search import Excitation
+from haptid.experiment.excitation.search import PlannedMotion
 
 
-def write_experiment(path: str | Path, excitation: Excitation, like: Experiment, rate_hz: float | None = None) -> Path:
+def write_experiment(
+    path: str | Path,
+    motion: PlannedMotion,
+    like: Experiment,
+    rate_hz: float | None = None,
+    weight: tuple[str, PriorBody] | None = None,
+) -> Path:
     """Write an experiment file with this motion and the controller, instruments and true parameters of another one.
 
     Args:
         path: of the file, TOML.
-        excitation: the motion and the seed of its phases.
+        motion: with the seed of its phases.
         like: the experiment that the rest is copied from.
         rate_hz: of samples of the motion in a CSV file of the same name; None for no such file.
+        weight: a link and a point mass that is added to it; none where None.
 
     Raises:
         OutputFolderError: the file cannot be written.
     """
     rest = like.table.model_dump(by_alias=True, exclude_unset=True)
-    made = {**rest, "seed": excitation.seed, "trajectory": trajectory_table(excitation.kind)}
+    made = {**rest, "seed": motion.seed, "trajectory": trajectory_table(motion.kind)}
+    if weight is not None:
+        link, body = weight
+        made["weights"] = [*rest.get("weights", []), {"link": link, "mass": body.mass, "com": body.com.tolist()}]
     target = Path(path)
     samples = () if rate_hz is None else (target.with_suffix(".csv"),)
     with publishing_files(target, *samples) as folder:
         (folder / target.name).write_text(toml(made), encoding="utf-8")
         for path in samples:
-            write_motion(folder / path.name, MotionSamples.of(excitation, rate_hz or 1.0))
+            write_motion(folder / path.name, MotionSamples.of(motion, rate_hz or 1.0))
     return target
 
 
@@ -63,7 +74,7 @@ OMEGA, _DAMPING, _LIGHTER = 2 * np.pi * 6.0, 0.8, 3.0
 _LOOK = 0.05
 
 
-def plain_experiment(found: Excitation) -> Experiment:
+def plain_experiment(found: PlannedMotion) -> Experiment:
     """Default experiment for a motion: true parameters from the device's prior, PD controller, planned torque forward.
 
     The bandwidth is 6 Hz or less. Gains are zero for coordinates whose inertia the prior does not give: the experiment
@@ -73,7 +84,7 @@ def plain_experiment(found: Excitation) -> Experiment:
     gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * _DAMPING * OMEGA * inertia).tolist()}
     table: dict[str, Any] = {
         "schema": 1,
-        "name": f"{found.model.device.name}, exciting motion",
+        "name": f"{found.model.device.name}, planned motion",
         "seed": found.seed,
         "trajectory": _lists(trajectory_table(found.kind)),
         "controller": {**gains, "dynamics": True},
@@ -82,7 +93,7 @@ def plain_experiment(found: Excitation) -> Experiment:
     return Experiment(made.name, made.seed, found.kind, made)
 
 
-def controlled_inertia(found: Excitation) -> Array:
+def controlled_inertia(found: PlannedMotion) -> Array:
     """Inertia of every motor coordinate for which gains are stable along the motion, by the prior, (motors,)."""
     model = found.model
     qa = found.trajectory(_LOOK).q.T
