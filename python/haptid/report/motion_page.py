@@ -73,13 +73,13 @@ def _motion(found: PlannedMotion, k: int, title: str) -> Iterator[DocumentSectio
     units = ["m" if joint.prismatic else "rad" for joint in joints]
     tau = inverse_dynamics(found.model, bounds.beta, *(np.ascontiguousarray(x.T) for x in (made.q, made.qd, made.qdd)))
     charts: list[Chart] = []
-    for key, title, values, limits, per in (
+    for key, what, values, limits, per in (
         ("q", "Position", made.q.T, bounds.position, ""),
         ("qd", "Velocity", made.qd.T, _both(bounds.speed), "/s"),
         ("qdd", "Acceleration", made.qdd.T, _both(bounds.acceleration), "/s^2"),
     ):
         for j, label in enumerate(labels):
-            charts += _panel(f"{key}-{k}-{j}", title, label, f"{units[j]}{per}", made.t, values[j], limits[j])
+            charts += _panel(f"{key}-{k}-{j}", what, label, f"{units[j]}{per}", made.t, values[j], limits[j])
     for j, (label, unit) in enumerate(zip(device.row_labels, device.torque_units, strict=True)):
         limit = _both(bounds.actuation.torque)[j]
         charts += _panel(f"tau-{k}-{j}", "Torque", label, unit, made.t, tau[j], limit)
