@@ -27,8 +27,8 @@ from haptid.experiment.bench.trajectories import (
     SPREAD,
     Fourier,
     Grid,
+    HeldPoses,
     Multisine,
-    Poses,
     Sweep,
     TrajectoryKind,
     Triangles,
@@ -121,7 +121,7 @@ class GridTable(_Table):
     )
 
 
-class PosesTable(_Table):
+class HeldPosesTable(_Table):
     """Held poses, one after the other."""
 
     kind: Literal["poses"]
@@ -229,7 +229,7 @@ class ExperimentTable(_Table):
     name: str = Field(min_length=1)
     seed: int = Field(0, ge=0, description="of phases and noise; --seed replaces it")
     trajectory: Annotated[
-        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable | PosesTable,
+        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable | HeldPosesTable,
         Field(discriminator="kind"),
     ] = Field(description="the planned motion")
     controller: _ControllerTable
@@ -258,7 +258,7 @@ _KINDS: Mapping[str, type] = {
     "fourier": Fourier,
     "sweep": Sweep,
     "grid": Grid,
-    "poses": Poses,
+    "poses": HeldPoses,
 }
 
 # Advice of errors about experiment files.

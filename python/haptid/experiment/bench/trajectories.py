@@ -255,7 +255,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Poses:
+class HeldPoses:
     """Held poses, one after the other, each joint in a straight line between them: gravity and stiction.
 
     Attributes:
@@ -308,7 +308,7 @@ class Grid:
         centre, amplitude: rad or m.
         points: positions of each joint.
         dwell, move: duration of every hold, and of every move between poses, s.
-        approach: see `Poses`.
+        approach: see `HeldPoses`.
     """
 
     centre: Figures

@@ -19,7 +19,7 @@ from haptid.experiment.bench.trajectories import (
     QUINTIC_ACCELERATION,
     QUINTIC_SPEED,
     Figures,
-    Poses,
+    HeldPoses,
     Sweep,
     TrajectoryKind,
     Triangles,
@@ -166,7 +166,7 @@ def pose_columns(model: DynamicModel, q: Array) -> Array:
 
 
 def _d_optimal(W: Array, count: int) -> list[int]:
-    """Poses with the largest determinant of information: greedy, then exchanged one by one."""
+    """HeldPoses with the largest determinant of information: greedy, then exchanged one by one."""
     products = W.transpose(0, 2, 1) @ W
     ridge = _RIDGE * np.eye(W.shape[2])
     chosen: list[int] = []
@@ -213,14 +213,14 @@ def _feasible(bounds: MotionBounds, beside: Array, rng: np.random.Generator, cou
     return np.asarray(drawn[within])
 
 
-def _visited(rest: Array, chosen: list[Array], beside: Array, bounds: MotionBounds) -> Poses:
+def _visited(rest: Array, chosen: list[Array], beside: Array, bounds: MotionBounds) -> HeldPoses:
     """The poses in an order with a short way, at a pace that speeds and accelerations allow."""
     left, order = list(chosen), [rest]
     while left:
         nearest = min(range(len(left)), key=lambda k: float((np.abs(left[k] - order[-1]) / bounds.speed).max()))
         order.append(left.pop(nearest))
     stops = [*order, rest]
-    return Poses(
+    return HeldPoses(
         tuple(tuple(pose.tolist()) for pose in stops),
         tuple((_PACE * bounds.speed).tolist()),
         tuple((_PACE * np.minimum(bounds.acceleration, _AT_ONCE * bounds.speed)).tolist()),
@@ -229,7 +229,7 @@ def _visited(rest: Array, chosen: list[Array], beside: Array, bounds: MotionBoun
     )
 
 
-def _before(made: Poses, at: float, names: list[str]) -> int:
+def _before(made: HeldPoses, at: float, names: list[str]) -> int:
     """Index of the pose that joints go to, or hold, at a time, s; of the last one on the way back."""
     stops, seconds = made.stops(names)
     ends = np.cumsum([lasts + dwell for lasts, (_, dwell) in zip(seconds, stops[1:], strict=True)])
