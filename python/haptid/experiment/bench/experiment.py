@@ -253,7 +253,8 @@ def experiment_schema() -> dict[str, Any]:
     return ExperimentTable.model_json_schema(by_alias=True)
 
 
-_KINDS: Mapping[str, type] = {
+# Kinds of motion by the names that files have; triangles have a table of their own.
+KINDS: Mapping[str, type] = {
     "multisine": Multisine,
     "fourier": Fourier,
     "sweep": Sweep,
@@ -393,7 +394,7 @@ def _kind(table: ExperimentTable) -> TrajectoryKind:
     given = table.trajectory
     settings = _tuples(given.model_dump(exclude={"kind", "sines"}))
     if not isinstance(given, TrianglesTable):
-        made: TrajectoryKind = _KINDS[given.kind](**settings)
+        made: TrajectoryKind = KINDS[given.kind](**settings)
         return made
     slow = Triangles(**settings)
     if given.sines is None:

@@ -14,8 +14,8 @@ from haptid._internal.toml_text import toml
 from haptid.device.device import DistributionLaw
 from haptid.device.priors import PriorBody
 from haptid.dynamics.inverse import mass_matrix
-from haptid.experiment.bench.experiment import Experiment, ExperimentTable
-from haptid.experiment.bench.trajectories import Fourier, TrajectoryKind, TrianglesAndSines
+from haptid.experiment.bench.experiment import KINDS, Experiment, ExperimentTable
+from haptid.experiment.bench.trajectories import TrajectoryKind, Triangles, TrianglesAndSines
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
 from haptid.experiment.excitation.search import PlannedMotion
 
@@ -59,7 +59,8 @@ def trajectory_table(kind: TrajectoryKind) -> dict[str, Any]:
         sines = _settings(kind.sines)
         own = {name: sines[name] for name in ("amplitude", "frequencies_hz", "count", "speed") if sines[name]}
         return {"kind": "triangles", **_settings(kind.triangles), "sines": own}
-    return {"kind": "fourier" if isinstance(kind, Fourier) else type(kind).__name__.lower(), **_settings(kind)}
+    names = {made: name for name, made in KINDS.items()} | {Triangles: "triangles"}
+    return {"kind": names[type(kind)], **_settings(kind)}
 
 
 def _settings(kind: object) -> dict[str, Any]:
