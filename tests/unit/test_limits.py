@@ -1,5 +1,6 @@
 """Inputs made to exhaust memory or time are refused with a sentence, by limits that a user can raise."""
 
+import gc
 import json
 import os
 import struct
@@ -30,7 +31,7 @@ from haptid.log.formats import mat
 from haptid.report import read_report
 from haptid.report.mathml import formula_markup
 from haptid.robot_files import import_robot
-from small_study import DEVICE, HEAD
+from small_study import DEVICE, HEAD, write_study
 
 CHANNELS = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -249,3 +250,14 @@ def test_mat_elements_of_no_type_do_not_reach_the_compiled_reader(tmp_path, comp
     path.write_bytes(header + broken)
     with pytest.raises(LogFileError, match="type 249"):
         read_log(path)
+
+
+def test_logs_are_given_back_after_an_identification(tmp_path):
+    """No cache keeps them: a process may identify as many logs as it likes."""
+    study = haptid.read_study(write_study(tmp_path))
+    haptid.identify(study)
+    gc.collect()
+    kept = sum(isinstance(one, haptid.Log) for one in gc.get_objects())
+    haptid.identify(study)
+    gc.collect()
+    assert sum(isinstance(one, haptid.Log) for one in gc.get_objects()) <= kept

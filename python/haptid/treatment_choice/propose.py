@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -428,9 +428,18 @@ class _Filters:
             follows["reversal_guard_s"] = float(f"{_NEAR * KAISER_REACH / parallel:.3g}")
         return Treatment(**{**follows, **given})
 
-    @cache  # noqa: B019 - lives as long as one call of `propose`
+    @cached_property
+    def _cutoffs(self) -> dict[float, tuple[float, ...]]:
+        """Those found, by the parallel filter's cut-off; a cache of the class would keep the logs for ever."""
+        return {}
+
     def _position_cutoffs(self, parallel: float) -> tuple[float, ...]:
         """Cut-off of each position channel's filter, Hz, to the digits that matter."""
+        if parallel not in self._cutoffs:
+            self._cutoffs[parallel] = self._balanced(parallel)
+        return self._cutoffs[parallel]
+
+    def _balanced(self, parallel: float) -> tuple[float, ...]:
         low = _LOWEST * self.bandwidth
         high = max(min(_HIGHEST * 2 * self.top, _WIDEST * parallel), 1.1 * low)
         ceiling = min(0.95 * 0.5 / self.dt, self.position * self.bandwidth)
