@@ -96,13 +96,6 @@ def test_a_column_that_reads_accelerations(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_loops_that_are_solved_at_every_pose(tmp_path):
-    model = haptid.DynamicModel(haptid.read_device("four_bar"))
-    with pytest.raises(errors.ExportError) as raised:
-        export_c((model, np.ones(len(model.base))), tmp_path / "out")
-    assert raised.value.where == model.device.name
-
-
 def test_parameters_that_no_body_has(tmp_path, identification):
     model = identification.model
     with pytest.raises(errors.PhysicalConsistencyError, match='constraints = "physical"'):
