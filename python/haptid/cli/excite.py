@@ -54,7 +54,7 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
 
   --motions     number of motions, each designed given those before it: OUT-1.toml, OUT-2.toml, ..
 
-  --buffer      each motion with its start and stop fits so many samples at --rate-hz
+  --buffer      most samples of a motion at --rate-hz, with its start and stop
 
   --friction-test, --poses, --reversals, --payload
                 further motions of the same campaign, within the same limits: OUT-friction.toml, OUT-poses.toml, ..:
@@ -96,7 +96,7 @@ def excite(
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
     count: Annotated[int, typer.Option("--motions", min=0, max=100, help="number of motions")] = 1,
     friction: Annotated[bool, typer.Option("--friction-test", help="also strokes at constant speeds")] = False,
-    poses: Annotated[int | None, typer.Option(min=2, max=200, help="also so many held poses, from both sides")] = None,
+    poses: Annotated[int | None, typer.Option(min=2, max=200, help="number of held poses, from both sides")] = None,
     reversals: Annotated[bool, typer.Option("--reversals", help="also small motions with many reversals")] = False,
     payload: Annotated[
         str | None, typer.Option(help="also the motion with a body on a link: LINK=KG@X,Y,Z, m in the link's frame")
@@ -331,7 +331,7 @@ def _loaded(
     beta: Array | None,
     design: Callable[[Array], Excitation],
 ) -> Excitation:
-    """The motion with a body on a link: searched anew where its torque counts in the limits, else the first one."""
+    """The motion with a body on a link: searched again where its torque counts in the limits, else the first one."""
     import numpy as np
 
     from haptid.observation import payload_torque

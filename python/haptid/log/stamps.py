@@ -24,8 +24,8 @@ SLOWEST = 0.5
 _FASTEST = 1e-9
 # Stamps this many times coarser than the sampling do not give the rate.
 COARSEST = 10.0
-# A clock that restarts begins within so many steps of the first stamp. The next recording is put so many seconds later,
-# or so many steps.
+# Largest distance of the first stamp after a restart from the log's first one, steps. The gap that is put between two
+# recordings: the longer one of these seconds and steps.
 _RESTART, _PAUSE, _PAUSE_STEPS = 10.0, 1.0, 20.0
 # Samples that are looked at together.
 _PIECE = 2**16

@@ -44,7 +44,7 @@ _CHECK_STEP, _LOOKED_AT = 1e-3, 10
 # Rows per second at which a motion is evaluated: several in the shortest period of any family's default.
 ROWS_HZ = 25.0
 # A motion that would be kept is checked again between its rows, and the one that is returned once more: how many times
-# the rows of the search, and at least so many a second; relative distance to every limit. Of a sine of 2 Hz, peaks
+# the rows of the search, and at least this number a second; relative distance to every limit. Of a sine of 2 Hz, peaks
 # between rows at 25 Hz are 3 % above those at rows, at 200 Hz 0.05 %, and of 14 Hz between rows at 1 kHz 0.1 %.
 _DENSER, _DENSE_HZ, _INSIDE = 8.0, 1000.0, 1e-3
 
