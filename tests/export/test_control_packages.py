@@ -1,5 +1,6 @@
 """Packages for ros2_control, CHAI3D and the dVRK compile against the interfaces, and compute what the model does."""
 
+import dataclasses
 import json
 from xml.etree import ElementTree
 
@@ -9,7 +10,7 @@ import pytest
 import haptid
 from compiled import compiler, run
 from haptid.dynamics.kinematics import handle_motion
-from haptid.errors import ExportError
+from haptid.errors import ExportError, UnvalidatedModelError
 from haptid.export import CCode, export_chai3d, export_dvrk, export_ros2_control
 from haptid.export.formats.dvrk import law
 from true_parameters import true_parameters
@@ -227,3 +228,32 @@ def test_another_arm_and_unknown_limits_are_refused(tmp_path):
         export_dvrk(manipulator(tmp_path, ""), tmp_path / "x")
     with pytest.raises(ExportError, match="3 active joints"):
         export_dvrk(phantom(), tmp_path / "x")
+
+
+@pytest.mark.parametrize("export", [export_chai3d, export_dvrk])
+def test_a_criterion_without_validation_is_refused_and_the_verdict_is_written(tmp_path, export):
+    model, beta = phantom() if export is export_chai3d else manipulator(tmp_path)
+    with pytest.raises(UnvalidatedModelError):
+        export((model, beta), tmp_path / "out", largest_error=5.0)
+    assert not (tmp_path / "out").exists()
+    made = export((model, beta), tmp_path / "out", largest_error=5.0, anyway=True)
+    assert made.verdict
+    assert any(made.verdict in (made.folder / file).read_text() for file in made.files)
+
+
+@pytest.mark.parametrize("export", [export_chai3d, export_dvrk])
+def test_a_name_cannot_leave_its_comment(tmp_path, export):
+    name = "*/ int owned; /* \x1b[2J \\\n#include <x>\x00"
+    model, _ = phantom() if export is export_chai3d else manipulator(tmp_path)
+    model = haptid.DynamicModel(dataclasses.replace(model.device, name=name))
+    beta = model.base.of(true_parameters(model)) if export is export_chai3d else manipulator(tmp_path)[1]
+    made = export((model, beta), tmp_path / "out")
+    for text in ((made.folder / file).read_text() for file in made.files):
+        assert not any(ord(c) < 32 and c not in "\n\t" for c in text)
+        assert "\nint owned" not in text
+        assert "*/ int owned" not in text or text.startswith("{")
+    if export is export_dvrk:
+        json.loads((made.folder / made.files[0]).read_text())
+    else:
+        (source,) = (file for file in made.files if file.endswith(".c"))
+        run([compiler("cc"), "-std=c99", "-Wall", "-Werror", "-c", source, "-o", "made.o"], made.folder)

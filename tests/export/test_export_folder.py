@@ -111,7 +111,7 @@ def test_a_format_that_is_none(tmp_path, identification):
 
 @pytest.mark.parametrize(
     "name", [name for name in EXPORTERS if name not in ("chai3d", "dvrk")]
-)  # these need a handle, and one arm
+)  # those two need a handle or one arm: test_control_packages
 def test_every_format_says_how_the_model_was_validated(tmp_path, identification, name):
     """From the result folder as from the identification; and what fails is written only when it is told."""
     (tmp_path / "result").mkdir()

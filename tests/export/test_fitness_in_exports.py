@@ -72,7 +72,7 @@ def test_a_result_without_a_verdict_is_read(folder, tmp_path):
 
 @pytest.mark.parametrize(
     "name", [name for name in EXPORTERS if name not in ("chai3d", "dvrk")]
-)  # these need a handle, and one arm
+)  # those two need a handle or one arm: test_control_packages
 def test_every_format_says_what_the_model_is_not_fit_for(unfit, tmp_path, name):
     read = haptid.Result.load(unfit)
     made = export_model(read, tmp_path / "out", [name])[name]
