@@ -89,7 +89,9 @@ def seen_faults(site: Path) -> Iterator[str]:
 
     if browser.browser() is None:
         return
-    with served(site) as address, tempfile.TemporaryDirectory() as folder, browser.page(Path(folder)) as tab:
+    # Processes of the browser may outlive its first one, and write into the profile while it is removed.
+    profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    with served(site) as address, profile as folder, browser.page(Path(folder)) as tab:
         tab.size(PHONE, 800)
         for path in sorted(site.rglob("*.html")):
             name = path.relative_to(site).as_posix()
