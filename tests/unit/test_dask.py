@@ -61,6 +61,6 @@ def test_the_command_shares_a_study(address: str, tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("haptid.executors.PATIENCE", 1.0)
+    monkeypatch.setattr("haptid.executors.cluster.PATIENCE", 1.0)
     with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

@@ -1,1 +1,1 @@
-"""Plumbing that every package uses: arrays, checked TOML, executors, atomic result folders."""
+"""Plumbing that every package uses: arrays, checked TOML, files published whole."""

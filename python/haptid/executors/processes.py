@@ -1,7 +1,4 @@
-"""Executors: a function mapped over items in this process, in processes of this machine, or on a Dask cluster.
-
-Items of a worker that is lost are given to another one.
-"""
+"""Executor of processes of this machine; items of a process that is lost are given to another one."""
 
 from __future__ import annotations
 
@@ -9,50 +6,18 @@ import multiprocessing
 import os
 import pickle
 import signal
-import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, cast
 
-from haptid.errors import ExecutorError, MissingDependencyError, SettingError
+from haptid.errors import SettingError
+from haptid.executors.executor import Item, Made, lost_item
 
-Item = TypeVar("Item")
-Made = TypeVar("Made")
-
-# Workers that may be lost with one item before it counts as the cause.
+# Processes that may be lost with one item before it counts as the cause.
 _LOSSES = 3
-# Timeout of the connection to a cluster, s.
-PATIENCE = 30.0
-
-
-class Executor(Protocol):
-    """Executor protocol: maps a function over items."""
-
-    def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
-        """Index and result of every item, as soon as each is ready, in any order.
-
-        Args:
-            function: picklable; it is sent to each worker once.
-            items: its arguments.
-
-        Raises:
-            ExecutorError: an item was lost with several workers in a row.
-            Exception: the first that the function raises.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class SerialExecutor:
-    """One item after the other, in this process."""
-
-    def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
-        for k, item in enumerate(items):
-            yield k, function(item)
 
 
 @dataclass(frozen=True)
@@ -86,7 +51,7 @@ class ProcessExecutor:
                     if made is None:  # its worker was lost
                         losses[k] += 1
                         if losses[k] == _LOSSES:
-                            raise _lost(k, _LOSSES)
+                            raise lost_item(k, _LOSSES)
                         waiting.appendleft((k, item))
                     else:
                         yield k, made[0]
@@ -165,56 +130,3 @@ def _serve(connection: Connection, function: bytes) -> None:
         except Exception as error:
             answer = None, error
         connection.send(answer)
-
-
-@dataclass(frozen=True)
-class DaskExecutor:
-    """The workers of a Dask scheduler, on machines that have the same files; `pip install "haptid[cluster]"`.
-
-    Attributes:
-        address: of the scheduler, as "tcp://host:8786".
-    """
-
-    address: str
-
-    def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
-        try:
-            distributed: Any = import_module("distributed")
-        except ImportError as error:
-            raise MissingDependencyError(
-                "a cluster needs Dask distributed.", where="distributed", advice='pip install "haptid[cluster]".'
-            ) from error
-        try:
-            client = distributed.Client(self.address, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise ExecutorError(
-                f"no Dask scheduler answers at {self.address}: {error}.",
-                where=self.address,
-                advice="Start one with `dask scheduler`, workers with `dask worker ADDRESS`, and give the "
-                "address that the scheduler prints.",
-            ) from error
-        with client:
-            # Unpickled on the workers, not scattered: it is unpickled again if the worker that had it is lost.
-            with warnings.catch_warnings():  # it may be large, but is sent once
-                warnings.filterwarnings("ignore", "Sending large graph")
-                held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
-            running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
-            for future in distributed.as_completed(list(running), loop=client.loop):
-                try:
-                    made = future.result()
-                except distributed.KilledWorker as error:
-                    raise _lost(running[future], error.allowed_failures + 1) from error
-                yield running[future], made
-
-
-def _call(function: Callable[[Item], Made], item: Item) -> Made:
-    return function(item)
-
-
-def _lost(item: int, losses: int) -> ExecutorError:
-    return ExecutorError(
-        f"item {item + 1} of the work was lost {losses} times, each time because its process ended.",
-        where=item,
-        found=losses,
-        advice="The usual cause is too little memory: use fewer workers, or machines with more memory.",
-    )
