@@ -1,6 +1,7 @@
 """Code for loops that are not linear: closed within its bound at every sample, then the Python model's numbers."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from haptid.export.selftest import ReferenceValues
 from true_parameters import true_parameters
 
 SPEED = 0.05
+LIBRARY = Path(haptid.__file__).parent / "device" / "library"
 NAMES = (*closed_devices.NAMES, "cea_medical_interface")
 # Rounding of positions, rad or sizes of the mechanism: Python closes loops to 1e-12 of the size.
 ROUNDING = 2e-12
@@ -88,6 +90,47 @@ def test_code_stays_cheap(name, close, inverse):
     found = coded(name)[2].operations
     assert found["close"].arithmetic <= close
     assert found["inverse_dynamics"].arithmetic <= inverse
+
+
+# The five-bar with a third motor between its left bars; the law has weights and a preload.
+THIRD = """
+[transmission]
+weights = { 1 = 1.0, 2 = 4.0, elbow = 0.5 }
+preload = { 1 = 0.02, 2 = 0.0, elbow = -0.01 }
+
+[[motors]]
+name = "elbow"
+drives = { 3 = 1 }
+
+"""
+
+
+def with_a_third_motor(folder):
+    text = (LIBRARY / "five_bar.toml").read_text()
+    at = text.index("[[terms]]")
+    (folder / "driven.toml").write_text(text[:at] + THIRD + text[at:])
+    return haptid.DynamicModel(haptid.read_device(folder / "driven.toml"))
+
+
+def test_redundant_motors_share_a_torque_by_the_law(tmp_path):
+    """Both directions are the Python model's, and the C self-test passes."""
+    model = with_a_third_motor(tmp_path)
+    beta = np.linspace(0.5, 1.0, len(model.base))
+    code, device = code_of(model, SPEED), model.device
+    reference = ReferenceValues.at_random(model, beta, SPEED, 30)
+    shared = called(code, "motor_torque", beta, **reference.inputs)["motor"]
+    assert relative(shared, device.drive_torque(reference.q, reference.tau)) < 1e-12
+    back = called(code, "row_torque", beta, **{**reference.inputs, "motor": shared})["tau"]
+    assert relative(back, reference.tau) < 1e-12
+    # Other torques with the same effect cost more, by the law's weights, beyond its preload.
+    given = called(code, "row_torque", beta, **reference.inputs)["tau"]
+    least = called(code, "motor_torque", beta, **{**reference.inputs, "tau": given})["motor"]
+    weights, preload = device.law.weights[:, None], device.law.preload[:, None]
+    costs = [(weights * (torque - preload) ** 2).sum(axis=0) for torque in (least, reference.motor)]
+    assert (costs[0] < costs[1]).all()
+    export_c((model, beta), tmp_path / "c", CCode(NAME))
+    run([compiler("gcc"), *STRICT, f"{NAME}.c", f"{NAME}_selftest.c", "-lm", "-o", "selftest"], tmp_path / "c")
+    run(["./selftest"], tmp_path / "c")
 
 
 DRIVER = """

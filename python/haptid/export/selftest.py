@@ -36,6 +36,7 @@ class ReferenceValues:
         beta: its base parameters, (p,), SI.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         q, qd, qdd, tau: coordinates of the torque rows, their rates and torques, each (active, samples).
+        motor: torques of the motors' coordinates, (motors, samples).
         before: positions of passive joints near those at q, from which loops are closed, (passive, samples).
     """
 
@@ -46,6 +47,7 @@ class ReferenceValues:
     qd: Array
     qdd: Array
     tau: Array
+    motor: Array
     before: Array
 
     @staticmethod
@@ -63,7 +65,8 @@ class ReferenceValues:
         """At the states of a motion: q, qd and qdd."""
         z = passive_positions(model, motion[0])
         before = z + _NEARBY * np.cos(np.arange(z.size)).reshape(z.shape)
-        return ReferenceValues(model, beta, speed, *motion, tau, before)
+        motor = np.cos(1.0 + np.arange(len(model.device.driven) * tau.shape[1])).reshape(-1, tau.shape[1])
+        return ReferenceValues(model, beta, speed, *motion, tau, motor, before)
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
@@ -80,6 +83,8 @@ class ReferenceValues:
             "handle_pose": lambda: {"position": self._handle.position, "rotation": self._flat(self._handle.rotation)},
             "handle_jacobian": lambda: {"J": self._flat(self._handle.row_jacobian)},
             "handle_mobility": lambda: {"mobility": self._flat(self._J @ np.linalg.solve(self._M, self._J.mT))},
+            "row_torque": lambda: {"tau": self.model.device.row_torque(self.q, self.motor).T},
+            "motor_torque": lambda: {"motor": self.model.device.drive_torque(self.q, self.tau).T},
             "handle_force": lambda: {"force": (np.linalg.pinv(self._J.mT) @ self.tau.T[:, :, None])[:, :, 0]},
         }
 
@@ -95,13 +100,13 @@ class ReferenceValues:
 
     def at(self, samples: np.ndarray) -> ReferenceValues:
         """A subset of the states."""
-        arrays = {name: getattr(self, name)[:, samples] for name in ("q", "qd", "qdd", "tau", "before")}
+        arrays = {name: getattr(self, name)[:, samples] for name in ("q", "qd", "qdd", "tau", "motor", "before")}
         return replace(self, **arrays)
 
     @property
     def inputs(self) -> dict[str, Array]:
         """Inputs of the functions by their names, (size, samples)."""
-        names = ("q", "z", "qd", "qdd", "tau", "before")
+        names = ("q", "z", "qd", "qdd", "tau", "motor", "before")
         return {name: getattr(self, name) for name in names if len(getattr(self, name))}
 
     @cached_property
@@ -169,8 +174,10 @@ def selftest(files: Files) -> str:
     """Source of the self-test program."""
     reference = states(files)
     parts, calls = [], []
+    read = {name for function in files.code.functions for name, _ in function.inputs}
     for name, values in reference.inputs.items():
-        parts.append(_table(f"in_{name}", values.T, files.dialect, inputs=True))
+        if name in read:
+            parts.append(_table(f"in_{name}", values.T, files.dialect, inputs=True))
     for function in files.code.functions:
         if not reference.sound(function.name).all():
             calls.append(f"/* {function.name}: not compared, its matrix is singular. */")

@@ -9,14 +9,15 @@ from functools import cached_property
 
 import numpy as np
 
+from haptid.device.device import DistributionLaw
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.emit import Function
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
 from haptid.export.expressions.polynomial import TRIALS, cheapest
 from haptid.export.expressions.rewriting import replaced
-from haptid.export.expressions.solving import Factors, force, mobility
-from haptid.export.expressions.vectors import Turn, dot
+from haptid.export.expressions.solving import Factors, Orthogonal, force, mobility
+from haptid.export.expressions.vectors import Turn, dot, snapped
 from haptid.export.model.composite import mass_matrix_expressions
 from haptid.export.model.frames import FrameExpressions, frame_expressions
 from haptid.export.model.hamilton import momentum_expressions
@@ -68,7 +69,6 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
 
     Raises:
         ExportError: a term that code cannot compute.
-        IncompleteDeviceError: redundant motors without a distribution law.
     """
     graph, tree = Graph(), tree_of(model)
     none = graph.number(0.0)
@@ -350,8 +350,59 @@ class _Functions:
         )
 
     def drives(self) -> list[Function]:
-        """Torques of motors that are not one for each row, and those of the rows."""
-        return []
+        """Torques of the motors from those of the rows, and back; none where rows are the motors'."""
+        device = self.model.device
+        if not device.drive_varies.any() and np.array_equal(device.drive_rates, np.eye(self.tree.active)):
+            return []
+        B = self._drive_rates
+        motors = [B[d] for d in device.driven]
+        torques = self.names("motor", len(motors))
+        made = [
+            Function(
+                "row_torque",
+                (
+                    "Torques of the coordinates, B' motor, N m or N, from those of the motors' coordinates: the tau of",
+                    "other functions. What the motors hold in balance moves nothing and is not in it.",
+                ),
+                (*self.sizes("q"), ("motor", len(motors))),
+                (("tau", tuple(dot(column, torques) for column in zip(*motors, strict=True))),),
+                parameters=False,
+            )
+        ]
+        if device.distribution is not None and len(B) >= self.tree.active:
+            shared, checks = self._shared(B, device.distribution)
+            made.append(
+                Function(
+                    "motor_torque",
+                    (
+                        "Torques of the motors' coordinates, N m or N, that make up these torques of the coordinates,",
+                        "by the device file's distribution law: least sum of weighted squares, plus its preload.",
+                    ),
+                    self.sizes("q", "tau"),
+                    (("motor", tuple(shared[d] for d in device.driven)),),
+                    tuple(checks),
+                    parameters=False,
+                )
+            )
+        return made
+
+    @property
+    def _drive_rates(self) -> list[list[Expr]]:
+        """B, rates of the drives by the coordinates of the rows, (drives, active)."""
+        rates = self.model.device.drive_rows @ np.array([link.rate for link in self.tree.links])
+        numbers = [[self.graph.number(float(x)) for x in row] for row in snapped(rates)]
+        return self._by_rows(numbers)
+
+    def _shared(self, B: list[list[Expr]], law: DistributionLaw) -> tuple[list[Expr], list[Expr]]:
+        """Torques of all drives, and what must be positive: see `DistributionLaw.shares`."""
+        roots = [float(root) for root in np.sqrt(law.weights)]
+        factors = Orthogonal.of([[(1.0 / root) * x for x in row] for row, root in zip(B, roots, strict=True)])
+        # With the preload p the torques are p + D (tau - B' p).
+        moving = [dot(column, [self.graph.number(float(p)) for p in law.preload]) for column in zip(*B, strict=True)]
+        moved = [t - m for t, m in zip(self.names("tau", self.tree.active), moving, strict=True)]
+        scaled = factors.transposed(moved)
+        shared = [(1.0 / root) * u + float(p) for u, root, p in zip(scaled, roots, law.preload, strict=True)]
+        return shared, [check for check in factors.checks if check.value is None]
 
 
 def _low(M: list[list[Expr]]) -> list[Expr]:
