@@ -85,7 +85,7 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
     rounded = library.real
     reference = ReferenceValues.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
-    arrays = {x: getattr(reference, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
+    arrays = {x: getattr(reference, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau", "motor")}
     reference = ReferenceValues(model, beta, SPEED, **arrays, before=reference.before)
     for function in library.code.functions:
         if function.checks:
