@@ -97,7 +97,7 @@ def starts(folder: Path) -> dict[str, float]:
 
 def last_device() -> str:
     """The text of a device with a loop."""
-    from haptid.app.device_calls import shipped_text
+    from haptid.app.pages.device import shipped_text
 
     return shipped_text("phantom_premium_15")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
@@ -14,6 +14,7 @@ from starlette.responses import JSONResponse
 from haptid.app.workspace import StaleFileError
 from haptid.errors import HaptidError, WorkbenchError
 
+_S = TypeVar("_S")
 # Largest body of a call, bytes; logs are streamed instead.
 _LARGEST = 4 * 2**20
 
@@ -52,13 +53,13 @@ class Asked:
         return value
 
 
-def call(function: Callable[[Asked], Any]) -> Callable[[HttpRequest], Awaitable[JSONResponse]]:
-    """An endpoint that runs a function of a call's parameters in a thread, and answers with its value."""
+def call(session: _S, function: Callable[[_S, Asked], Any]) -> Callable[[HttpRequest], Awaitable[JSONResponse]]:
+    """An endpoint that runs a function of session and parameters in a thread, and answers with its value."""
 
     async def answered(request: HttpRequest) -> JSONResponse:
         try:
             asked = Asked({**request.query_params, **request.path_params, **await _body(request)})
-            return JSONResponse(await run_in_threadpool(lambda: _finite(function(asked))))
+            return JSONResponse(await run_in_threadpool(lambda: _finite(function(session, asked))))
         except StaleFileError as error:
             return refusing(error, 409, current=error.found)
         except HaptidError as error:

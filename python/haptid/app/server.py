@@ -18,7 +18,8 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from haptid.app.guard import ENTRY, Guard
-from haptid.app.pages import PAGES, Session
+from haptid.app.pages import PAGES, routes
+from haptid.app.session import Session
 from haptid.app.workspace import WorkbenchFolder
 from haptid.errors import WorkbenchError
 
@@ -96,13 +97,13 @@ def guarded_application(session: Session, port: int, token: str, ready: Callable
         yield
         session.close()
 
-    routes = [
+    served = [
         Route(ENTRY, enter),
         *(Route(path, shell) for path in ("/", *(f"/{name}" for name in PAGES))),
-        *session.routes(),
+        *routes(session),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
-    guard = Guard(Starlette(routes=routes, lifespan=life), port, token)
+    guard = Guard(Starlette(routes=served, lifespan=life), port, token)
     return guard
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from haptid._internal.toml_edit import TomlEditError, with_value
 from haptid.app.answers import Asked
+from haptid.app.session import PageCalls, Session
 from haptid.errors import WorkbenchError
 
-_Calls = dict[str, Callable[[Asked], Any]]
 _Path = tuple[str | int, ...]
 _SIMPLE = {"string": "text", "number": "number", "integer": "integer", "boolean": "choice"}
 # Tables below the second level, and keys that a page does not change.
@@ -19,35 +19,31 @@ _DEEPEST, _FIXED = 3, ("schema",)
 _LARGEST = 2**20
 
 
-def form_changes() -> _Calls:
-    """Calls of forms; nothing is written."""
+def _form(_session: Session, asked: Asked) -> dict[str, Any]:
+    """The fields of a text, with their values."""
+    text, kind = asked.text("text"), asked.text("kind")
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        return {"error": f"The text is no TOML: {error}.", "fields": []}
+    schema = _schema(kind, values)
+    return {"fields": list(_fields(schema, schema, values, ()))}
 
-    def form(asked: Asked) -> dict[str, Any]:
-        """The fields of a text, with their values."""
-        text, kind = asked.text("text"), asked.text("kind")
-        try:
-            values = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            return {"error": f"The text is no TOML: {error}.", "fields": []}
-        schema = _schema(kind, values)
-        return {"fields": list(_fields(schema, schema, values, ()))}
 
-    def changed(asked: Asked) -> dict[str, Any]:
-        """The text with one value set; an empty one is removed."""
-        text = asked.text("text")
-        if len(text) > _LARGEST:
-            raise WorkbenchError(f"the text has more than {_LARGEST} characters.")
-        try:
-            path, value = json.loads(asked.text("field")), json.loads(asked.text("value"))
-            if not isinstance(path, list) or not path or not all(isinstance(key, str | int) for key in path):
-                raise WorkbenchError("the field is no list of keys.", where="field")
-            return {"text": with_value(text, path, value)}
-        except TomlEditError as error:
-            raise WorkbenchError(f"{error}", where=asked.text("field")) from error
-        except (json.JSONDecodeError, RecursionError) as error:
-            raise WorkbenchError("field or value is not JSON.") from error
-
-    return {"form": form, "form/set": changed}
+def _changed(_session: Session, asked: Asked) -> dict[str, Any]:
+    """The text with one value set; an empty one is removed."""
+    text = asked.text("text")
+    if len(text) > _LARGEST:
+        raise WorkbenchError(f"the text has more than {_LARGEST} characters.")
+    try:
+        path, value = json.loads(asked.text("field")), json.loads(asked.text("value"))
+        if not isinstance(path, list) or not path or not all(isinstance(key, str | int) for key in path):
+            raise WorkbenchError("the field is no list of keys.", where="field")
+        return {"text": with_value(text, path, value)}
+    except TomlEditError as error:
+        raise WorkbenchError(f"{error}", where=asked.text("field")) from error
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise WorkbenchError("field or value is not JSON.") from error
 
 
 def _schema(kind: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -118,3 +114,6 @@ def _resolved(whole: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     name = given.get("$ref", "").removeprefix("#/$defs/")
     found = whole.get("$defs", {}).get(name) if name else None
     return {**found, **{k: v for k, v in given.items() if k != "$ref"}} if found else given
+
+
+FORMS_CALLS = PageCalls(changes={"form": _form, "form/set": _changed})

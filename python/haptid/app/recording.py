@@ -1,10 +1,8 @@
-"""Calls of the live page: a recording begins and ends, and what its samples say meanwhile."""
+"""`Live`: the recording of a session: a port, a file, the last samples for drawing, and their analysis."""
 
 from __future__ import annotations
 
-import json
 import queue
-import struct
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,24 +10,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from starlette.requests import Request as HttpRequest
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
-
-from haptid.app.answers import Asked
-from haptid.app.workspace import LOGS, STUDIES, WorkbenchFolder, free_name
+from haptid.app.workspace import LOGS, WorkbenchFolder, free_name
 from haptid.errors import HaptidError, WorkbenchError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from haptid.app.pages import Session
-    from haptid.live import LiveAnalysis, Receiver, SampleRun
+    from haptid.live import LiveAnalysis, LiveSettings, Receiver, SampleRun
     from haptid.log import Channels
 
-_Calls = dict[str, Callable[[Asked], Any]]
 # Samples that are kept for drawing, s, and most of one answer: a slow tab loses what it did not ask for.
 _KEPT_S, _ANSWERED_S = 60.0, 12.0
 _PATIENCE = 0.1
@@ -179,36 +169,33 @@ class Live:
         self._space, self._changed, self._lock = space, changed, threading.Lock()
         self.recording: LiveRecording | None = None
 
-    def start(self, asked: Asked) -> dict[str, Any]:
+    def start(self, study: Path, name: str, settings: LiveSettings, port: int, source: Path | None) -> dict[str, Any]:
         """Begin a recording.
 
+        Args:
+            study: which says what the channels are.
+            name: of the new log.
+            settings: of the analysis.
+            port: for frames, 0 for a free one.
+            source: a log that is played in place of a controller.
+
         Raises:
-            WorkbenchError: one runs already, or a value is none.
+            WorkbenchError: one runs already, or the log cannot be played.
             HaptidError: the study cannot be used.
         """
-        from haptid.live import LiveSettings, analysed_study, recover
+        from haptid.live import analysed_study, recover
         from haptid.live.analysis import study_channels
         from haptid.study import read_study
 
-        name, log = f"{asked.text('name')}.csv", asked.text("play", "")
-        self._space.check_name(name, ".csv")
-        path = self._space.inside(asked.text("study"), STUDIES)
-        source = self._space.inside(log, LOGS) if log else None
-        forgetting = asked.text("forgetting", "")
-        settings = LiveSettings(
-            rate_hz=_number("rate", asked.text("rate"), 1.0, 1e5),
-            forgetting_s=_number("forgetting", forgetting, 1.0, 1e6) if forgetting else None,
-        )
         with self._lock:
             if self.recording is not None:
                 raise WorkbenchError("a recording runs already.", advice="End it first.")
-            study = read_study(path)
-            analysis = analysed_study(study, settings)
+            read = read_study(study)
+            analysis = analysed_study(read, settings)
             folder = self._space.folder / LOGS
             folder.mkdir(exist_ok=True)
             recover(folder)
-            port = int(_number("port", asked.text("port", "0"), 0, 65535))
-            made = LiveRecording(free_name(folder, name), study_channels(study), analysis, port)
+            made = LiveRecording(free_name(folder, name), study_channels(read), analysis, port)
             self.recording = made
         if source is not None:
             try:
@@ -242,84 +229,3 @@ class Live:
         """End what runs, at the end of the server."""
         if self.recording is not None:
             self.stop()
-
-
-def live_reads(session: Session) -> _Calls:
-    """Calls that change nothing."""
-
-    def state(_: Asked) -> dict[str, Any]:
-        made = session.live.recording
-        return {"running": made is not None, **(made.to_json() if made else {})}
-
-    def rows(asked: Asked) -> dict[str, Any]:
-        """Treated torques after a time: measured, predicted, and the force of the hand with a model that is held."""
-        import numpy as np
-
-        found = session.live.running().analysis.rows_since(_number("since", asked.text("since"), -1e12, 1e12))
-        if not found:
-            return {"t": [], "measured": [], "predicted": [], "force": None}
-        measured, predicted = (
-            np.concatenate([getattr(rows, name) for rows in found], axis=-1) for name in ("measured", "predicted")
-        )
-        blank = (np.full((3, len(rows.t)), np.nan) if rows.force is None else rows.force for rows in found)
-        return {
-            "t": np.concatenate([rows.t for rows in found]).tolist(),
-            "measured": measured.tolist(),
-            "predicted": predicted.tolist(),
-            "force": None if found[-1].force is None else np.concatenate(list(blank), axis=1).tolist(),
-        }
-
-    return {"live/state": state, "live/rows": rows}
-
-
-def live_changes(session: Session) -> _Calls:
-    """Calls that begin, end, hold."""
-
-    def hold(asked: Asked) -> dict[str, Any]:
-        made = session.live.running()
-        made.analysis.hold(asked.text("held") == "true")
-        return made.to_json()
-
-    return {"live/start": session.live.start, "live/stop": lambda _: session.live.stop(), "live/hold": hold}
-
-
-def live_streams(session: Session) -> list[BaseRoute]:
-    """Samples for drawing, and frames by WebSocket."""
-
-    def samples(request: HttpRequest) -> Response:
-        made = session.live.recording
-        given = request.query_params.get("since", "0")
-        if made is None or not given.isdigit() or len(given) > 15:
-            return Response("There is no recording.\n", 404)
-        first, rows = made.since(int(given))
-        head = json.dumps({"first": first, "rows": len(rows), "next": first + len(rows)}).encode()
-        head += b" " * (-(4 + len(head)) % 8)
-        parts = [rows[:, 0].astype("<f8").tobytes(), *(column.astype("<f4").tobytes() for column in rows[:, 1:].T)]
-        content = b"".join([struct.pack("<I", len(head)), head, *parts])
-        return Response(content, media_type="application/octet-stream")
-
-    async def frames(socket: WebSocket) -> None:
-        await socket.accept()
-        with suppress(WebSocketDisconnect, KeyError):
-            while True:
-                content = await socket.receive_bytes()
-                made = session.live.recording
-                if made is not None:
-                    made.receiver.take(content, id(socket))
-
-    return [Route("/api/live/samples", samples), WebSocketRoute("/api/live/frames", frames)]
-
-
-def _number(name: str, text: str, low: float, high: float) -> float:
-    """A number of a request.
-
-    Raises:
-        WorkbenchError: it is none, or out of range.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not low <= value <= high:
-        raise WorkbenchError(f"{name} is {text[:40]!r}; write a number from {low:g} to {high:g}.", where=name)
-    return value

@@ -1,4 +1,4 @@
-"""Calls of the data page: a log is dropped, its channels are guessed with reasons, and drawn as they were recorded."""
+"""The data page: a log is dropped, its channels are guessed with reasons, and drawn as they were recorded."""
 
 from __future__ import annotations
 
@@ -6,23 +6,21 @@ import json
 import os
 import struct
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.requests import Request as HttpRequest
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from haptid.app.answers import Asked, refusing
+from haptid.app.session import PageCalls, Session
 from haptid.app.workspace import EXPERIMENTS, LOGS, free_name
 from haptid.errors import HaptidError, WorkbenchError
 
-if TYPE_CHECKING:
-    from haptid.app.pages import Session
-
-_Calls = dict[str, Callable[[Asked], Any]]
 # Endings of logs that are one file.
 LOG_ENDINGS = (
     ".csv",
@@ -44,52 +42,41 @@ LOG_ENDINGS = (
 _MOST_SAMPLES, _MOST_CHANNELS = 400_000, 32
 
 
-def log_reads(session: Session) -> _Calls:
-    """Calls that change nothing."""
+def _look(session: Session, asked: Asked) -> Any:
+    """What a log has: its channels with guessed roles, and what is noteworthy."""
+    from haptid.log.survey import survey
 
-    def look(asked: Asked) -> Any:
-        from haptid.log.survey import survey
-
-        path = session.workspace.inside(asked.text("path"), LOGS)
-        return json.loads(survey(path).to_json()) | {"path": asked.text("path")}
-
-    return {"log": look}
+    path = session.workspace.inside(asked.text("path"), LOGS)
+    return json.loads(survey(path).to_json()) | {"path": asked.text("path")}
 
 
-def log_changes(session: Session) -> _Calls:  # noqa: ARG001
-    """None: a log is streamed."""
-    return {}
+async def _drop(session: Session, request: HttpRequest) -> JSONResponse:
+    """A log is written while it comes in."""
+    try:
+        return JSONResponse(await _received(session, request))
+    except HaptidError as error:
+        return refusing(error, 413 if error.limit == session.largest_log else 400)
 
 
-def log_streams(session: Session) -> list[BaseRoute]:
-    """Routes with a body that is no JSON."""
-
-    async def drop(request: HttpRequest) -> JSONResponse:
-        try:
-            return JSONResponse(await _received(session, request))
-        except HaptidError as error:
-            return refusing(error, 413 if error.limit == session.largest_log else 400)
-
-    def samples(request: HttpRequest) -> Response:
-        try:
-            path = session.workspace.inside(request.query_params.get("path", ""), LOGS, EXPERIMENTS)
-            names = request.query_params.getlist("channel")
-            return Response(
-                packed_samples(path, request.query_params.get("time", ""), names), media_type="application/octet-stream"
-            )
-        except HaptidError as error:
-            return refusing(error)
-
-    return [Route("/api/drop", drop, methods=["POST"]), Route("/api/samples", samples)]
+def _samples(session: Session, request: HttpRequest) -> Response:
+    """Channels of a log or an experiment, for drawing."""
+    try:
+        path = session.workspace.inside(request.query_params.get("path", ""), LOGS, EXPERIMENTS)
+        names = request.query_params.getlist("channel")
+        return Response(
+            packed_samples(path, request.query_params.get("time", ""), names), media_type="application/octet-stream"
+        )
+    except HaptidError as error:
+        return refusing(error)
 
 
 async def _received(session: Session, request: HttpRequest) -> dict[str, Any]:
     """Write a log to the disk while it comes in; the same content is not written twice."""
     from hashlib import sha256
 
-    space, name = session.workspace, request.query_params.get("name", "")
-    space.check_name(name, *LOG_ENDINGS)
-    folder = space.folder / LOGS
+    session.workspace, name = session.workspace, request.query_params.get("name", "")
+    session.workspace.check_name(name, *LOG_ENDINGS)
+    folder = session.workspace.folder / LOGS
     folder.mkdir(exist_ok=True)
     handle, part = tempfile.mkstemp(prefix=".dropped-", dir=folder)
     size, digest = 0, sha256()
@@ -115,7 +102,7 @@ async def _received(session: Session, request: HttpRequest) -> dict[str, Any]:
         os.chmod(part, 0o644)
         os.replace(part, path)
         session.changed()
-        return {"path": space.name_of(path), "sha256": digest.hexdigest(), "bytes": size, "known": False}
+        return {"path": session.workspace.name_of(path), "sha256": digest.hexdigest(), "bytes": size, "known": False}
     finally:
         with suppress(FileNotFoundError):
             os.unlink(part)
@@ -164,3 +151,14 @@ def packed_samples(path: Path, time: str, names: Sequence[str]) -> bytes:
     head = json.dumps({"names": list(names), "rows": len(t), "each": each}).encode()
     head += b" " * (-(4 + len(head)) % 8)
     return b"".join([struct.pack("<I", len(head)), head, t.tobytes(), *(signal.tobytes() for signal in signals)])
+
+
+def _streams(session: Session) -> list[BaseRoute]:
+    """Routes with a body that is no JSON."""
+    return [
+        Route("/api/drop", partial(_drop, session), methods=["POST"]),
+        Route("/api/samples", partial(_samples, session)),
+    ]
+
+
+DATA_CALLS = PageCalls(reads={"log": _look}, streams=_streams)
