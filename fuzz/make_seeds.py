@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import gzip
+import json
+import sys
 import tempfile
+from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,6 +20,8 @@ import haptid
 from haptid.dynamics.model import mechanism_arguments
 from haptid.report import make_report
 
+ROOT = Path(__file__).parents[1]
+TESTS = ROOT / "tests"
 HERE = Path(__file__).parent / "seeds"
 DEVICE = """schema = 1
 name = "arm"
@@ -95,10 +100,90 @@ def main() -> None:
         io.savemat(folder / "log.mat", {"rec": made}, do_compression=True)
         for suffix in ("csv", "npz", "parquet", "h5", "mat"):
             save(f"log-{suffix}", f"log.{suffix}", (folder / f"log.{suffix}").read_bytes())
+    tables(made)
+    messages()
+    robots()
     for device in ("phantom_premium_15", "staubli_tx40"):
         save("device", f"{device}.toml", (files("haptid.device") / "library" / f"{device}.toml").read_bytes())
     for k, text in enumerate(("sin(q_1)*v_2**2/L - exp(-q_2/3)", "abs(v_1)**1.5*tanh(-v_2) + sqrt(q_1**2 + 1)*pi")):
         save("expression", f"{k}.txt", text.encode())
+
+
+def tables(made: dict[str, np.ndarray]) -> None:
+    """Further formats of tables."""
+    import nptdms
+
+    some = {name: column[:30] for name, column in made.items()}
+    rows = [dict(zip(some, map(float, row), strict=True)) for row in zip(*some.values(), strict=True)]
+    save("log-json", "columns.json", json.dumps({"rec": {n: column.tolist() for n, column in some.items()}}).encode())
+    save("log-json", "rows.json", json.dumps(rows).encode())
+    nested = [{"t": row["t"], "name": ["a", "b"], "q": [row["q1"], row["q2"]], "s": {"x": None}} for row in rows]
+    save("log-jsonl", "nested.jsonl", "\n".join(map(json.dumps, nested)).encode())
+    save("log-jsonl", "plain.jsonl", "\n".join(map(json.dumps, rows)).encode())
+    lines = [" ".join([name, *map(repr, column.tolist())]) for name, column in some.items()]
+    save("log-rows", "named.txt", "\n".join(lines).encode())
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        np.save(folder / "log.npy", np.column_stack([*some.values()]))
+        with nptdms.TdmsWriter(folder / "log.tdms") as writer:
+            writer.write_segment([nptdms.ChannelObject("rec", key, column) for key, column in some.items()])
+        for suffix in ("npy", "tdms"):
+            save(f"log-{suffix}", f"log.{suffix}", (folder / f"log.{suffix}").read_bytes())
+
+
+def messages() -> None:
+    """Joint states in MCAP and bags, as their own writers make them."""
+    sys.path.insert(0, str(TESTS))
+    recorders = import_module("recorders")
+    stamps, q, tau = recorders.arm(60)
+    kind, names = "sensor_msgs/msg/JointState", ("a", "b", "c")
+
+    def said(store: object) -> list[tuple[str, int, str, object]]:
+        at = [recorders.START + int(stamp) for stamp in stamps]
+        return [("/j", s, kind, recorders.joint_state(s, names, q[k], tau[k], store=store)) for k, s in enumerate(at)]
+
+    texts = [json.dumps({"t": k, "j": [{"name": "a", "q": float(p)}]}).encode() for k, p in enumerate(q[:, 0])]
+    sent = [("/j", int(s), text) for s, text in zip(stamps, texts, strict=True)]
+    schema = {"/j": ("J", "jsonschema", b"{}", "json")}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        made = {
+            "ros2.mcap": recorders.ros2(folder / "mcap", said(recorders.STORE)),
+            "ros2.db3": recorders.ros2(folder / "db3", said(recorders.STORE), "db3"),
+            "plain.bag": recorders.ros1(folder / "plain.bag", said(recorders.STORE1)),
+            "lz4.bag": recorders.ros1(folder / "lz4.bag", said(recorders.STORE1), "LZ4"),
+            "json.mcap": recorders.mcap(folder / "json.mcap", sent, schema, "none"),
+            "zstd.mcap": recorders.mcap(folder / "zstd.mcap", sent, schema, "zstd"),
+        }
+        for file, path in made.items():
+            save(f"log-{file.rpartition('.')[2]}", file, path.read_bytes())
+
+
+def robots() -> None:
+    """Robot descriptions of the examples, and those that the tests are written with."""
+    for part in (TESTS, TESTS / "unit", TESTS / "oracle"):
+        sys.path.insert(0, str(part))
+    plain, peers = import_module("test_robot_files"), import_module("test_robot_files_against_peers")
+    usd = import_module("test_usd_against_mujoco")
+    plane, space = (peers.LOOP.format(axis="0 1 0", more=x) for x in ("", '<joint name="bend" axis="0.2 0.1 1"/>'))
+    table = "# convention: {}\nname,alpha_deg,a,theta_deg,d\n1,0,0,0,0\n2,-90,0,0,0.1\n3,0,0.43,0,0.15\n"
+    lengths = {"d2": "0.3", "d3": "0.45", "d4": "0.15", "d8": "0.2", "d9": "0.45", "rl4": "0.5"}
+    par = plain.SR400
+    for name, length in lengths.items():
+        par = par.replace(name, length)
+    texts = {
+        "urdf": {"tests": plain.ARM} | {p.stem: p.read_text() for p in (ROOT / "examples" / "robots").glob("*.urdf")},
+        "xml": {"hard": peers.HARD, "plane": plane, "space": space, "tendons": peers.TENDONS, "shapes": peers.SHAPES}
+        | {"usd": usd.MJCF, "four-bar": (ROOT / "examples" / "robots" / "four-bar.xml").read_text()},
+        "sdf": {"tests": plain.SDF},
+        "par": {"sr400": par},
+        "csv": {name: table.format(name) for name in ("dh", "craig")},
+        "xacro": {"tests": peers.XACRO.format(include="", where="${pi}").replace("{{", "{").replace("}}", "}")},
+        "usda": {"arm": usd.USD, "loop": usd.LOOP},
+    }
+    for suffix, named in texts.items():
+        for name, text in named.items():
+            save(f"robot-{suffix}", f"{name}.{suffix}", text.encode())
 
 
 def notation(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Run the fuzzers: `python -m fuzz.run --minutes 10 [--target NAME ...] [--seed N]`.
+"""Run the fuzzers: `python -m fuzz.run --minutes 10 [--target NAME ...] [--tries N] [--seeds FOLDER ...]`.
 
 Mutations of the seeds are read in a child process with limits of memory and time. An input whose outcome is new (the
 class of the error and its sentence without paths and numbers) is kept as a further seed of the run, so that the search
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import multiprocessing
 import os
 import random
@@ -26,8 +27,8 @@ from pathlib import Path
 from fuzz.targets import TARGETS, Target
 
 HERE = Path(__file__).parent
-# The longest time of one input, s; memory of the process beyond that at the start, bytes.
-LONGEST, MEMORY = 20.0, 2**30
+# The most processor time, and time, of one input, s; memory of the process beyond that at the start, bytes.
+LONGEST, WAITED, MEMORY = 20.0, 600.0, 2**30
 # Inputs that a run keeps beside the seeds, and their largest size.
 MOST_KEPT, LARGEST = 400, 2**18
 WORDS = [
@@ -104,10 +105,12 @@ class Worker:
     def read(self, data: bytes) -> tuple[str, str]:
         """The outcome of an input."""
         try:
+            before, end = self._used(), time.monotonic() + WAITED
             self.link.send_bytes(data)
-            if self.link.poll(LONGEST):
-                found: tuple[str, str] = self.link.recv()
-                return found
+            while self._used() < before + LONGEST and time.monotonic() < end:
+                if self.link.poll(1.0):
+                    found: tuple[str, str] = self.link.recv()
+                    return found
             what = f"finding: more than {LONGEST:g} s"
         except (EOFError, ConnectionError):
             self.process.join(1.0)
@@ -115,6 +118,11 @@ class Worker:
         self.stop()
         self._start()
         return what, ""
+
+    def _used(self) -> float:
+        """Processor time of the process, s; its time would count what else the machine does."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def stop(self) -> None:
         """End the process."""
@@ -124,6 +132,7 @@ class Worker:
 
 def _work(name: str, link: Connection) -> None:
     (target,) = (one for one in TARGETS if one.name == name)
+    target.prepare()
     # Of addresses 16 times as many: libraries reserve what a file declares, and then find that it is not there.
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + 16 * MEMORY, used + 16 * MEMORY))
@@ -141,14 +150,23 @@ def _peak() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def fuzz(target: Target, seconds: float, seed: int) -> tuple[int, int, dict[str, tuple[bytes, str]]]:
+def seeds_of(target: Target, folders: list[Path]) -> list[bytes]:
+    """The seeds in the repository, and files of the target's kind in other folders."""
+    more = [path for folder in folders for path in sorted(folder.rglob(f"*{target.suffix}")) if path.is_file()]
+    paths = [*sorted((HERE / "seeds" / target.name).iterdir()), *(x for x in more if x.stat().st_size <= LARGEST)]
+    return list(dict.fromkeys(path.read_bytes() for path in paths))
+
+
+def fuzz(
+    target: Target, seconds: float, seed: int, tries: int | None = None, folders: list[Path] | None = None
+) -> tuple[int, int, dict[str, tuple[bytes, str]]]:
     """Inputs read, outcomes seen and findings of one target."""
     rng = random.Random(seed)
-    seeds = [path.read_bytes() for path in sorted((HERE / "seeds" / target.name).iterdir())]
+    seeds = seeds_of(target, folders or [])
     corpus, seen, findings, count = list(seeds), set[str](), {}, 0
     end = time.monotonic() + seconds
     worker = Worker(target)
-    while time.monotonic() < end or count < len(seeds):
+    while (time.monotonic() < end and count != tries) or count < len(seeds):
         fresh = mutated(rng.choice(corpus), rng.choice(corpus), target.text, rng)
         data = seeds[count] if count < len(seeds) else fresh
         what, trace = worker.read(data)
@@ -168,13 +186,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=5.0, help="of all targets together")
     parser.add_argument("--target", action="append", choices=[target.name for target in TARGETS])
+    parser.add_argument("--tries", type=int, help="of each target, if its share of the time suffices")
     parser.add_argument("--seed", type=int, default=None, help="of the random numbers (default: the time)")
+    parser.add_argument("--seeds", type=Path, nargs="*", default=[], help="folders with more files to start from")
+    parser.add_argument("--record", type=Path, help="JSON file to whose counts those of this run are added")
     given = parser.parse_args()
     chosen = [target for target in TARGETS if not given.target or target.name in given.target]
     seed = int(time.time()) if given.seed is None else given.seed
     failed = False
     for target in chosen:
-        count, outcomes, findings = fuzz(target, 60 * given.minutes / len(chosen), seed)
+        before = hours()
+        count, outcomes, findings = fuzz(target, 60 * given.minutes / len(chosen), seed, given.tries, given.seeds)
         sys.stdout.write(f"{target.name}: {count} inputs, {outcomes} outcomes, {len(findings)} findings, seed {seed}\n")
         for what, (data, trace) in findings.items():
             failed = True
@@ -184,10 +206,27 @@ def main() -> int:
             (HERE / "findings" / f"{name}.txt").write_text(f"{what}\n{trace}", encoding="utf-8")
             sys.stdout.write(f"  {what}: fuzz/findings/{name}\n")
         sys.stdout.flush()
-    used = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
-    hours = sum(one.ru_utime + one.ru_stime for one in used) / 3600
-    sys.stdout.write(f"{hours:.3f} processor-hours\n")
+        if given.record:
+            kinds = len(seeds_of(target, given.seeds))
+            record(given.record, target.name, count, kinds, outcomes, len(findings), hours() - before)
+    sys.stdout.write(f"{hours():.3f} processor-hours\n")
     return int(failed)
+
+
+def hours() -> float:
+    """Processor time of this process and of those that have ended, h."""
+    used = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return sum(one.ru_utime + one.ru_stime for one in used) / 3600
+
+
+def record(path: Path, name: str, count: int, seeds: int, outcomes: int, findings: int, spent: float) -> None:
+    """Add one run of a target to the record: sums of inputs, findings and time, most seeds and outcomes."""
+    made = json.loads(path.read_text()) if path.exists() else {}
+    row = made.setdefault(name, {"inputs": 0, "seeds": 0, "outcomes": 0, "findings": 0, "processor_hours": 0.0})
+    row["inputs"], row["findings"] = row["inputs"] + count, row["findings"] + findings
+    row["seeds"], row["outcomes"] = max(row["seeds"], seeds), max(row["outcomes"], outcomes)
+    row["processor_hours"] = round(row["processor_hours"] + spent, 4)
+    path.write_text(json.dumps(made, indent=1) + "\n")
 
 
 if __name__ == "__main__":
