@@ -14,11 +14,13 @@ from haptid.device.device import Joint
 from haptid.device.geometry import placed
 from haptid.device.parameters import Symmetry, standard_parameters
 from haptid.device.priors import PriorBody, body_prior, inertial_parameters
+from haptid.dynamics import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import DeviceError
 
 NAMES = [kind + joint for joint in "123" for kind in INERTIAL]
-GROUPS = st.lists(st.lists(st.sampled_from(NAMES), min_size=2, max_size=4).map(tuple), max_size=4).map(tuple)
+SIGNED = [*NAMES, *(f"-{name}" for name in NAMES)]
+GROUPS = st.lists(st.lists(st.sampled_from(SIGNED), min_size=2, max_size=4).map(tuple), max_size=4).map(tuple)
 
 
 @settings(max_examples=60)
@@ -33,14 +35,16 @@ def test_free_parameters_satisfy_every_zero_and_equality(equal: tuple, zero: tup
     assert made.raw == tuple(NAMES)
     raw = dict(zip(made.raw, made.S @ np.random.default_rng(0).uniform(1, 2, len(made)), strict=True))
     assert all(raw[name] == 0 for name in zero)
+    raw |= {f"-{name}": -value for name, value in raw.items()}
     assert all(raw[group[0]] == raw[name] for group in equal for name in group)
     assert all(raw[kind + j] == 0 for j, body in zip("123", bodies, strict=True) if not body for kind in INERTIAL)
-    assert set(np.unique(made.S)) <= {0.0, 1.0}
-    assert (made.S.sum(axis=1) <= 1).all()
+    assert set(np.unique(made.S)) <= {-1.0, 0.0, 1.0}
+    assert (np.abs(made.S).sum(axis=1) <= 1).all()
+    assert all(made.S[made.raw.index(name), k] == 1 for k, name in enumerate(made.names))
     # Nothing else left, and each is named after the first it stands for.
     assert np.linalg.matrix_rank(made.S) == len(made) if len(made) else True
     assert [members[0] for members in made.members] == list(made.names)
-    assert {name for name, value in raw.items() if value} == set(made.index)
+    assert {name for name, value in raw.items() if value and not name.startswith("-")} == set(made.index)
 
 
 def test_symmetry_about_an_axis_and_identical_bodies(tmp_path: Path) -> None:
@@ -252,6 +256,53 @@ def test_prior_deviations_are_never_zero() -> None:
     assert made["XY1"].std == pytest.approx(0.03)
     assert made["MX1"].std == pytest.approx(0.1 * np.sqrt(2.0 * 0.3))
     assert "XX1" not in body_prior(PriorBody(2.0, np.zeros(3), None), joint, None)
+
+
+PAIR = """
+name = "two planar arms, left and right"
+gravity = [-9.81, 0.0, 0.0]
+joints = [{ name = "l1" }, { name = "l2", d = 0.3 }, { name = "r1", parent = "base" }, { name = "r2", d = 0.3 }]
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[symmetry]]
+reason = "left and right"
+mirror = { link = "r1", of = "l1", axes = ["x", "-y", "z"] }
+[[symmetry]]
+reason = "left and right"
+mirror = { link = "r2", of = "l2", axes = ["x", "-y", "z"] }
+"""
+
+
+def test_mirrored_bodies_have_mirrored_torques(tmp_path: Path) -> None:
+    """Arms in a plane that move as each other's images need opposite torques; exact base parameters are the same."""
+    (tmp_path / "pair.toml").write_text(PAIR)
+    model = DynamicModel(read_device(tmp_path / "pair.toml"))
+    names = model.device.parameters.names
+    assert {"MYl2", "XYl2", "YYl1"} <= set(names)
+    assert not {"MYr2", "XYr2", "YYr1"} & set(names)
+    rng = np.random.default_rng(2)
+    chi = rng.uniform(-1, 1, len(names))
+    for joint in "12":
+        chi[names.index(f"FVr{joint}")] = chi[names.index(f"FVl{joint}")]
+    half = rng.uniform(-2, 2, (3, 2, 20))
+    torque = inverse_dynamics(model, model.base.of(chi), *np.concatenate([half, -half], axis=1))
+    np.testing.assert_allclose(torque[2:], -torque[:2], atol=1e-12)
+    assert sorted(model.regroupings.names) == sorted(model.base.names)
+
+
+@pytest.mark.parametrize("axes", [("x", "-y", "z"), ("-z", "x", "-y"), ("y", "z", "x"), ("-x", "-y", "-z")])
+def test_an_image_has_the_parameters_of_the_moved_body(tmp_path: Path, axes: tuple[str, ...]) -> None:
+    P = np.array([(-1 if "-" in axis else 1) * np.eye(3)["xyz".index(axis[-1])] for axis in axes])
+    A = np.random.default_rng(0).normal(size=(3, 3))
+    mirror = f'mirror = {{ link = "3", of = "2", axes = {list(axes)} }}'
+    device = read_device(written(tmp_path, f'[[symmetry]]\nreason = "image"\n{mirror}\n'))
+    free, values = device.parameters, dict[str, float]()
+    for link, c, J in (("2", A[0], A @ A.T), ("3", P @ A[0], P @ A @ A.T @ P.T)):
+        body = inertial_parameters(PriorBody(1.3, c, J), device.joints[1])
+        values |= dict(zip((kind + link for kind in INERTIAL), body, strict=True))
+    for name, value in values.items():
+        assert value == pytest.approx(free.sign[name] * values[free.names[free.index[name]]], rel=1e-12), name
 
 
 def test_priors_by_name_and_what_symmetry_makes_of_them(tmp_path: Path) -> None:

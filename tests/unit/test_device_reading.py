@@ -170,6 +170,11 @@ BROKEN = [
         add('[[symmetry]]\nreason = "x"\nabout = { link = "9", axis = "x" }'),
         ["symmetry[0].about.link", '"9"'],
     ),
+    (
+        "DeviceFileError",
+        add('[[symmetry]]\nreason = "x"\nmirror = { link = "1", of = "2", axes = ["x", "-x", "z"] }'),
+        ["symmetry[0].mirror", "names an axis twice"],
+    ),
     ("DeviceFileError", add("[prior]\nFV9 = 1"), ["prior.FV9", 'Did you mean "FV']),
     (
         "DeviceFileError",

@@ -517,7 +517,8 @@ class Device:
 
         For raw parameters that are equal by symmetry, the mean of those that are known.
         """
-        known = [[self.prior[n].value for n in names if n in self.prior] for names in self.parameters.members]
+        prior, sign = self.prior, self.parameters.sign
+        known = [[sign[n] * prior[n].value for n in names if n in prior] for names in self.parameters.members]
         return freeze(np.array([np.mean(values) if values else np.nan for values in known], dtype=float))
 
     def _shown(self) -> Overview:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -49,12 +49,18 @@ class Symmetry:
     Attributes:
         reason: sentence.
         zero: names of parameters that vanish.
-        equal: groups of names of parameters that have one value.
+        equal: groups of names of parameters that have one value; "-MY2" stands for the value with the other sign.
     """
 
     reason: str
     zero: tuple[str, ...] = ()
     equal: tuple[tuple[str, ...], ...] = ()
+
+    def among(self, names: Collection[str]) -> Symmetry:
+        """The part of it that is about these parameters."""
+        groups = (tuple(x for x in group if unsigned(x)[0] in names) for group in self.equal)
+        zero = tuple(name for name in self.zero if name in names)
+        return Symmetry(self.reason, zero, tuple(group for group in groups if len(group) > 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +68,7 @@ class StandardParameters:
     """The standard parameters chi of a device, and their order everywhere in haptid.
 
     `raw` are all columns of the core: ten per link, massless or not, then one per term. Massless links, zeros
-    and equalities leave the free parameters chi: chi_raw = S chi.
+    and equalities leave the free parameters chi: chi_raw = S chi. In each column of S the first entry is 1.
 
     Attributes:
         raw: names of the core's columns, (r,).
@@ -71,7 +77,7 @@ class StandardParameters:
         units: of each, (p,).
         kinds: of each, "ZZ" or "FV": its name without that of its joint or motor, (p,).
         links: index of the joint of each; the number of joints for a cut joint, -1 for a motor, (p,).
-        S: (r, p), zeros and ones.
+        S: (r, p), zeros and ones; -1 where a symmetry mirrors.
         members: the raw names that each represents, (p,).
         leaving: a sentence for every set of parameters that was removed.
     """
@@ -97,6 +103,17 @@ class StandardParameters:
         """Index of the free parameter of a raw name; removed names are absent."""
         return {name: k for k, members in enumerate(self.members) for name in members}
 
+    @cached_property
+    def sign(self) -> dict[str, float]:
+        """1 or -1 by raw name: the raw value is this times that of its free parameter; removed names are absent."""
+        rows = {name: row for row, name in enumerate(self.raw)}
+        return {name: float(self.S[rows[name], k]) for name, k in self.index.items()}
+
+
+def unsigned(name: str) -> tuple[str, int]:
+    """A name of a symmetry without its sign, and the sign."""
+    return (name[1:], -1) if name.startswith("-") else (name, 1)
+
 
 def raw_names(joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, ...]:
     """Names of all columns of the core, in its order."""
@@ -120,13 +137,15 @@ def standard_parameters(
     raw = raw_names(joints, terms)
     units = (*(INERTIAL_UNITS * len(joints)), *(term.unit for term in terms))
     place = {name: k for k, name in enumerate(raw)}
-    first = _classes(len(raw), [[place[n] for n in group] for rule in symmetries for group in rule.equal])
-    vanish = {first[10 * j + k] for j, body in enumerate(bodies) if not body for k in range(10)}
+    signed = [[unsigned(name) for name in group] for rule in symmetries for group in rule.equal]
+    first, sign, opposite = _classes(len(raw), [[(place[n], s) for n, s in group] for group in signed])
+    vanish = opposite | {first[10 * j + k] for j, body in enumerate(bodies) if not body for k in range(10)}
     vanish |= {first[place[name]] for rule in symmetries for name in rule.zero}
     free = [k for k in range(len(raw)) if first[k] == k and k not in vanish]
     S = np.zeros((len(raw), len(free)))
     for column, k in enumerate(free):
-        S[[row for row, of in enumerate(first) if of == k], column] = 1.0
+        rows = [row for row, of in enumerate(first) if of == k]
+        S[rows, column] = [sign[row] for row in rows]
     owners = [_owner(k, joints, terms) for k in free]
     return StandardParameters(
         raw=raw,
@@ -141,20 +160,29 @@ def standard_parameters(
     )
 
 
-def _classes(size: int, groups: list[list[int]]) -> list[int]:
-    """The smallest index of each index's class after merging the groups (union-find)."""
-    first = list(range(size))
+def _classes(size: int, groups: list[list[tuple[int, int]]]) -> tuple[list[int], list[int], set[int]]:
+    """Classes of indices that groups equate, each index with its sign in the group (union-find).
 
-    def find(k: int) -> int:
+    Returns the smallest index of each one's class, its sign relative to that one, and the smallest indices of classes
+    in which something equals its own opposite.
+    """
+    first, sign, opposite = list(range(size)), [1] * size, list[int]()
+
+    def find(k: int) -> tuple[int, int]:
+        total = 1
         while first[k] != k:
-            k = first[k]
-        return k
+            k, total = first[k], total * sign[k]
+        return k, total
 
     for group in groups:
-        roots = sorted(find(k) for k in group)
-        for root in roots[1:]:
-            first[root] = roots[0]
-    return [find(k) for k in range(size)]
+        (root, its), *others = sorted((of, s * given) for k, given in group for of, s in (find(k),))
+        for other, other_sign in others:
+            if other != root:
+                first[other], sign[other] = root, its * other_sign
+            elif other_sign != its:
+                opposite.append(root)
+    found = [find(k) for k in range(size)]
+    return [k for k, _ in found], [s for _, s in found], {find(k)[0] for k in opposite}
 
 
 def _owner(raw: int, joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, int]:
@@ -232,7 +260,7 @@ def _combination(
     row = np.zeros(len(parameters))
     for raw, factor in factors.items():
         if raw in parameters.index:
-            row[parameters.index[raw]] += factor
+            row[parameters.index[raw]] += factor * parameters.sign[raw]
     if not row.any():
         found = f'"{text}" is zero in this device'
         raise place.error(found, "Name a parameter that symmetries and massless links do not remove.")

@@ -131,7 +131,7 @@ class DynamicModel:
         """
         S = self.device.parameters.S[:, list(self.base.independent_columns)]
         columns = np.flatnonzero(S.any(axis=1))
-        columns = columns[np.argsort(S[columns].argmax(axis=1), kind="stable")]
+        columns = columns[np.argsort(np.abs(S[columns]).argmax(axis=1), kind="stable")]
         return tuple(columns.tolist()), freeze(S[columns])
 
     @cached_property

@@ -21,7 +21,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import INERTIAL
 from haptid.device.device import Joint
-from haptid.device.parameters import INERTIAL_UNITS, Symmetry, standard_parameters
+from haptid.device.parameters import INERTIAL_UNITS, standard_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.static import StaticModel, static_model
 from haptid.errors import (
@@ -361,14 +361,7 @@ def payload_model(model: DynamicModel, links: Sequence[str]) -> DynamicModel:
     wanted = {kind + link for link in links for kind in INERTIAL}
     if all(name in parameters.index and parameters.members[parameters.index[name]] == (name,) for name in wanted):
         return model
-    symmetries = [
-        Symmetry(
-            rule.reason,
-            tuple(name for name in rule.zero if name not in wanted),
-            tuple(g for group in rule.equal if len(g := tuple(n for n in group if n not in wanted)) > 1),
-        )
-        for rule in device.symmetry
-    ]
+    symmetries = [rule.among(set(parameters.raw) - wanted) for rule in device.symmetry]
     massive = [joint.body or joint.name in links for joint in device.joints]
     free = standard_parameters(device.joint_names, massive, device.terms, symmetries)
     joints = tuple(replace(joint, body=body) for joint, body in zip(device.joints, massive, strict=True))
@@ -397,7 +390,7 @@ def _embedding(own: DynamicModel, wide: DynamicModel) -> Array:
     E = np.zeros((len(free), len(narrow)))
     for k, members in enumerate(narrow.members):
         for name in members:
-            E[free.index[name], k] = 1.0
+            E[free.index[name], k] = free.sign[name] * narrow.sign[name]
     return np.asarray(wide.base.regrouping @ E[:, list(own.base.independent_columns)])
 
 

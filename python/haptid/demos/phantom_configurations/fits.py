@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording
-from haptid.device.parameters import Symmetry, standard_parameters
+from haptid.device.parameters import standard_parameters
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
@@ -182,7 +182,7 @@ def without_terms(model: DynamicModel) -> DynamicModel:
     """
     device = model.device
     inertial = device.parameters.raw[: 10 * len(device.joints)]
-    rules = tuple(_restricted(rule, inertial) for rule in device.symmetry)
+    rules = tuple(rule.among(inertial) for rule in device.symmetry)
     links = standard_parameters([j.name for j in device.joints], [j.body for j in device.joints], (), rules)
     where = [device.parameters.index[name] for name in links.names]
     terms = np.setdiff1d(np.arange(len(device.parameters.names)), where)
@@ -196,9 +196,3 @@ def without_terms(model: DynamicModel) -> DynamicModel:
         targets=tuple(replace(t, row=t.row[where]) for t in device.targets if not t.row[terms].any()),
     )
     return DynamicModel(bare)
-
-
-def _restricted(rule: Symmetry, names: tuple[str, ...]) -> Symmetry:
-    """A symmetry restricted to these raw parameters."""
-    equal = (tuple(n for n in group if n in names) for group in rule.equal)
-    return replace(rule, zero=tuple(n for n in rule.zero if n in names), equal=tuple(g for g in equal if len(g) > 1))

@@ -28,13 +28,14 @@ from haptid.device.parameters import (
     raw_names,
     read_combinations,
     standard_parameters,
+    unsigned,
 )
 from haptid.device.priors import read_priors, unused_priors
 from haptid.device.terms.build import TermTargets, read_coordinates, read_terms
 from haptid.device.terms.term import TermColumn
 from haptid.device.toml.ball_joints import with_revolute_joints
 from haptid.device.toml.errors_at import Place, first_error
-from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, SymmetryTable
+from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, MirrorTable, SymmetryTable
 from haptid.device.toml.transmission import read_distribution, read_drives, torque_rows
 from haptid.errors import DeviceFileError, suggestion
 
@@ -325,18 +326,22 @@ def _rule(
 ) -> Symmetry:
     zero, equal = list(table.zero), [tuple(group) for group in table.equal]
     named = [(name, place.at("zero", k)) for k, name in enumerate(zero)]
-    named += [(name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)]
+    named += [
+        (unsigned(name)[0], place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)
+    ]
     for name, at in named:
         if name not in raw:
             raise at.unknown("parameter", name, raw)
     for k, group in enumerate(equal):
-        kinds = {_unit(name, raw, units) for name in group}
+        kinds = {_unit(unsigned(name)[0], raw, units) for name in group}
         if len(kinds) > 1:
             raise place.at("equal", k).error(
                 f"{' and '.join(group)} have units {', '.join(sorted(kinds))}", "Equate like with like."
             )
     linked = [(name, place.at("identical", k)) for k, name in enumerate(table.identical)]
     linked += [(table.about.link, place.at("about", "link"))] if table.about else []
+    if table.mirror:
+        linked += [(table.mirror.link, place.at("mirror", "link")), (table.mirror.of, place.at("mirror", "of"))]
     for name, at in linked:
         if name not in links:
             raise at.unknown("link", name, links)
@@ -346,9 +351,27 @@ def _rule(
         equal.append(tuple(axis + axis + table.about.link for axis in across))
     if len(table.identical) > 1:
         equal += [tuple(kind + link for link in table.identical) for kind in INERTIAL]
+    if table.mirror:
+        equal += _mirrored(table.mirror, place.at("mirror"))
     if not zero and not equal:
-        raise place.error("this symmetry says nothing", "Add zero, equal, about or identical.")
+        raise place.error("this symmetry says nothing", "Add zero, equal, about, identical or mirror.")
     return Symmetry(table.reason, tuple(zero), tuple(equal))
+
+
+def _mirrored(table: MirrorTable, place: Place) -> list[tuple[str, str]]:
+    """Equalities of the ten parameters of a body and of its image: r' = P r, J' = P J P', with P the signed axes."""
+    letters = [axis[-1].upper() for axis in table.axes]
+    if sorted(letters) != ["X", "Y", "Z"] or table.link == table.of:
+        found = "names an axis twice" if sorted(letters) != ["X", "Y", "Z"] else "mirrors a link in itself"
+        raise place.error(f"it {found}", 'Name two links, and three axes such as ["x", "-y", "z"].')
+    image = {new: (axis[-1].upper(), axis[0] == "-") for new, axis in zip("XYZ", table.axes, strict=True)}
+    made = []
+    for kind in INERTIAL:
+        axes = [image[letter] for letter in kind.removeprefix("M")]
+        old = kind[: len(kind) - len(axes)] + "".join(sorted(letter for letter, _ in axes))
+        minus = sum(flipped for _, flipped in axes) % 2 == 1
+        made.append((old + table.of, ("-" if minus else "") + kind + table.link))
+    return made
 
 
 def _unit(name: str, raw: tuple[str, ...], units: Mapping[str, str]) -> str:

@@ -39,6 +39,7 @@ _Quantity = Annotated[
 ]
 _Triple = Annotated[list[_Quantity], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$", max_length=40)]
+_Signed = Annotated[str, Field(pattern=r"^-?[A-Za-z0-9_]+$", max_length=41)]
 Names = Annotated[list[Name], Field(min_length=1)]
 Text = Annotated[str, Field(min_length=1, max_length=2000)]
 Unit = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -354,14 +355,23 @@ class AboutTable(_Table):
     axis: Literal["x", "y", "z"]
 
 
+class MirrorTable(_Table):
+    """A body that is the image of another one: its coordinates x, y, z in its link frame by those of the other."""
+
+    link: Name
+    of: Name
+    axes: Annotated[list[Literal["x", "y", "z", "-x", "-y", "-z"]], Field(min_length=3, max_length=3)]
+
+
 class SymmetryTable(_Table):
     """Parameters known to be zero or equal, and why."""
 
     reason: Text
     zero: list[Name] = []
-    equal: list[Annotated[list[Name], Field(min_length=2)]] = []
+    equal: list[Annotated[list[_Signed], Field(min_length=2)]] = []
     about: AboutTable | None = None
     identical: list[Name] = []
+    mirror: MirrorTable | None = None
 
 
 class BaseTable(_Table):

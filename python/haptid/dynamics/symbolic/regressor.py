@@ -97,19 +97,19 @@ class Columns:
 
     Attributes:
         chain: the mechanism.
-        members: raw columns whose sum is each standard parameter's column.
+        members: raw columns of which each standard parameter's column is the sum, each with its sign.
     """
 
     chain: SymbolicChain
-    members: tuple[tuple[int, ...], ...]
+    members: tuple[tuple[tuple[int, int], ...], ...]
 
     def sample(self, rng: np.random.Generator, points: Points, samples: int) -> Residues:
         """Rows at this many states for each set of lengths, (sets, samples * rows, standard parameters)."""
         raw = regressor(self.chain, rng, points, samples)
-        W = raw[:, :, [members[0] for members in self.members]]
+        W = raw[:, :, [members[0][0] for members in self.members]]
         for k, members in enumerate(self.members):
-            for j in members[1:]:
-                W[:, :, k] = points.field.reduce(W[:, :, k] + raw[:, :, j])
+            for j, sign in members[1:]:
+                W[:, :, k] = points.field.reduce(W[:, :, k] + sign * raw[:, :, j])
         return W
 
     def pivots(self, field: PrimeField, rng: np.random.Generator) -> Pivots:

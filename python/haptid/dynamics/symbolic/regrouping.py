@@ -167,8 +167,8 @@ def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> R
 def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
     check_closure(chain, model.device.joint_names, seed)
     parameters, order = model.device.parameters, preference(model)
-    members = tuple(tuple(np.flatnonzero(parameters.S[:, k]).tolist()) for k in order)
-    columns = Columns(chain, members)
+    signed = [parameters.S[:, k].astype(int).tolist() for k in order]
+    columns = Columns(chain, tuple(tuple((j, sign) for j, sign in enumerate(column) if sign) for column in signed))
     dimensions = [DIMENSIONS.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
     pivots = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))

@@ -199,7 +199,7 @@ def _added(model: DynamicModel, link: str, mass: float, com: Array) -> Array:
     for kind, value in zip(INERTIAL, values, strict=True):
         name = kind + joint.name
         if name in index:
-            made[index[name]] += value
+            made[index[name]] += model.device.parameters.sign[name] * value
         elif abs(value) > 1e-12 * max(mass, 1e-12):
             wanted = f"places at which {name} stays zero, as the symmetries of the device file say, or no such symmetry"
             raise force_setting_error(f"place of {link}", tuple(com.tolist()), wanted)

@@ -197,7 +197,8 @@ def cone(model: DynamicModel, beta: Array) -> Cone:
     size = Scale.of(model, beta)
     A = model.base.regrouping * size.chi
     blocks = (*link_blocks(model, size), *term_blocks(model, size))
-    ball = model.device.parameters.S.T @ size.ball / np.maximum(model.device.parameters.S.sum(axis=0), 1)
+    shared = np.abs(model.device.parameters.S)
+    ball = shared.T @ size.ball / np.maximum(shared.sum(axis=0), 1)
     known = np.isfinite(model.device.chi_prior)
     centre = np.where(known, np.where(known, model.device.chi_prior, 0.0), ball)
     return Cone(size.chi, A, ball / size.chi, centre / size.chi, parts(A, blocks))
@@ -268,6 +269,6 @@ def never_negative(model: DynamicModel) -> np.ndarray:
     raw = [kind in _POSITIVE for _ in model.device.joints for kind in INERTIAL]
     raw += [term.nature in NEVER_NEGATIVE for term in model.terms]
     S = model.device.parameters.S
-    positive = S[np.array(raw)].sum(axis=0) == S.sum(axis=0)
+    positive = S[np.array(raw)].sum(axis=0) == np.abs(S).sum(axis=0)
     rows = model.base.regrouping
     return np.asarray(((rows >= 0) & ((rows == 0) | positive)).all(axis=1))

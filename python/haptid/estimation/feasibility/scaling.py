@@ -39,7 +39,7 @@ class Scale:
         The sizes only set the units of margins and of the computation, not the feasible set.
         """
         length = _lengths(model)
-        S, room = model.device.parameters.S, largest(model.base.regrouping, beta)
+        S, room = np.abs(model.device.parameters.S), largest(model.base.regrouping, beta)
         free = np.argmax(S, axis=1)
         raw = np.where(S.any(axis=1), room[free], np.nan)
         links = raw[: 10 * len(length)].reshape(-1, 10) / length[:, None] ** POWER

@@ -137,7 +137,7 @@ class EqualityConstraints(Wrapper):
                 if name in base.names:
                     row += factor * base.regrouping[base.names.index(name)]
                 elif name in parameters.index:
-                    row[parameters.index[name]] += factor
+                    row[parameters.index[name]] += factor * parameters.sign[name]
             rows.append(row)
         return base_combinations(model, list(self.relations), np.array(rows).reshape(len(rows), -1))
 

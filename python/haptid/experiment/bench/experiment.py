@@ -351,18 +351,19 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
         UnknownNameError: a link or parameter that the device does not have, or that its symmetries set to zero.
     """
     chi, index = np.nan_to_num(model.device.chi_prior), model.device.parameters.index
+    sign = model.device.parameters.sign
     for table_of_body in table.bodies:
         body = PriorBody(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
         for name, value in _body_values(model, "bodies", table_of_body.link, body).items():
-            chi[index[name]] = value
+            chi[index[name]] = sign[name] * value
     for name, value in table.parameters.items():
         if name not in index:
             raise _parameter_name(name, index)
-        chi[index[name]] = value
+        chi[index[name]] = sign[name] * value
     for weight in table.weights:
         point = PriorBody(weight.mass, np.array(weight.com), np.zeros((3, 3)))
         for name, value in _body_values(model, "weights", weight.link, point).items():
-            chi[index[name]] += value
+            chi[index[name]] += sign[name] * value
     return freeze(chi)
 
 
