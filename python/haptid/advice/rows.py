@@ -7,7 +7,7 @@ that all of them are solved from the same Gram matrices, and the log is passed t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -69,6 +69,11 @@ class TrialRows:
     def blocks(self) -> int:
         return int(self.block.max()) + 1
 
+    @property
+    def whole(self) -> TrialRows:
+        """The same rows as one block."""
+        return replace(self, block=np.zeros_like(self.block))
+
     def grams(self, mask: np.ndarray | None = None, columns: int | None = None) -> Array:
         """Gram matrices of [W y_1 .. y_m] of every block and motor, (blocks, motors, size, size).
 
@@ -105,39 +110,75 @@ def trial_rows(
         columns: candidates.
         like: motions whose rows are used, where these are simulated copies of them.
     """
-    chi, own = raw_parameters(model, beta), list(model.measured_rows)
-    samples = sum(len(motion) for motion in motions)
-    parts, groups, blocks = [], _groups(model, motions[0], chi, columns), 0
-    for k, (motion, there) in enumerate(zip(motions, like or motions, strict=True)):
-        plan, wanted = Plan.of(model, motion), Plan.of(model, there)
-        every = wanted.blocks()
-        kept = evenly_spaced(len(every), samples) if samples > MOST_SAMPLES else np.arange(len(every))
-        for start, stop in row_ranges(wanted, [every[b] for b in kept]):
-            if (stop := min(stop, plan.rows)) > start:
-                part = _part(Chunk(plan, start, stop, model, tuple(own)), own, columns, chi)
-                block = blocks + np.arange(start, stop) // wanted.block
-                parts.append((*part, block, np.full(stop - start, k)))
-        blocks += len(every)
-    W, y, used, t, c, cd, sample, block, log = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-    there_are, number = np.unique(block, return_inverse=True)
-    merged = -(-len(there_are) // _MOST_BLOCKS)
-    return TrialRows(np.ascontiguousarray(W.swapaxes(1, 2)), y, used, number // merged, t, groups, c, cd, sample, log)
+    return BaseRows.of(model, motions, like).with_columns(beta, columns)
 
 
-def _part(chunk: Chunk, own: Sequence[int], columns: Sequence[Column], chi: Array) -> tuple[Array, ...]:
-    """W with candidates, (motors, columns, rows), torque, rows used, times, state and middle samples."""
-    plan, window = chunk.plan, chunk.plan.window(chunk.start, chunk.stop)
-    context = ResidualContext(plan, chi, *window, chunk.signals)
-    W = [treated_columns(plan, chunk.signals)[list(own)].swapaxes(1, 2)]
+@dataclass(frozen=True, eq=False)
+class BaseRows:
+    """The rows of motions in the base parameters' columns, to which candidates are added without computing them again.
+
+    Attributes:
+        model: whose columns.
+        chunks: of consecutive rows.
+        W: of each chunk, (motors, p, rows), SI.
+        block, log: of each chunk's rows, (rows,).
+    """
+
+    model: DynamicModel
+    chunks: tuple[Chunk, ...]
+    W: tuple[Array, ...]
+    block: tuple[np.ndarray, ...]
+    log: tuple[np.ndarray, ...]
+
+    @staticmethod
+    def of(model: DynamicModel, motions: Sequence[Motion], like: Sequence[Motion] | None = None) -> BaseRows:
+        """As `trial_rows` has them."""
+        own, chunks, block, log, blocks = model.measured_rows, [], [], [], 0
+        samples = sum(len(motion) for motion in motions)
+        for k, (motion, there) in enumerate(zip(motions, like or motions, strict=True)):
+            plan, wanted = Plan.of(model, motion), Plan.of(model, there)
+            every = wanted.blocks()
+            kept = evenly_spaced(len(every), samples) if samples > MOST_SAMPLES else np.arange(len(every))
+            for start, stop in row_ranges(wanted, [every[b] for b in kept]):
+                if (stop := min(stop, plan.rows)) > start:
+                    chunks.append(Chunk(plan, start, stop, model, tuple(own)))
+                    block.append(blocks + np.arange(start, stop) // wanted.block)
+                    log.append(np.full(stop - start, k))
+            blocks += len(every)
+        W = tuple(treated_columns(chunk.plan, chunk.signals)[list(own)].swapaxes(1, 2) for chunk in chunks)
+        return BaseRows(model, tuple(chunks), W, tuple(block), tuple(log))
+
+    def with_columns(self, beta: Array, columns: Sequence[Column] = ()) -> TrialRows:
+        """With candidates, whose signals are computed from base parameters, (p,)."""
+        chi = raw_parameters(self.model, beta)
+        W = np.concatenate([_wide(chunk, own, columns, chi) for chunk, own in zip(self.chunks, self.W, strict=True)], 2)
+        there_are, number = np.unique(np.concatenate(self.block), return_inverse=True)
+        merged = -(-len(there_are) // _MOST_BLOCKS)
+        parts = [(chunk.measured(), chunk.used, chunk.t, *_state(chunk)) for chunk in self.chunks]
+        y, used, t, c, cd, sample = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+        groups = _groups(self.model, self.chunks[0].plan.motion, chi, columns)
+        W = np.ascontiguousarray(W.swapaxes(1, 2))
+        return TrialRows(W, y, used, number // merged, t, groups, c, cd, sample, np.concatenate(self.log))
+
+
+def _wide(chunk: Chunk, own: Array, columns: Sequence[Column], chi: Array) -> Array:
+    """W with candidates, (motors, columns, rows)."""
+    context = ResidualContext(chunk.plan, chi, *chunk.plan.window(chunk.start, chunk.stop), chunk.signals)
+    W = [own]
     for column in columns:
-        values = column.values(context)
+        treated = chunk.filtered(column.values(context))
         if column.weights is None:
-            W.append(np.stack([chunk.treated(one) for one in values], axis=1))
+            W.append(treated[:, list(chunk.coordinates)].swapaxes(0, 1))
         else:
-            W.append(column.weights[list(own)][:, None, None] * chunk.filtered(values)[None])
-    middle = plan.first + plan.motion.treatment.decimation * np.arange(chunk.start, chunk.stop)
-    state = chunk.centres(chunk.c), chunk.centres(chunk.cd)
-    return (np.concatenate(W, axis=1), chunk.measured(), chunk.used, chunk.t, *state, middle)  # type: ignore[return-value]
+            W.append(column.weights[list(chunk.coordinates)][:, None, None] * treated[None])
+    return np.concatenate(W, axis=1)
+
+
+def _state(chunk: Chunk) -> tuple[Array, Array, np.ndarray]:
+    """Position and velocity of the coordinates at each row, (coordinates, rows), and its sample, (rows,)."""
+    plan = chunk.plan
+    sample = plan.first + plan.motion.treatment.decimation * np.arange(chunk.start, chunk.stop)
+    return chunk.centres(chunk.c), chunk.centres(chunk.cd), sample
 
 
 def _groups(model: DynamicModel, motion: Motion, chi: Array, columns: Sequence[Column]) -> tuple[tuple[int, ...], ...]:

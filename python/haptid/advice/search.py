@@ -15,7 +15,7 @@ from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
-from haptid.advice.rows import TrialRows, trial_rows
+from haptid.advice.rows import BaseRows, TrialRows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -144,7 +144,8 @@ def search_of(
     rows = list(model.measured_rows)
     found = tuple((k, one) for k, m in enumerate(motions) if m.log is not None for one in faults(m.log))
     places = friction_coordinates(model, rows)
-    plain = trial_rows(model, motions, beta)
+    base = BaseRows.of(model, motions)
+    plain = base.with_columns(beta)
     sources = list(_sources(model, places, rows, plain, beta)) if columns else []
     scales = _scales(model, motions)
     if scales is not None and columns:
@@ -152,13 +153,13 @@ def search_of(
         sources += candidate_columns.channel_faults(model, rows, scales.tolist(), list(of_channels.values()))
     lengths = list(candidate_columns.geometry(model)) if columns else []
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
-    whole = trial_rows(model, motions, beta, added)
+    whole = base.with_columns(beta, added)
     weights = weights_of(whole, len(beta), beta)
     artefacts = [simulated_log(model, motion, beta) if columns else None for motion in motions]
     null = None
     if all(one is not None for one in artefacts):
         there = trial_rows(model, [m for m in artefacts if m is not None], beta, added, motions)
-        null = there.grams() if there.blocks == whole.blocks else None
+        null = there.whole.grams() if there.blocks == whole.blocks else None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions), null)
     made, at = [], 0

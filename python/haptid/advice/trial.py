@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from haptid._internal.arrays import Array
 from haptid.uncertainty.distributions import f_tail, t_tail
@@ -21,6 +21,8 @@ from haptid.uncertainty.distributions import f_tail, t_tail
 _RIDGE = 1e-11
 # Factors between torque and model that are tried first, of both signs.
 _FACTORS = np.geomspace(5e-4, 2e3, 23)
+# Times that the grid between the neighbours of the best one is made 16 times finer.
+_REFINED = 4
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,8 @@ class Bench:
         base: number of base parameters; `kept` are those of them that are not fixed at zero.
         weights: of each motor's rows, (motors,).
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
-        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero; None: not known.
+        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero, as one block or as many;
+            None: not known.
     """
 
     grams: dict[str, Array]
@@ -212,23 +215,31 @@ class Bench:
 
     def _factor(self, G: Array, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
         """The factor of motor k of the least error."""
-        columns = self._columns(setting, chosen)
-        parts = self._normal(G, setting, columns)
+        parts = self._normal(G, setting, self._columns(setting, chosen))
         others = factors.copy()
         others[k] = 0.0
         A, r, yy = _weighted(parts, others, self.weights**2)
         own, right = self.weights[k] ** 2 * parts[0][k], self.weights[k] ** 2 * parts[1][k]
+        # A + x^2 own is diagonal for every x in the columns that whiten A + own.
+        root = _whitening(A + own)
+        share, turn = np.linalg.eigh(root.T @ own @ root)
+        (a, b), share = np.array([r, right]) @ (root @ turn), np.clip(share, 0.0, 1.0)
 
-        def error(x: float) -> float:
-            return _least_squares(A + x**2 * own, r + x * right, yy)[1]
+        def best(x: Array) -> int:
+            many = x[:, None]
+            left = yy - ((a + many * b) ** 2 / (1 - share + many**2 * share)).sum(axis=1)
+            return int(np.argmin(left))
 
         grid = np.concatenate([-_FACTORS[::-1], _FACTORS])
-        at = int(np.argmin([error(x) for x in grid]))
+        at = best(grid)
         low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
         if low * high < 0:
             low, high = sorted((grid[at] * 0.5, grid[at] * 2.0))
-        found = optimize.minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * high})
-        return float(found.x)
+        for _ in range(_REFINED):
+            grid = np.linspace(low, high, 33)
+            at = best(grid)
+            low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+        return float(grid[at])
 
     def _solved(
         self, G: Array, setting: Setting, factors: Array, chosen: Sequence[int]
@@ -338,7 +349,7 @@ class Bench:
         if self.artefact is None:
             return np.zeros(len(found))
         term = (tuple(t for term, c in zip(setting.terms, fitted.chosen, strict=True) for t in term[c]),)
-        null = self.fit(Setting((term,)), np.arange(self.blocks), self.artefact).theta[len(self.kept) :]
+        null = self.fit(Setting((term,)), np.arange(len(self.artefact)), self.artefact).theta[len(self.kept) :]
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)
@@ -360,6 +371,13 @@ def _rows(G: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
 def _weighted(parts: tuple[Array, Array, Array], factors: Array, w: Array) -> tuple[Array, Array, float]:
     """Sums of W'W, W'y and y'y over the motors, whose rows of W have these factors."""
     return np.tensordot(w * factors**2, parts[0], axes=1), (w * factors) @ parts[1], float(w @ parts[2])
+
+
+def _whitening(A: Array) -> Array:
+    """X with X'AX = 1, or zero in directions in which A is zero to rounding."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A * scale[:, None] * scale)
+    return np.asarray(scale[:, None] * vectors / np.sqrt(np.maximum(values, 0.0) + _RIDGE))
 
 
 def _least_squares(A: Array, r: Array, yy: float) -> tuple[Array, float]:

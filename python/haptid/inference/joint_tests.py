@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.roots import bracketed_root
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.intervals.cluster_robust import Adjustment
@@ -219,7 +220,7 @@ def _detectable(m: float, rest: float, level: float) -> float:
     high = 10.0
     while short(high) < 0 and high < 1e12:
         high *= 4
-    return float(np.sqrt(optimize.brentq(short, 1e-9, high)))
+    return float(np.sqrt(bracketed_root(short, 1e-9, high, 2e-12)))
 
 
 def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:

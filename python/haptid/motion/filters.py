@@ -13,9 +13,9 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy import optimize
 
 from haptid._internal.arrays import Array, freeze, freeze_fields, positive, read_only, whole
+from haptid._internal.roots import bracketed_root
 from haptid.errors import TreatmentError
 
 # Central differences of order eight. Relative error of their gain at a frequency f: (2 pi f dt)^8 / 630.
@@ -112,7 +112,7 @@ class KaiserSmoother:
             return float(weight @ np.cos(2 * np.pi * cutoff * n) - np.sqrt(0.5))
 
         reach = KAISER_REACH / cutoff
-        return read_only(kaiser(float(optimize.brentq(excess, 0.5 * reach, 2 * reach, xtol=1e-3))))
+        return read_only(kaiser(bracketed_root(excess, 0.5 * reach, 2 * reach, 1e-3)))
 
 
 def kaiser(half: float) -> Array:
@@ -150,7 +150,7 @@ class WindowedSinc:
             return float(abs(design(corner) @ np.cos(2 * np.pi * cutoff * n)) - np.sqrt(0.5))
 
         highest = min(2 * cutoff, 0.4995)
-        return read_only(design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff))))
+        return read_only(design(bracketed_root(excess, 0.5 * cutoff, highest, 1e-9 * cutoff)))
 
 
 Shape = KaiserSmoother | WindowedSinc

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy import optimize
 
 from haptid._internal.arrays import Array
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
@@ -227,6 +226,7 @@ def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
 
 def _stribeck_velocity(friction_model: FrictionModel, v: Array, f: Array, se: Array) -> float:
     """The Stribeck velocity of least squared residuals, rad/s or m/s: a grid search, then a bounded line search."""
+    from scipy import optimize  # slow to import, and few commands fit a friction test
 
     def squares(log_scale: float) -> float:
         A = friction_model.columns(v, float(np.exp(log_scale))) / se[:, None]
