@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import traceback
@@ -34,6 +35,8 @@ def main() -> None:
     # The matrices are small: BLAS threads would spin longer than they work. Must be set before NumPy is imported; a
     # value set by the user takes precedence.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # The garbage collector would go through what is imported again and again, a tenth of a command's time.
+    gc.set_threshold(100_000, 50, 50)
     if COMPLETION_VARIABLE in os.environ:
         from typer.completion import completion_init  # type: ignore[attr-defined]
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import mass_matrix
@@ -175,6 +174,8 @@ class _MassEigenvalue:
             quadratic = np.einsum("i,sij,j->s", v[0], self.matrices(around), v[0])
             ahead, behind = np.split(quadratic, 2)
             return np.asarray((ahead - behind) / 2e-6 / scale)
+
+        from scipy import optimize  # slow to import, and few commands search the workspace
 
         found = optimize.minimize(
             lambda x: float(self.lowest(pose(x))[0][0]) / scale,

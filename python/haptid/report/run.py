@@ -10,7 +10,6 @@ from haptid._internal.atomic_folder import check_writable, publishing
 from haptid.executors import Executor
 from haptid.observation.cache import RFactorCache
 from haptid.observation.plan import Plan
-from haptid.report.report import report_of
 from haptid.report.source import ReportSource
 from haptid.results.result import Result
 from haptid.study import Study
@@ -61,6 +60,8 @@ def write_identification(
 
 def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[str, float], None]) -> Result:
     """Result with verdict and advice, report and pictures."""
+    from haptid.report.report import report_of  # slow to import, and numbers alone need no page
+
     found = source.identification
     progress("writing the report", 0.0)
     result = Result.of(found, source.diagnosis.verdict, source.advice)

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.advice import Advice, advise
 from haptid.dynamics.inverse import raw_parameters
-from haptid.end_effector.characterisation.model import GivenParameters
-from haptid.end_effector.force import HandleForce
-from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
 from haptid.errors import MissingAccelerationError
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis import Diagnosis, diagnose
 from haptid.observation.plan import Plan
 from haptid.observation.rows import chunks, gathered
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
+
+# A quarter of all imports, which numbers without a report do not need: each is loaded where it is called.
+if TYPE_CHECKING:
+    from haptid.advice import Advice
+    from haptid.end_effector.characterisation.model import GivenParameters
+    from haptid.end_effector.force import HandleForce
+    from haptid.end_effector.torque_decomposition import TorqueDecomposition
+    from haptid.inference.diagnosis import Diagnosis
 
 # A log with more rows is not decomposed: memory.
 LARGEST_DECOMPOSITION = 2_000_000
@@ -141,11 +145,15 @@ class ReportSource:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """Diagnosis of the estimate."""
+        from haptid.inference.diagnosis import diagnose
+
         return diagnose(self.estimate, self.validation, self.identification.study.controller)
 
     @cached_property
     def advice(self) -> Advice:
         """What to change, each action tried on the data."""
+        from haptid.advice import advise
+
         return advise(self.identification, self.diagnosis)
 
     @cached_property
@@ -163,9 +171,13 @@ class ReportSource:
     @cached_property
     def model(self) -> GivenParameters:
         """The model for use without a covariance, for the maps."""
+        from haptid.end_effector.characterisation.model import GivenParameters
+
         return GivenParameters(self.estimate.model, self.identification.use.beta)
 
     def _decomposed(self, run: Run, rows: int) -> TorqueDecomposition | None:
+        from haptid.end_effector.torque_decomposition import decompose_torque
+
         if rows > LARGEST_DECOMPOSITION:
             return None
         try:

@@ -12,7 +12,6 @@ from rich.text import Text
 from haptid.device import Device
 from haptid.estimation import BetweenLogs, Parameter
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.inference.targets import targets
 from haptid.report.model_tables import table
 from haptid.report.source import criterion
 from haptid.study.identify import Identification, Run
@@ -34,6 +33,8 @@ def show_identification(console: Console, found: Identification) -> None:
     )
     console.print(parameter_table("Base parameters", found.estimate.parameters))
     if found.model.device.targets:
+        from haptid.inference.targets import targets  # slow to import, and few devices have some
+
         console.print(parameter_table("Targets", targets(found.estimate).parameters))
     if found.projection:
         console.print(searched_table(found.projection))

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from haptid._internal.arrays import Array, expect, freeze
 from haptid.device.parameters import INERTIAL
@@ -264,6 +263,8 @@ class _Search:
         rng, size = np.random.default_rng(0), len(self.free)
         starts = [np.full(size, 0.5), *rng.random((_STARTS - 1, size))]
         options = {"maxiter": 150, "ftol": 1e-12}
+        from scipy import optimize  # slow to import, and few commands look for counterweights
+
         found = [optimize.minimize(cost, x, bounds=[(0, 1)] * size, method="SLSQP", options=options) for x in starts]
         made = self.weights(min(found, key=lambda one: float(one.fun)).x)
         kept = tuple(w for w, place in zip(made, self.places, strict=True) if w.mass > 1e-3 * place.most)

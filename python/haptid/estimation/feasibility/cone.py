@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse.csgraph import connected_components
 
 from haptid._internal.arrays import Array, expect, freeze
 from haptid.device import INERTIAL
@@ -245,11 +244,21 @@ def unit_row(row: Array) -> Array:
     return np.asarray(row[None] / np.abs(row).max())
 
 
+def _connected(used: np.ndarray) -> np.ndarray:
+    """Number of the group of each column, (columns,), from 0; those with an entry in one row belong together."""
+    label = np.arange(used.shape[1])
+    for row in used:
+        together = label[row]
+        if len(together) > 1:
+            label[np.isin(label, together)] = together.min()
+    return np.unique(label, return_inverse=True)[1]
+
+
 def parts(A: Array, blocks: tuple[ConeBlock, ...]) -> tuple[ConePart, ...]:
     """Split parameters and conditions into independent groups."""
     n = A.shape[1]
     used = np.vstack([A != 0, *((block.G != 0).any(axis=0)[None] for block in blocks)])
-    _, label = connected_components(used.T.astype(int) @ used.astype(int), directed=False)
+    label = _connected(used)
     groups = []
     for group in range(label.max(initial=-1) + 1):
         columns = np.flatnonzero(label == group)

@@ -9,7 +9,6 @@ from typing import Any
 
 import clarabel
 import numpy as np
-from scipy import sparse
 
 from haptid._internal.arrays import Array
 from haptid.errors import ConvergenceError
@@ -76,6 +75,8 @@ def solved(
     Raises:
         ConvergenceError: the solver stopped without a solution.
     """
+    from scipy import sparse  # slow to import, and most estimates need no program
+
     triangle, rows = sparse.csc_matrix(np.triu(P)), sparse.csc_matrix(A)
     # On the boundary of the feasible set the solver may stall in one scaling or regularisation, and not in another.
     for regularisation, equilibrate in product(REGULARISATIONS, (True, False)):

@@ -8,7 +8,6 @@ from itertools import product
 
 import clarabel
 import numpy as np
-from scipy import sparse
 
 from haptid._internal.arrays import Array
 from haptid.errors import SettingError
@@ -189,6 +188,8 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
     Raises:
         ConvergenceError: the solver stopped without a solution.
     """
+    from scipy import sparse  # slow to import, and few intervals are profiles
+
     k, size = feasible.change.shape[1], feasible.conditions[0].F.shape[1]
     scale = np.append(np.full(k, reach), np.ones(size - k))
     own = [(c.F * scale, c.f) for c in feasible.conditions]

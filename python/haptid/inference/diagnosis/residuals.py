@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
@@ -177,9 +178,10 @@ def autocorrelation(e: Array, lags: int) -> tuple[Array, np.ndarray]:
     x = np.where(known, e - np.nanmean(e), 0.0)
     lags = min(lags, len(x) - 1)
     power = max(float(x @ x), np.finfo(float).tiny)
-    rho = np.array([x[: len(x) - k] @ x[k:] for k in range(lags + 1)]) / power
-    pairs = np.array([np.sum(known[: len(x) - k] & known[k:]) for k in range(lags + 1)])
-    return rho, pairs
+    size = fft.next_fast_len(len(x) + lags, real=True)  # so long that no lag wraps round
+    spectrum = np.abs(fft.rfft(np.stack([x, known.astype(float)]), size)) ** 2
+    products, pairs = fft.irfft(spectrum, size)[:, : lags + 1]
+    return products / power, np.rint(pairs).astype(int)
 
 
 def autocorrelation_time(e: Array) -> float:
