@@ -110,7 +110,8 @@ def test_the_command_fits_it_and_the_result_keeps_it(model, tmp_path):
     columns = {"t": made.t0 + made.dt * np.arange(len(made))}
     columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
-    ran = CliRunner().invoke(app, ["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "-q"])
+    options = ["--out", str(tmp_path / "out"), "-q", "--no-report"]
+    ran = CliRunner().invoke(app, ["identify", str(tmp_path / "study.toml"), *options])
     assert ran.exit_code == 0, ran.output
     values = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["parameters"]
     found = {p["name"]: p["value"] for p in values}

@@ -46,7 +46,7 @@ reversal_speed = 0.05"""
 
 
 def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
-    done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out"), "--no-report"])
     assert done.exit_code == 0, done.output
     found = haptid.Result.load(tmp_path / "out")
     wanted = truth(found.model) + 0.1

@@ -116,7 +116,7 @@ def test_result_file_says_that_an_estimate_is_held(phantom, request, tmp_path):
     assert "[estimate]" not in text
     study = tmp_path / "study.toml"
     study.write_text(f"{text}\n[estimate]\nconstraints = 'physical'\n")
-    done = call("identify", study, "--data", folder / "logs", "--out", tmp_path / "held", "--quiet")
+    done = call("identify", study, "--data", folder / "logs", "--out", tmp_path / "held", "--quiet", "--no-report")
     assert done.exit_code == 0, done.output
     free, held = (json.loads((f / "result.json").read_text()) for f in (folder / "result", tmp_path / "held"))
     for found, possible in ((free, False), (held, True)):

@@ -73,7 +73,7 @@ def wanted(study: Path) -> np.ndarray:
 
 def start(study: Path, out: Path, *more: str, err: int = subprocess.PIPE) -> subprocess.Popen[str]:
     """The command in a process group of its own, as a terminal starts it."""
-    call = [sys.executable, "-c", PROGRAM, "identify", str(study), "--out", str(out), *more]
+    call = [sys.executable, "-c", PROGRAM, "identify", str(study), "--out", str(out), "--no-report", *more]
     size = {"TERM": "xterm", "COLUMNS": "120"}
     return subprocess.Popen(
         call, stdout=subprocess.PIPE, stderr=err, text=True, start_new_session=True, env={**os.environ, **size}

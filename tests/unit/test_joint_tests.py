@@ -203,7 +203,7 @@ def test_a_folder_keeps_the_scores(tmp_path):
             text = study.read_text(encoding="utf-8")
             study.write_text(text.replace("check.csv", "?").replace("log.csv", "check.csv").replace("?", "log.csv"))
         folders.append(tmp_path / f"r{k}")
-        run = CliRunner().invoke(app, ["identify", str(study), "--out", str(folders[-1]), "--quiet"])
+        run = CliRunner().invoke(app, ["identify", str(study), "--out", str(folders[-1]), "--quiet", "--no-report"])
         assert run.exit_code == 0, run.output
     run = CliRunner().invoke(app, ["compare", *map(str, folders), "--json"])
     assert run.exit_code == 0, run.output

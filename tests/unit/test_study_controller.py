@@ -68,7 +68,7 @@ def method(name):
 @pytest.mark.parametrize("name", ["iv", "output-error"])
 def test_the_command_identifies_with_it(folder, tmp_path, name):
     path = written(folder, CONTROLLER + method(name))
-    ran = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"])
+    ran = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet", "--no-report"])
     assert ran.exit_code == 0, ran.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())
     assert found["estimate"]["method"] == name

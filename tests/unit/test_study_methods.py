@@ -70,7 +70,7 @@ def test_what_does_not_go_together_is_rejected(study, text, where):
 @pytest.mark.parametrize("method", ["gls", "irls"])
 def test_the_result_says_the_method(study, tmp_path, method):
     path = study(f'method = "{method}"')
-    done = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"])
+    done = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet", "--no-report"])
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]
     assert found["method"] == method

@@ -138,8 +138,8 @@ class Bench:
         base: number of base parameters; `kept` are those of them that are not fixed at zero.
         weights: of each motor's rows, (motors,).
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
-        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero, as one block or as many;
-            None: not known.
+        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero, of one block or
+            more; None: not known.
     """
 
     grams: dict[str, Array]
@@ -149,6 +149,7 @@ class Bench:
     channel_factors: Array
     artefact: Array | None = None
     _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
+    _sources: dict[tuple[int, ...], tuple[np.ndarray, Array]] = field(default_factory=dict, init=False, repr=False)
     _trials: dict[tuple[Setting, str | None, bool], Trial] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -260,19 +261,21 @@ class Bench:
 
     def _channels(self, setting: Setting) -> tuple[np.ndarray, Array]:
         """For each motor the place of its torque channel among a Gram matrix' columns, and the channel's factor."""
-        source = np.array(setting.source or range(self.motors))
-        size = self.grams["used"].shape[-1]
-        return size - self.motors + source, self.channel_factors[np.arange(self.motors), source]
+        if setting.source not in self._sources:
+            source = np.array(setting.source or range(self.motors))
+            at = self.grams["used"].shape[-1] - self.motors + source
+            self._sources[setting.source] = at, self.channel_factors[np.arange(self.motors), source]
+        return self._sources[setting.source]
 
     def _right(self, G: Array, setting: Setting, columns: np.ndarray) -> Array:
         """W'y, (..., motors, columns)."""
         at, factor = self._channels(setting)
-        return np.stack([factor[k] * G[..., k, columns, at[k]] for k in range(self.motors)], axis=-2)
+        return np.asarray(factor[:, None] * G[..., np.arange(self.motors)[:, None], columns, at[:, None]])
 
     def _squares(self, G: Array, setting: Setting) -> Array:
         """y'y, (..., motors)."""
         at, factor = self._channels(setting)
-        return np.stack([factor[k] ** 2 * G[..., k, at[k], at[k]] for k in range(self.motors)], axis=-1)
+        return np.asarray(factor**2 * G[..., np.arange(self.motors), at, at])
 
     def squares(self, setting: Setting) -> Array:
         """Squared torque of each block and motor, (blocks, motors)."""
@@ -327,7 +330,7 @@ class Bench:
         leverage = (LA * L).sum(axis=-1) / np.maximum(((L @ whole) * L).sum(axis=-1), 1e-300)
         scores = (r - A @ fitted.theta) @ L.T / np.maximum(1 - leverage, 0.05)
         covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
-        inverse = np.linalg.pinv(L @ whole @ L.T, hermitian=True)
+        inverse = _inverse(L @ whole @ L.T)
         together = (inverse * (LA @ L.T)).sum(axis=(1, 2)) / len(L)
         dof = max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0)
         theta = fitted.theta[first:] - self._artefact(setting, fitted)
@@ -338,7 +341,7 @@ class Bench:
             return replace(made, se=size)
         z, own = (theta / np.where(there, size, 1.0))[there], size[there]
         correlation = covariance[np.ix_(there, there)] / np.outer(own, own)
-        T2 = float(z @ np.linalg.pinv(correlation, hermitian=True) @ z)
+        T2 = float(z @ _inverse(correlation) @ z)
         p = float(f_tail(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
         many = int(np.prod([len(term) for term in setting.terms]))
         return replace(made, p=min(1.0, p * many), se=size)
@@ -371,6 +374,13 @@ def _rows(G: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
 def _weighted(parts: tuple[Array, Array, Array], factors: Array, w: Array) -> tuple[Array, Array, float]:
     """Sums of W'W, W'y and y'y over the motors, whose rows of W have these factors."""
     return np.tensordot(w * factors**2, parts[0], axes=1), (w * factors) @ parts[1], float(w @ parts[2])
+
+
+def _inverse(M: Array) -> Array:
+    """Pseudo-inverse of a symmetric matrix; most are numbers."""
+    if M.shape == (1, 1) and M[0, 0] != 0:
+        return 1 / M
+    return np.linalg.pinv(M, hermitian=True)
 
 
 def _whitening(A: Array) -> Array:

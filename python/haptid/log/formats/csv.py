@@ -347,7 +347,10 @@ def _separator(texts: list[str]) -> tuple[str, str]:
         headed = first == 0 or len(rows[first - 1]) == width
         return headed and found > 0, found * (2 if width > 1 else 1)
 
-    choices = [(separator, decimal) for separator in SEPARATORS for decimal in ".," if separator + decimal != ",,"]
+    there = [any(separator in text for text in texts) for separator in SEPARATORS]
+    absent = there.index(False) if False in there else -1  # all absent ones give the same rows
+    separators = [separator for k, separator in enumerate(SEPARATORS) if there[k] or k == absent]
+    choices = [(separator, decimal) for separator in separators for decimal in ".," if separator + decimal != ",,"]
     return max(choices, key=numbers)
 
 
