@@ -380,7 +380,7 @@ def _inverse(M: Array) -> Array:
     """Pseudo-inverse of a symmetric matrix; most are numbers."""
     if M.shape == (1, 1) and M[0, 0] != 0:
         return 1 / M
-    return np.linalg.pinv(M, hermitian=True)
+    return np.asarray(np.linalg.pinv(M, hermitian=True))
 
 
 def _whitening(A: Array) -> Array:
