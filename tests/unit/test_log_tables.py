@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -293,3 +294,57 @@ def test_mutated_tables_are_read_or_refused(tmp_path: Path, kind: str) -> None:
             format_of(path).columns(path, wanted, Request())
         except errors.LogError:
             continue
+
+
+def _joined(path: Path, named: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """A table of two topics by an outer join: positions at 100 Hz, and torques at 250 Hz on rows of their own."""
+    t, own = np.arange(0.0, 4, 0.01) + 1.7e9, np.arange(0.0013, 4, 0.004) + 1.7e9
+    lines = [(at, f"{at:.6f},{at - 1e-4:.6f},{np.sin(at - 1.7e9):.9f},{12 + np.cos(at - 1.7e9):.9f},,") for at in t]
+    lines += [(at, f"{at:.6f},,,,{np.cos(at - 1.7e9):.9f},{np.sin(2 * (at - 1.7e9)):.9f}") for at in own]
+    head = "__time,/joint_states/header/stamp,/joint_states/elbow/position,/joint_states/wrist/position"
+    head += ",/motors/elbow/torque,/motors/wrist/torque" if named else ",/motors/torque[0],/motors/torque[1]"
+    path.write_text("\n".join([head, *(line for _, line in sorted(lines))]) + "\n")
+    return t - 1.7e9, own - 1.7e9
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_topics_that_were_joined_in_one_table_are_merged_by_time(tmp_path: Path, named: bool) -> None:
+    path = tmp_path / "joined.csv"
+    _joined(path, named)
+    found = survey(path)
+    table = tomllib.loads(found.table)["channels"]
+    assert table["time"] == "__time"  # and not the stamp, which the torques have not
+    assert table["position"]["channels"] == ["/joint_states/elbow/position", "/joint_states/wrist/position"]
+    assert table["position"]["unit"] == "rad"  # ROS prescribes it; 12 rad is an offset
+    assert table["merge"] == {"method": "linear"}
+    torque = table["torque"]
+    names = torque.get("channels") or [f"{torque['field']}[{k}]" for k in torque["joints"]]
+    channels = Channels(Signal(tuple(table["position"]["channels"]), "rad"), Signal(tuple(names), "N m"), "__time")
+    log = read_log(path, channels)
+    at = log.t
+    np.testing.assert_allclose(log.position[:, 0], np.sin(at + 0.01), atol=1e-4)  # the first row is before all torques
+    np.testing.assert_allclose(log.torque[:, 0], np.cos(at + 0.01), atol=1e-4)
+    np.testing.assert_allclose(log.torque[:, 1], np.sin(2 * (at + 0.01)), atol=1e-4)
+    assert any("merged by time (linear): 1000 samples on 400 rows" in note for note in log.notes)
+
+
+def test_drives_that_answer_in_rows_of_their_own_are_merged(tmp_path: Path) -> None:
+    """A bus recorder writes one row for each answer of each drive."""
+    path, t = tmp_path / "bus.csv", np.arange(0.0, 4, 0.002)
+    lines = ["t,q1,tau1,q2,tau2"]
+    for k, at in enumerate(t):
+        own = f"{np.sin(at):.9f},{np.cos(at):.9f}"
+        lines.append(f"{at:.6f}," + (f"{own},," if k % 2 else f",,{own}"))
+    path.write_text("\n".join(lines) + "\n")
+    channels = Channels(Signal(("q1", "q2"), "rad"), Signal(("tau1", "tau2"), "N m"), "t")
+    log = read_log(path, channels)
+    for column in (log.position, log.torque):
+        np.testing.assert_allclose(column[:, 0], column[:, 1], atol=1e-5)  # without merging they differ by 2e-3
+
+
+def test_a_missing_cell_among_its_neighbours_stays_an_error(tmp_path: Path) -> None:
+    path, values = tmp_path / "hole.csv", DATA.astype(object)
+    values[60, 1] = ""
+    path.write_text("t,q1,tau1\n" + "\n".join(",".join(map(str, row)) for row in values) + "\n")
+    with pytest.raises(errors.LogDataError, match="q1"):
+        read_log(path, Channels(Signal(("q1",), "rad"), Signal(("tau1",), "N m"), "t"))

@@ -26,6 +26,7 @@ from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, 
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
+from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.time_base import RawSignals, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
@@ -142,6 +143,10 @@ def read_log(
     count = checks.lengths(path, columns)
     if count == 0:
         raise empty(path, "channels and no rows")
+    if channels.time is not None and kind is not MESSAGES:
+        scale = units.scale(channels.time_unit, "time")[1]
+        columns = common_rows(columns, channels.time, scale, channels.position.channels, channels.merge, notes)
+        count = checks.lengths(path, columns)
     raw = None if channels.time is None else columns.pop(channels.time)
     times = Times.of(path, channels, raw, count, time_range, notes)
     del raw

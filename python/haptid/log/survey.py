@@ -42,6 +42,8 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
                             "encoder", "phi"})),
 )  # fmt: skip
+# Names of joints and not only of their positions.
+_JOINT = frozenset({"joint"})
 # A command of nothing in particular stands for a torque.
 _COMMAND = frozenset({"command", "commands", "commanded", "cmd"})
 _CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
@@ -64,9 +66,12 @@ _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
+_UNSTATED = "no unit is stated"
 _MAY_TURN = "a joint that turns so far is in rad"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
+# Torques on fewer rows than this share of the positions' are commands that are held until the next.
+_FEW = 0.2
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
@@ -175,13 +180,19 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def survey(path: str | Path, joints: Sequence[tuple[str, ...]] = (), motors: Sequence[tuple[str, ...]] = ()) -> Survey:
+def survey(
+    path: str | Path,
+    joints: Sequence[tuple[str, ...]] = (),
+    motors: Sequence[tuple[str, ...]] = (),
+    command_unit: str = "",
+) -> Survey:
     """Look through a log.
 
     Args:
         path: of the file or folder.
         joints: names of every joint that is wanted, in order: positions are chosen and ordered by them.
         motors: the same of torques; those of the joints where left out.
+        command_unit: of the motors, for torques whose unit is not stated; empty where not known.
 
     Raises:
         LogFileError: it cannot be read.
@@ -189,6 +200,10 @@ def survey(path: str | Path, joints: Sequence[tuple[str, ...]] = (), motors: Seq
     path = Path(path)
     kind, notes = format_of(path), list[str]()
     topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes)]
+    if command_unit:
+        topics = [
+            replace(topic, channels=tuple(_commanded(c, command_unit) for c in topic.channels)) for topic in topics
+        ]
     return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind, joints, motors or joints))
 
 
@@ -304,11 +319,12 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             found = _Range()
             found.add(column)
             channel = found.channel(name, column.size)
-            if _TIME.fullmatch(name.split(" [")[0].split(" (")[0]) or name.endswith("@time"):
+            if _TIME.fullmatch(_last(name.split(" [")[0].split(" (")[0])) or name.endswith("@time"):
                 channel, own = _timed(channel, column, stated.get(name, ""))
                 rate = rate or own
             else:
-                channel = _guessed(channel, name, "lerobot" if kind is LEROBOT else "", stated.get(name, ""))
+                source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
+                channel = _guessed(channel, name, source, stated.get(name, ""))
             channels.append(channel)
     by_rates = 0.0
     if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
@@ -400,7 +416,8 @@ def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -
 
 def _timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[ChannelSurvey, float]:
     """A channel that is called a time, with its unit, and the rate; no time where it does not grow."""
-    steps = np.diff(column[: 2**16].astype(np.float64) if column.dtype.kind == "f" else column[: 2**16])
+    own = column[~np.isnan(column)] if column.dtype.kind == "f" else column  # rows of other topics have none
+    steps = np.diff(own[: 2**16].astype(np.float64) if own.dtype.kind == "f" else own[: 2**16])
     step = float(np.median(steps)) if steps.size else 0.0
     if not (steps.size and np.isfinite(steps).all() and step > 0 and (steps >= 0).mean() > 0.99):
         return channel, 0.0
@@ -426,8 +443,9 @@ def _guessed(
 ) -> ChannelSurvey:
     """What a channel is, by its name and that of its topic, its stated unit and its range."""
     base = (m["array"] if (m := _ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
-    words = _words(_PRESENT.sub("", base)) or _words(name)
-    quantity: Quantity = next((q for q, known in _WORDS if words & known), "other")
+    base = _PRESENT.sub("", base)
+    words = _words(base) or _words(name)
+    quantity = _quantity(_words(_last(base)), words)
     if quantity == "position" and (rate := _RATE.search(base.rpartition(".")[2])):
         quantity = "other" if rate["second"] or rate["second_dot"] else "velocity"
     if words and words <= _COMMAND:
@@ -461,14 +479,14 @@ def _unit(
     if quantity == "position":
         if channel.whole and largest > _COUNTS:
             return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
-        if largest > _RADIANS:
+        if largest > _RADIANS and not (source == "rosjoint" and channel.high - channel.low < _RADIANS):
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
             )
             few = f"; {_MAY_TURN}" if largest < _FEW_TURNS and not more else ""
             whole = "; whole numbers: degrees, or counts" if channel.whole else ""
             return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{whole or few}"
-        more = "as ROS prescribes" if source == "rosjoint" else "no unit is stated"
+        more = "as ROS prescribes" if source == "rosjoint" else _UNSTATED
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":
         counted = channel.whole and largest > _WHOLE
@@ -477,11 +495,30 @@ def _unit(
             return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}{own}"
         if counted:
             return "counts", f"whole numbers up to {largest:.4g}, of a driver, a servo's load or a PWM; not N m"
-        more = (
-            "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else "no unit is stated"
-        )
+        more = "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else _UNSTATED
         return "N m", f"{more}; up to {largest:.4g}"
     return "", ""
+
+
+def _last(name: str) -> str:
+    """The last part of a path, as of a field of a topic."""
+    return re.split(r"[/.]", name)[-1]
+
+
+def _quantity(last: frozenset[str], words: frozenset[str]) -> Quantity:
+    """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
+    for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
+        for quantity, known in _WORDS:
+            if known_words & known:
+                return quantity
+    return "other"
+
+
+def _commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
+    """A torque of no stated unit in that of the device's motors."""
+    if channel.quantity != "torque" or not channel.reason.startswith(_UNSTATED) or channel.unit == unit:
+        return channel
+    return replace(channel, unit=unit, reason=f"{_UNSTATED}; that of the device's motors")
 
 
 def _words(name: str) -> frozenset[str]:
@@ -559,9 +596,19 @@ def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family
             if channel.quantity == quantity:
                 element = _ELEMENT.match(channel.name)
                 array = element["array"] if element and not _UNIT_LIKE.search(channel.name) else ""
-                arrays.setdefault(array or re.sub(r"\d+", "#", channel.name), []).append(channel)
+                arrays.setdefault(array or _pattern(channel.name), []).append(channel)
         found.extend(_Family(topic, array, tuple(channels)) for array, channels in arrays.items())
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _pattern(name: str) -> str:
+    """A channel's name without what tells it from those of other joints: numbers, or the joint's name in a path."""
+    parts = re.split(r"([/.])", name)
+    numbered = any(re.search(r"\d", part) for part in parts[-3:])
+    side = len(parts) > 2 and _words(parts[-3]) & (_WANTED | _MEASURED | {"motor", "joint"})
+    if len(parts) > 2 and not numbered and not side and any(_words(parts[-1]) <= known for _, known in _WORDS):
+        parts[-3] = "#"
+    return re.sub(r"\d+", "#", "".join(parts))
 
 
 _UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
@@ -587,9 +634,23 @@ def _toml(
     else:
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
-        if torque.topic is not position.topic:
-            lines.append('merge = { onto = "position", method = "linear" }  # two topics, merged by time')
+        lines += _merge_line(position, torque, kind)
     return "\n".join(lines) + "\n"
+
+
+def _merge_line(position: _Family, torque: _Family, kind: Format) -> list[str]:
+    """How torques come to the rows of the positions, where they have rows of their own."""
+    if torque.topic is not position.topic:
+        return ['merge = { onto = "position", method = "linear" }  # two topics, merged by time']
+    samples, own = (min(c.count for c in family.channels) for family in (position, torque))
+    if kind in (MESSAGES, LEROBOT) or own == 0 or max(samples, own) == position.topic.count:
+        return []
+    words = _words(torque.array)
+    if own < _FEW * samples and position.topic.rate_hz:
+        seconds = math.ceil(position.topic.count / position.topic.rate_hz)
+        return [f'merge = {{ method = "hold", largest_gap = {seconds} }}  # guess: {own} commands, each held']
+    method = "hold" if words & (_COMMAND | _WANTED | {"control"}) else "linear"
+    return [f'merge = {{ method = "{method}" }}  # rows of several sources, merged by time']
 
 
 def _instead(families: Sequence[_Family], chosen: _Family) -> list[str]:

@@ -35,7 +35,9 @@ def draft_study(
         driven = np.flatnonzero(motor.row)
         single = joints.get(int(driven[0]), ()) if len(driven) == 1 else ()
         motors.append((motor.name, *single))
-    found = survey(logs[0], *([tuple(filter(None, group)) for group in groups] for groups in (joints.values(), motors)))
+    wanted = [[tuple(filter(None, group)) for group in groups] for groups in (joints.values(), motors)]
+    units = {motor.command_unit for motor in device.motors}
+    found = survey(logs[0], *wanted, command_unit=units.pop() if len(units) == 1 else "")
     found = replace(found, notes=(*found.notes, *_elsewhere(found, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:

@@ -14,6 +14,7 @@ from haptid.errors import LogChannelError, LogTimeError
 from haptid.log.formats.messages.containers import Container, Topic, containers
 from haptid.log.formats.messages.decoding import HEADER, Batch, Decoder, decoder_of
 from haptid.log.formats.sniff import RawChannel, channel_list, corrupt, opened_file
+from haptid.log.merging import Stream, at_stamps
 from haptid.log.request import Request
 
 _KIND = "message"
@@ -26,8 +27,6 @@ TOLD = 200
 _STAMPS = ("header.stamp", "header.timestamp", "stamp", "timestamp", "time")
 # A channel of a topic that shares this share of the rows of its rarest channel is read by rows, not merged by time.
 _SHARED = 0.5
-# Longest gap over which another topic is merged, in its own usual steps.
-_LARGEST_GAP = 4.0
 
 
 @dataclass
@@ -220,23 +219,7 @@ def _collected(found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: l
     return rows
 
 
-@dataclass
-class _Stream:
-    """Channels with common rows.
-
-    Attributes:
-        topic: name.
-        receive, header: stamps, ns; header None where the messages have none.
-        values: of each channel, by its full name.
-    """
-
-    topic: str
-    receive: NDArray[np.int64]
-    header: NDArray[np.int64] | None
-    values: dict[str, NDArray[Any]]
-
-
-def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Request) -> list[_Stream]:
+def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Request) -> list[Stream]:
     """The wanted channels of a topic, as one stream where they come in the same messages."""
     topic, count = rows.topic.name, rows.receive.size
     there: dict[str, NDArray[np.bool_]] = {}
@@ -264,7 +247,7 @@ def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Req
         if header is not None and not rows.present[header][keep].all():
             stamps = stamps[0], None
         streams.append(
-            _Stream(topic, stamps[0], stamps[1], {full: rows.values[named[full]][keep] for full in full_names})
+            Stream(topic, stamps[0], stamps[1], {full: rows.values[named[full]][keep] for full in full_names})
         )
         left = count - int(keep.sum())
         if left:
@@ -305,7 +288,7 @@ def _useless(path: Path, name: str, what: str) -> LogChannelError:
     )
 
 
-def _merged(path: Path, streams: list[_Stream], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
+def _merged(path: Path, streams: list[Stream], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """All streams on the rows of the first wanted channel's topic."""
     first = wanted[0]
     timed = first.endswith((HEADER, RECEIVE))
@@ -324,7 +307,7 @@ def _merged(path: Path, streams: list[_Stream], wanted: Sequence[str], request: 
         if stream is not base and stream.values:
             own = stream.header if by_header else stream.receive
             assert own is not None
-            found, usable, sentence = _at(request, stamps, own, stream)
+            found, usable, sentence = at_stamps(request.merge, stamps, own, stream)
             out |= found
             keep &= usable
             request.notes.append(sentence)
@@ -335,11 +318,11 @@ def _merged(path: Path, streams: list[_Stream], wanted: Sequence[str], request: 
     return {name: out[name] for name in wanted if name in out}
 
 
-def _all_headers(streams: list[_Stream]) -> bool:
+def _all_headers(streams: list[Stream]) -> bool:
     return all(stream.header is not None for stream in streams)
 
 
-def _check_headers(path: Path, streams: list[_Stream], first: str) -> None:
+def _check_headers(path: Path, streams: list[Stream], first: str) -> None:
     for stream in streams:
         if stream.header is None or (stream.header.size and not stream.header.any()):
             why = "have no stamp" if stream.header is None else "have the stamp 0"
@@ -348,46 +331,3 @@ def _check_headers(path: Path, streams: list[_Stream], first: str) -> None:
                 where=stream.topic,
                 advice='Give `stamp = "receive"`: the times at which the recorder received the messages.',
             )
-
-
-def _at(
-    request: Request, stamps: NDArray[np.int64], own: NDArray[np.int64], stream: _Stream
-) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_], str]:
-    """Channels of another stream at given stamps, where they are known, and a sentence."""
-    method = request.merge.method
-    if own.size and np.any(np.diff(own) < 0):
-        order = np.argsort(own, kind="stable")
-        own = own[order]
-        stream.values = {name: values[order] for name, values in stream.values.items()}
-    steps = np.diff(own)
-    usual = float(np.median(steps)) if steps.size else 0.0
-    limit = _LARGEST_GAP * usual if request.merge.largest_gap is None else 1e9 * request.merge.largest_gap
-    after = np.searchsorted(own, stamps, "left" if method == "linear" else "right")
-    before = np.clip(after - 1, 0, max(own.size - 1, 0))
-    after = np.clip(after, 0, max(own.size - 1, 0))
-    behind, ahead = (stamps - own[before]).astype(np.float64), (own[after] - stamps).astype(np.float64)
-    if method == "hold":
-        found = {name: values[before] for name, values in stream.values.items()}
-        usable, age = (behind >= 0) & (behind <= limit), behind
-    elif method == "nearest":
-        closer = np.where(np.abs(behind) <= np.abs(ahead), before, after)
-        found = {name: values[closer] for name, values in stream.values.items()}
-        age = np.abs((stamps - own[closer]).astype(np.float64))
-        usable = age <= limit
-    else:
-        span = behind + ahead
-        exact = ahead == 0
-        weight = np.where(exact, 1.0, behind / np.where(span > 0, span, 1.0))
-        found = {
-            name: values[before] + weight * (values[after] - values[before]) for name, values in stream.values.items()
-        }
-        usable, age = exact | ((behind >= 0) & (ahead >= 0) & (span <= limit)), np.where(exact, 0.0, behind)
-    lost = int(np.count_nonzero(~usable))
-    typical = float(np.median(age[usable])) if usable.any() else float("nan")
-    sentence = (
-        f"{channel_list(list(stream.values), 8)} merged by time ({method}): {own.size} messages on {stamps.size} rows, "
-        f"usual step {1e-6 * usual:.4g} ms, median age {1e-6 * typical:.3g} ms"
-    )
-    if lost:
-        sentence += f"; {lost} rows without a value within {1e-6 * limit:.4g} ms are left out"
-    return found, usable, sentence
