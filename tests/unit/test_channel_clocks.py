@@ -53,3 +53,13 @@ def test_a_constant_delay_is_no_drift(seed: int, fading: float) -> None:
 def test_a_short_log_says_nothing() -> None:
     x = np.random.default_rng(0).normal(size=(300, 1))
     assert clock_drift(x, x, ((0, 300),), DT) is None
+
+
+def test_a_slow_move_of_all_joints_is_no_drift() -> None:
+    """The weight of a chain depends on sums of its angles, which the columns of single joints lack."""
+    t = np.arange(5000) * 1e-3
+    s = t**2 / 25
+    q = np.column_stack([1.6 * s, 1.5 * s, 1.4 * s]) + 5e-6 * np.random.default_rng(1).normal(size=(t.size, 3))
+    total = np.cumsum(q, axis=1)
+    tau = 9.81 * np.cumsum(np.cos(total)[:, ::-1], axis=1)[:, ::-1]
+    assert clock_drift(q, tau, ((0, t.size),), 1e-3) is None

@@ -80,3 +80,16 @@ def test_vibration_and_glitches_are_no_periods() -> None:
     glitches = motion(t) + 5e-3 * (rng.random((MANY, 3)) < 1e-3)
     found = count_steps(glitches.T, [(0, MANY)], MANY)
     assert found is None or np.mean(found.periods[found.clear] != 1) < 2e-3
+
+
+def test_rest_between_moves_is_no_repeated_row() -> None:
+    """Six moves there and back at the rate of a slow recorder, a few rows each, and long rest."""
+    for seed in range(42):
+        rng = np.random.default_rng(seed)
+        pieces = [np.zeros(35)]
+        for _ in range(6):
+            share = np.clip((np.arange(5) + rng.uniform()) / 4.2, 0, 1)
+            there = np.diff(np.round(200 * (1 - np.cos(np.pi * share))), prepend=0.0)
+            pieces += [there, np.zeros(int(rng.integers(0, 2))), -there, np.zeros(int(rng.integers(20, 45)))]
+        q = np.cumsum(np.concatenate(pieces))
+        assert count_steps([q], [(0, q.size)], q.size) is None

@@ -23,6 +23,8 @@ WINDOWS, LONGEST = 32, 256
 _ROWS = 21
 # Drift that is reported: standard errors, and steps over the whole log.
 CLEAR, LEAST_STEPS = 6.0, 0.5
+# Largest drift of a clock, as a share of the log: quartz has 1e-4, an RC oscillator 1e-2. More is a missing term.
+_LARGEST_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
         return None
     slope = float(upper.sum() / lower.sum())
     se = float(np.sqrt(np.sum((upper - slope * lower) ** 2)) / lower.sum())
-    if abs(slope) < max(CLEAR * se, LEAST_STEPS):
+    if abs(slope) < max(CLEAR * se, LEAST_STEPS) or abs(slope) > _LARGEST_SHARE * n:
         return None
     return ClockDrift(-slope * dt, se * dt)
 

@@ -185,7 +185,9 @@ class SignalOnDisk(OnDisk):
     def _made(self, low: int, high: int, channels: range) -> Array:
         """Samples low..high of some channels, (channels, high - low), rad, m or the torques' unit."""
         start, stop = self.grid.rows(low, high)
-        made = self.source.raw(tuple(self.signal.channels[k] for k in channels), start, stop)
+        made = self.signal.register.signed(
+            self.source.raw(tuple(self.signal.channels[k] for k in channels), start, stop)
+        )
         for column, k in zip(made, channels, strict=True):
             if self.wraps[k][0].size:
                 column -= checks.wrap_offset(*self.wraps[k], start, stop)

@@ -17,6 +17,7 @@ from haptid._internal.display import Overview, displayed
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
+from haptid.log.registers import Register
 from haptid.log.request import Merge
 from haptid.log.resampling import Spans
 from haptid.log.time_base import Sampling, TimeBaseReport
@@ -41,6 +42,7 @@ class Signal:
             largest jump.
         constant_ok: whether a constant channel is allowed.
         allow_saturation: whether a torque that stays at its limit is allowed.
+        register: how the channels write their sign, where they are words of a drive.
     """
 
     channels: tuple[str, ...]
@@ -52,6 +54,7 @@ class Signal:
     period: float | None = None
     constant_ok: bool = False
     allow_saturation: bool = False
+    register: Register = field(default_factory=Register)
 
     def __post_init__(self) -> None:
         names = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)

@@ -342,7 +342,7 @@ class Inspection:
             signal, kind: that it belongs to.
             si: factor from its unit to SI.
         """
-        column = raw.astype(np.float64, copy=False)
+        column = signal.register.signed(raw.astype(np.float64, copy=False))
         self._note(checks.check_range(self.path, name, column, kind, signal.constant_ok, si))
         moved = column[1:] != column[:-1]
         self.same[kind][1:] &= ~moved
@@ -505,7 +505,7 @@ class _FileReader:
                 raw = self._channel(name)
                 at, shift = NO_WRAPS
                 if signal.unwrap:
-                    at, shift = checks.find_wraps(raw.astype(np.float64, copy=False), signal)
+                    at, shift = checks.find_wraps(signal.register.signed(raw.astype(np.float64, copy=False)), signal)
                 self.wraps[name] = (at, freeze(shift))
                 column = self.inspection.column(name, raw, signal, "position", scale * gain)
                 yield column * (scale * gain) + offset
@@ -521,7 +521,7 @@ class _FileReader:
     def channels_of(self, signal: Signal) -> Iterator[Array]:
         """The channels of a signal that was inspected, read again, each (rows,), unwrapped."""
         for name in signal.channels:
-            column = self._read(name)[self.times.rows].astype(np.float64, copy=False)
+            column = signal.register.signed(self._read(name)[self.times.rows].astype(np.float64, copy=False))
             at, shift = self.wraps.get(name, NO_WRAPS)
             yield column - checks.wrap_offset(at, shift, 0, column.size) if at.size else column
 

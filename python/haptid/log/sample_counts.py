@@ -58,7 +58,7 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
     """
     channels = list(positions)
     made = StepCounts(np.ones(rows - 1, dtype=np.intp), *(np.zeros(rows - 1, dtype=bool) for _ in range(2)))
-    resolved = whole = 0
+    resolved = moved = whole = 0
     for a, b in spans:
         if b - a < max(_WIDTHS):
             continue
@@ -68,8 +68,11 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
             x, made.resolved[part], alike = _steps(own, np.rint(x), width)
         made.clear[part] = made.resolved[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
         made.periods[part] = np.rint(x).astype(np.intp)
-        resolved, whole = resolved + int((made.resolved[part] & alike).sum()), whole + int(made.clear[part].sum())
-    return made if resolved > _MANY * (rows - 1) and whole > _WHOLE * resolved else None
+        told = made.resolved[part] & alike
+        moves = made.periods[part] > 0  # of a rest between moves, zero periods are as clear as of a repeated row
+        resolved, moved = resolved + int(told.sum()), moved + int((told & moves).sum())
+        whole += int((made.clear[part] & moves).sum())
+    return made if resolved > _MANY * (rows - 1) and whole > _WHOLE * moved else None
 
 
 def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:

@@ -25,6 +25,7 @@ from haptid.log.formats.messages.containers import Topic, containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
 from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
+from haptid.log.registers import Register, register_of
 from haptid.log.request import Request
 from haptid.log.turns import turning_unit
 from haptid.log.units import known_unit
@@ -64,6 +65,8 @@ _RATE = re.compile(r"^d(?P<second>d)?_|(?P<second_dot>d)?dot(?=[^a-z]|$)", re.I)
 _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Counts of a turn of most hobby servos; their angle is zero in the middle.
+_TWELVE_BITS = 4096
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
 _UNSTATED = "no unit is stated"
@@ -87,6 +90,7 @@ class ChannelSurvey:
         low, high: range of the others; NaN where there are none.
         whole: whether all are whole numbers.
         quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
+        register: how it seems to write its sign, where it is a word of a drive; its range is that with the sign.
     """
 
     name: str
@@ -98,6 +102,7 @@ class ChannelSurvey:
     quantity: Quantity = "other"
     unit: str = ""
     reason: str = ""
+    register: Register = field(default_factory=Register)
 
     @property
     def usable(self) -> bool:
@@ -316,9 +321,9 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         notes.extend(request.notes if k == 0 else (note for note in request.notes if note not in notes))
         for name, column in columns.items():
             count = max(count, column.size)
-            found = _Range()
-            found.add(column)
-            channel = found.channel(name, column.size)
+            found, register = _Range(), register_of(column)
+            found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
+            channel = replace(found.channel(name, column.size), register=register)
             if _TIME.fullmatch(_last(name.split(" [")[0].split(" (")[0])) or name.endswith("@time"):
                 channel, own = _timed(channel, column, stated.get(name, ""))
                 rate = rate or own
@@ -703,4 +708,13 @@ def _signal_line(key: str, family: _Family) -> str:
     unit = next(iter(units))
     commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or _words(family.array) <= _COMMAND)
     side = ', side = "motor"' if commanded else ""
-    return f"{key} = {{ {where}, unit = {basic_string(unit)}{side}{constant} }}  # guess: {reason}"
+    if key == "torque" and len(family.channels) > 1 and all(c.low >= 0 for c in family.channels):
+        reason += "; never negative: is it a magnitude without a sign?"
+    register = next((c.register for c in family.channels if c.register), Register())
+    if register:
+        reason += f"; their sign is written as of {register}"
+    counted, more = "", f", {register}" if register else ""
+    if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
+        counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
+        reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
+    return f"{key} = {{ {where}, unit = {basic_string(unit)}{counted}{more}{side}{constant} }}  # guess: {reason}"

@@ -218,8 +218,8 @@ def _wrong_unit(name: str, got: str, wanted: str, side: str) -> LogMismatchError
         found=got,
         limit=wanted,
         advice=(
-            'Set the motor\'s `unit` and `gain` in the device file; or write in the study `side = "joint"`, '
-            f'`unit = "{wanted}"`, and as `gain` what one unit of the channel exerts at the joint (torque constant '
-            "times gear ratio)."
+            "Set the motor's `command_unit` and `torque_constant` in the device file; or write in the study "
+            f'`side = "joint"`, `unit = "{wanted}"`, and as `gain` what one unit of the channel exerts at the joint '
+            "(torque constant times gear ratio)."
         ),
     )

@@ -35,9 +35,9 @@ def draft_study(
         driven = np.flatnonzero(motor.row)
         single = joints.get(int(driven[0]), ()) if len(driven) == 1 else ()
         motors.append((motor.name, *single))
-    wanted = [[tuple(filter(None, group)) for group in groups] for groups in (joints.values(), motors)]
+    names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
-    found = survey(logs[0], *wanted, command_unit=units.pop() if len(units) == 1 else "")
+    found = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "")
     found = replace(found, notes=(*found.notes, *_elsewhere(found, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:

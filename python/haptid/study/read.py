@@ -14,6 +14,7 @@ from haptid.estimation import Method
 from haptid.estimation.method import only_weights_rows
 from haptid.inference.payload_body import AttachedBody
 from haptid.log import Channels, Merge, Signal
+from haptid.log.registers import Register
 from haptid.motion.filters import SHAPES, Causal, HighPass
 from haptid.motion.holds import HoldDetection
 from haptid.motion.treatment import Treatment
@@ -226,6 +227,8 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
             raise fault(study, f"{where}.{name}", f"{len(values)} figures for {len(names)} channels")
         return values
 
+    if table.sign_bit is not None and table.word_bits is not None:
+        raise fault(study, f"{where}.word_bits", "give either `sign_bit` or `word_bits`")
     return Signal(
         channels=names,
         unit=table.unit,
@@ -236,6 +239,7 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
         period=table.period,
         constant_ok=table.constant_ok,
         allow_saturation=table.allow_saturation,
+        register=Register(table.sign_bit, table.word_bits),
     )
 
 

@@ -41,6 +41,12 @@ class SignalTable(_Table):
     period: _Positive | None = Field(None, description="jump of a wrapped channel, in its own unit; default: one turn")
     constant_ok: bool = Field(False, description="permit a channel that is constant")
     allow_saturation: bool = Field(False, description="permit a torque held at its limit")
+    sign_bit: Annotated[int, Field(ge=1, le=31)] | None = Field(
+        None, description="of words of a drive: the bit of the sign, above the magnitude, such as 10 or 15"
+    )
+    word_bits: Literal[8, 16, 32] | None = Field(
+        None, description="of words of a drive in two's complement that were read without a sign: their width"
+    )
 
 
 class TimeTable(_Table):
