@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from zoo.advised import score as advised  # noqa: E402
 from zoo.advised import summary  # noqa: E402
 from zoo.advised import table as ranks  # noqa: E402
 from zoo.case import draw  # noqa: E402
+from zoo.coverage import CLASSES as COVERED  # noqa: E402
 from zoo.coverage import line, study  # noqa: E402
 from zoo.study import CASES, RESULTS, SEED, chosen, final_seed, keep, scores  # noqa: E402
 from zoo.table import CLASSES, aggregate, table, worst  # noqa: E402
@@ -37,10 +39,10 @@ def score_advice(each: int, right: int, seed: int, jobs: int, out: Path | None) 
     keep(out or RESULTS / "zoo-advice.json", {"each": each, "seed": seed}, rows, figures)
 
 
-def score_coverage(each: int, seed: int, jobs: int, out: Path | None) -> None:
+def score_coverage(each: int, seed: int, jobs: int, names: Sequence[str], out: Path | None) -> None:
     """Coverage by class, printed and stored as it is made: a run may be ended early."""
     made = {}
-    for name, figures in study(each, seed, jobs):
+    for name, figures in study(each, seed, jobs, names):
         print(line(name, figures), flush=True)
         made[name] = figures
         keep(out or RESULTS / "zoo-coverage.json", {"each": each, "seed": seed}, [], made)
@@ -65,9 +67,11 @@ def main() -> None:
     )
     parser.add_argument("--right", type=int, default=60, metavar="N", help="with --advice: cases of right models")
     parser.add_argument("--coverage", type=int, metavar="N", help="score intervals instead: N logs of each class")
+    parser.add_argument("--of", nargs="+", choices=COVERED, default=list(COVERED), help="with --coverage: classes")
     given = parser.parse_args()
     if given.coverage:
-        score_coverage(given.coverage, final_seed() if given.final else given.seed, given.jobs, given.out)
+        seed = final_seed() if given.final else given.seed
+        score_coverage(given.coverage, seed, given.jobs, given.of, given.out)
         return
     if given.advice:
         score_advice(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -40,6 +41,7 @@ CLASSES: dict[str, Case] = {
     "jitter": Case(0, "pendulum", 500, 12, 1.0, 3, bits=16, jitter=0.6, level=0.01, delay=0.5),
     "a delay of each motor": Case(0, "arm2", 500, 16, 2.0, 3, bits=17, noise="AR", delay=1.0, spread=0.5),
     "12 Hz at 200 Hz": Case(0, "arm2", 200, 20, 12.0, 4, bits=18, friction=0.5, level=0.01, delay=0.5),
+    "12 Hz at 200 Hz, tens of steps": Case(0, "arm2", 200, 20, 12.0, 4, bits=15, friction=0.5, level=0.01, delay=0.5),
     "slow motion, much friction": Case(0, "axis", 100, 60, 0.15, 3, bits=14, friction=0.8, noise="AR", delay=0.5),
     "noise inside the loop": Case(0, "pendulum", 500, 10, 1.5, 3, bits=16, level=0.01, loop=True, delay=1.0),
     "50 Hz": Case(0, "arm2", 50, 60, 1.0, 5, bits=16, friction=0.5, level=0.02, delay=0.5),
@@ -48,9 +50,9 @@ CLASSES: dict[str, Case] = {
 
 def logs_of(name: str, count: int, seed: int) -> Iterator[Case]:
     """Logs of a class; each has bodies, motion and noise of its own."""
-    place = list(CLASSES).index(name)
+    own = zlib.crc32(name.encode()) % 1000  # another class in the list changes no logs
     for k in range(count):
-        yield replace(CLASSES[name], seed=(1000 * seed + place) * 100_000 + k)
+        yield replace(CLASSES[name], seed=(1000 * seed + own) * 100_000 + k)
 
 
 def covered(case: Case) -> dict[str, Any]:
@@ -63,7 +65,8 @@ def covered(case: Case) -> dict[str, Any]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = identify(read_study(study))
+                # Parameters are quoted from the free fit: the choice of the model for use changes no interval.
+                found = identify(replace(read_study(study), use="free", cross_validation=None))
         except haptid.errors.HaptidError as error:
             return row | {"status": f"refused: {type(error).__name__}"}
     estimate = found.estimate
@@ -117,10 +120,10 @@ def holm(p: np.ndarray, level: float) -> list[int]:
     return rejected
 
 
-def study(count: int, seed: int, jobs: int) -> Iterator[tuple[str, dict[str, Any]]]:
+def study(count: int, seed: int, jobs: int, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Each class with its figures, as they are made."""
     with ProcessPoolExecutor(jobs) as pool:
-        for name in CLASSES:
+        for name in names:
             yield name, figures(list(pool.map(covered, logs_of(name, count, seed))))
 
 

@@ -11,7 +11,7 @@ from sampling import of_share
 from small_study import two_links
 from true_parameters import true_parameters
 
-DT, LENGTH, TURNS, DRAWS = 5e-3, 1.7371, 12, 25
+DT, LENGTH, TURNS, DRAWS = 5e-3, 1.7371, 12, 20
 
 
 @pytest.fixture(scope="module")

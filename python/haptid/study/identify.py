@@ -164,7 +164,7 @@ def identify(
     if isinstance(study.method, MotorSide):
         final = with_noise_uncertainty(final)
     else:
-        final = with_treatment_uncertainty(final, proposal.delays, proposal.effects)
+        final = with_treatment_uncertainty(final, proposal.delays, proposal.effects, proposal.rounding)
     final = calibration.with_uncertainty(final) if calibration else final
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]

@@ -9,7 +9,7 @@ Gauss-Newton steps, with a prior, since friction that the model lacks is late or
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class Delays:
         found: as estimated for each channel alone, (channels,), s.
         accepted: whether what was found is compensated, and not taken for friction or a missing term.
         dt: sampling period, s.
+        by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
+            s; not in `covariance`, because the parameters move with them.
     """
 
     seconds: Array
@@ -68,14 +70,15 @@ class Delays:
     found: Array
     accepted: bool
     dt: float
+    by_positions: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __post_init__(self) -> None:
-        freeze_fields(self, "seconds", "covariance", "found")
+        freeze_fields(self, "seconds", "covariance", "found", "by_positions")
 
     @property
     def se(self) -> Array:
         """Standard errors, (channels,), s."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.sqrt(np.diag(self.covariance) + np.sum(self.by_positions**2, axis=0)))
 
     @property
     def setting(self) -> float | tuple[float, ...]:

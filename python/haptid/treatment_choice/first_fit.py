@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import fft
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
@@ -53,8 +54,8 @@ def _integral(e: Array) -> float:
     if used.sum() < 2 * _FARTHEST:
         return 1.0
     centred = np.where(used, e - e[used].mean(), 0.0)
-    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2
-    r = np.fft.irfft(spectrum)[: len(e) // _FARTHEST + 1]
+    size = fft.next_fast_len(2 * len(e), real=True)
+    r = fft.irfft(np.abs(fft.rfft(centred, size)) ** 2, size)[: len(e) // _FARTHEST + 1]
     if r[0] <= 0:
         return 1.0
     r = r[1:] / r[0]

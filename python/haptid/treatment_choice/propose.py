@@ -32,7 +32,8 @@ from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
 from haptid.treatment_choice.noise_effect import noise_effect
 from haptid.treatment_choice.parallel_choice import better_cutoff
-from haptid.treatment_choice.uncertainty import OF_POSITIONS, with_treatment_uncertainty
+from haptid.treatment_choice.rounding import Rounding, rounding_effect
+from haptid.treatment_choice.uncertainty import OF_POSITIONS, with_uncertain_delays
 
 # Cut-off of the parallel filter over the motion's bandwidth: the usual one, all that are tried, and that of the filter
 # behind which treatments are compared.
@@ -93,6 +94,7 @@ class Proposal:
         delays: of the torque channels as estimated; None where they were given or could not be estimated.
         bandwidth_hz: of the motion.
         effects: standard errors of the parameters by the encoders' noise and by the position filter, (1, p) each.
+        rounding: what rounding of the positions moves; None without encoders.
     """
 
     treatment: Treatment
@@ -101,6 +103,7 @@ class Proposal:
     delays: Delays | None
     bandwidth_hz: float
     effects: Mapping[str, Array] = field(default_factory=dict)
+    rounding: Rounding | None = None
 
     def _shown(self) -> Overview:
         return Overview("Proposed treatment", ("reason",), [[reason] for reason in self.reasons])
@@ -163,7 +166,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     why_rows = (*filters.kept(treatment, given), *filters.at_rest(reference))
     reasons = (*filters.reasons(treatment, why, given), *why_rows, *choice.why_block, *why_time)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
-    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects)
+    return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects, choice.rounding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +180,7 @@ class _Choice:
         treatment, why_block: with its time blocks, and their reason.
         delays: of the torque channels.
         effects: of noise and position filter on the parameters.
+        rounding: its effect on parameters and delays.
         motion: the other motion, of `other_motion`; None where nothing was estimated.
         torque_se: standard error of the torque in it, per cent.
         by_positions: share of its square by errors of the positions.
@@ -189,6 +193,7 @@ class _Choice:
     why_block: tuple[str, ...]
     delays: Delays | None
     effects: Mapping[str, Array]
+    rounding: Rounding | None
     motion: Array | None
     torque_se: float
     by_positions: float
@@ -206,10 +211,12 @@ class _Choice:
         model, logs = filters.model, filters.logs
         treatment, why_block = _independent_blocks(model, logs, treatment, given)
         effects: Mapping[str, Array] = {}
+        rounding = None
         try:
             rows = observe(model, *(treat(log, treatment) for log in logs))
-            effects = noise_effect(rows, logs, filters.spectra, treatment)
-            made = with_treatment_uncertainty(estimate(rows, WLS()), delays, effects)
+            effects, made = noise_effect(rows, logs, filters.spectra, treatment), estimate(rows, WLS())
+            rounding = rounding_effect(made, logs, filters.spectra, treatment, delays)
+            made, delays = with_uncertain_delays(made, delays, effects, rounding)
         except (NoRowsError, IdentifiabilityError, MotionTooShortError):
             torque_se, share = np.inf, 0.0  # nothing to compare
         else:
@@ -218,7 +225,7 @@ class _Choice:
             parts = [made.nuisances[name] for name in OF_POSITIONS if name in made.nuisances]
             own = sum(torque_uncertainty(made.observation, shifts.T @ shifts, motion) ** 2 for shifts in parts)
             share = own / torque_se**2 if 0 < torque_se < np.inf else 0.0
-        return _Choice(filters, times, given, treatment, why_block, delays, effects, motion, torque_se, share)
+        return _Choice(filters, times, given, treatment, why_block, delays, effects, rounding, motion, torque_se, share)
 
     @property
     def positions_matter(self) -> bool:

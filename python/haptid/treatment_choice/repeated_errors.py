@@ -59,7 +59,7 @@ class _Scores:
         return bool(np.sum(self.s.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
 
     def shifts(self, root: Array, prior: Array) -> Array:
-        """Shift of the parameters by the errors of each part, (phases, p), SI.
+        """Shift of the parameters and delays by the errors of each part, (phases, p + delays), SI.
 
         Args:
             root: parameters from the fit's coordinates, (p, coordinates of the fit).
@@ -71,7 +71,7 @@ class _Scores:
         information[own:, :own] = information[:own, own:].T
         joint = linalg.inv(linalg.cholesky(information))  # lower: its rows are the joint coordinates
         adjustment = Adjustment.of(joint.T @ self.G @ joint / self.rows)
-        move = root @ joint[:own]
+        move = np.concatenate([root @ joint[:own], joint[own:]])
         single, summed = self.s @ joint, self.s.sum(axis=1) @ joint
         by_chance = ((single @ move.T) ** 2).sum(axis=(0, 1))
         whole = ((summed @ move.T) ** 2).sum(axis=0)
@@ -80,7 +80,7 @@ class _Scores:
 
 
 def repeated_errors(estimate: Estimate, delays: Delays | None) -> Array | None:
-    """By how much errors of each part of the period move the parameters, (parts, p), SI; None where none are repeated.
+    """By how much errors of each part of the period move the estimates, (parts, p + delays), SI; None without any.
 
     Delays that were estimated from the same rows take part: the parameters move with them.
 

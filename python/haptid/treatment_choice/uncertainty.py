@@ -1,9 +1,11 @@
-"""Uncertainty of a proposed treatment in an estimate: delays, the encoders' noise, the position filter."""
+"""Uncertainty of a proposed treatment in an estimate: delays, errors of the positions, the position filter."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
@@ -11,26 +13,38 @@ from haptid.estimation.estimate import judged
 from haptid.treatment_choice.delay_estimate import Delays, with_delay_uncertainty
 from haptid.treatment_choice.noise_effect import NOISY, of_torque
 from haptid.treatment_choice.repeated_errors import repeated_errors
+from haptid.treatment_choice.rounding import Rounding
 
-_REPEATED = "errors that repeat with the motion"
+_REPEATED, _ROUNDING = "errors that repeat with the motion", "rounding of the encoders"
 # Nuisances that positions are the cause of.
-OF_POSITIONS = (_REPEATED, "encoder noise", "position filter")
+OF_POSITIONS = (_REPEATED, _ROUNDING, "encoder noise", "position filter")
 
 
-def with_treatment_uncertainty(estimate: Estimate, delays: Delays | None, effects: Mapping[str, Array]) -> Estimate:
+def with_treatment_uncertainty(
+    estimate: Estimate, delays: Delays | None, effects: Mapping[str, Array], rounding: Rounding | None = None
+) -> Estimate:
     """An estimate whose covariance includes what its treatment leaves uncertain, each part in `nuisances`.
 
     Args:
         estimate: from logs that were treated as proposed.
         delays: of the torque channels, as proposed; None where they were given.
         effects: of noise and position filter, as in `Proposal`.
+        rounding: the effect of rounding, as in `Proposal`.
     """
+    return with_uncertain_delays(estimate, delays, effects, rounding)[0]
+
+
+def with_uncertain_delays(
+    estimate: Estimate, delays: Delays | None, effects: Mapping[str, Array], rounding: Rounding | None
+) -> tuple[Estimate, Delays | None]:
+    """The same, and the delays with what errors of the positions move them by."""
     made = estimate if delays is None else with_delay_uncertainty(estimate, delays)
-    repeated = repeated_errors(estimate, delays)
-    if repeated is not None:
-        made = made.with_nuisance(_REPEATED, repeated)
+    joint = _repeating(estimate, delays, rounding)
+    p = len(estimate.beta)
+    for name, shift in joint.items():
+        made = made.with_nuisance(name, shift[:, :p])
     for name, shift in effects.items():
-        if shift.shape[1] == len(estimate.beta):
+        if shift.shape[1] == p:
             made = made.with_nuisance(name, shift)
             changed = of_torque(estimate.observation, shift[0])
             if changed > NOISY:
@@ -39,4 +53,21 @@ def with_treatment_uncertainty(estimate: Estimate, delays: Delays | None, effect
                     f"are too noisy for this motion. Record faster or larger motion, or with a finer encoder."
                 )
                 made = replace(made, status="noisy_positions", notes=(*made.notes, text))
-    return judged(made)
+    moved = [shift[:, p:] for shift in joint.values() if shift.shape[1] > p]
+    if delays is not None and moved:
+        delays = replace(delays, by_positions=np.concatenate(moved))
+    return judged(made), delays
+
+
+def _repeating(estimate: Estimate, delays: Delays | None, rounding: Rounding | None) -> Mapping[str, Array]:
+    """Shifts of parameters and delays by errors that repeat, as far as each shows what the others do not."""
+    made = {}
+    repeated = repeated_errors(estimate, delays)
+    if repeated is not None:
+        made[_REPEATED] = repeated
+    if rounding is not None and rounding.shifts.shape[1] >= len(estimate.beta):
+        same = repeated is not None and repeated.shape[1] == rounding.shifts.shape[1]
+        shifts = rounding.beyond(np.sum(repeated**2, axis=0) if repeated is not None and same else 0.0)
+        if shifts.any():
+            made[_ROUNDING] = shifts
+    return made

@@ -1,0 +1,164 @@
+"""Effect of the encoders' rounding on the parameters and delays: smoothed positions are rounded again, elsewhere.
+
+Rounding depends on the position alone. Where a motion comes back to the same samples, its errors are the same in every
+period, and what of them lies in the columns of the model is in the parameters and not in the residual: no scatter of
+the residual shows it. Noise drawn at random does not show it either, since it averages out over the periods. Positions
+that are rounded once more, on lattices that lie elsewhere between the steps of the encoder, have errors that repeat as
+those of the log do; by how much they move the estimates is their error, as far as blocks do not show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import raw_parameters
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
+from haptid.estimation import Estimate
+from haptid.log import Log
+from haptid.log.spectrum import Spectrum, widest
+from haptid.motion.treatment import Treatment, treat
+from haptid.observation.observation import MotorRows, Observation, observe
+from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
+from haptid.treatment_choice.first_fit import residual_memory, solve_excited
+from haptid.treatment_choice.nuisance_problem import NuisanceProblem
+
+# Lattices that positions are rounded to.
+_LATTICES = 8
+# Lattices after which it ends where the shifts of all estimates are below such a share of their standard errors.
+_FIRST, _MATTERS = 2, 0.2
+# Cut-off of the filter behind which positions stand for the true ones, over the motion's bandwidth, at most: with much
+# of their own rounding left, they lie too near to the lattice, and what is found is too small.
+_SMOOTH = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Rounding:
+    """Shifts of parameters and delays by rounding, with the part that the scatter of blocks shows.
+
+    Attributes:
+        shifts: of the base parameters and of the delays that were estimated with them, by the errors of each lattice,
+            (lattices, p + delays), SI.
+        shown: variance of each in the scatter of the blocks, (p + delays,), SI.
+    """
+
+    shifts: Array
+    shown: Array
+
+    def beyond(self, known: Array | float = 0.0) -> Array:
+        """One standard error's shifts with the variance that is in no scatter, (lattices, p + delays), SI.
+
+        Args:
+            known: variance of the parameters and delays by errors that repeat, as the residual shows it, SI.
+        """
+        whole = np.mean(self.shifts**2, axis=0)
+        left = np.maximum(whole - self.shown - known, 0.0)
+        share = np.divide(left, whole, out=np.zeros_like(whole), where=whole > 0)
+        return np.asarray(self.shifts * np.sqrt(share / len(self.shifts)))
+
+
+def rounding_effect(
+    estimate: Estimate,
+    logs: Sequence[Log],
+    spectra: Sequence[Sequence[Spectrum]],
+    treatment: Treatment,
+    delays: Delays | None,
+) -> Rounding | None:
+    """What the rounding of the positions may have moved the estimates by; None where it matters nowhere.
+
+    Args:
+        estimate: from the logs.
+        logs: recordings.
+        spectra: of each log's position channels, with their steps.
+        treatment: of the logs.
+        delays: of the torque channels; None where they were given.
+    """
+    steps = [np.array([own.step for own in channels]) for channels in spectra]
+    if treatment.cutoff_hz is None or treatment.momentum or not any(step.any() for step in steps):
+        return None
+    channels = len(steps[0])
+    highest = _SMOOTH * max(own.bandwidth for own in widest(spectra))
+    cutoffs = np.minimum(np.broadcast_to(treatment.cutoff_hz, (channels,)), highest)
+    smoother = replace(treatment, torque_delay_s=0.0, cutoff_hz=tuple(cutoffs.tolist()))
+    rng = np.random.default_rng(0)
+    # Each channel's places are spread evenly over a step, in an order of its own.
+    places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
+    refit = _Refit.of(estimate, delays if delays is not None and delays.accepted else None)
+    try:
+        smooth = [np.asarray(treat(log, smoother).q[:]) for log in logs]
+        plain = refit.motors(logs, smooth)
+        at = solve_excited(plain, refit.weights, refit.known).beta
+        before, parts = refit.by_block(plain, at), list[Array]()
+        for place in places:
+            rounded = [_rounded(q, own, place) for q, own in zip(smooth, steps, strict=True)]
+            parts.append(refit.by_block(refit.motors(logs, rounded), at) - before)
+            if len(parts) == _FIRST and np.all(np.abs(np.sum(parts, axis=1)) < _MATTERS * refit.se):
+                return None
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
+        return None
+    made = np.array(parts)
+    return Rounding(made.sum(axis=1), np.mean(np.sum(made**2, axis=1), axis=0))
+
+
+def _rounded(q: Array, steps: Array, place: Array) -> Array:
+    """Positions, (n, channels), on the lattices of their encoders, moved by shares of a step; as they are without."""
+    step = np.where(steps > 0, steps, 1.0)
+    return np.where(steps > 0, (np.round(q / step - place) + place) * step, q)
+
+
+@dataclass(frozen=True, eq=False)
+class _Refit:
+    """Least squares in the parameters and delays, again and again with other positions.
+
+    Attributes:
+        rows: as they were measured.
+        chi: parameters of the core's columns that the delays' columns are computed with, (r,), SI.
+        beta: parameters of the fit to the rows, (p,), SI.
+        se: standard errors of parameters and delays, (p + delays,), SI.
+        weights: of each motor's rows, less for residuals with memory, (motors,).
+        known: prior rows of the delays, (delays, p + delays + 1).
+    """
+
+    rows: Observation
+    chi: Array
+    beta: Array
+    se: Array
+    weights: Array
+    known: Array
+
+    @staticmethod
+    def of(estimate: Estimate, delays: Delays | None) -> _Refit:
+        """From an estimate, and the delays that are estimated with the parameters; None for none."""
+        rows, beta = estimate.observation, estimate.free
+        many, p = 0 if delays is None else len(delays.seconds), len(beta)
+        known = np.zeros((many, p + many + 1))
+        se = estimate.se
+        if delays is not None:
+            known[:, p:-1] = np.linalg.inv(np.linalg.cholesky(delay_prior(many, delays.dt)))
+            se = np.append(se, delays.se)
+        step = rows.motions[0].treatment.decimation * rows.motions[0].dt
+        memory = residual_memory(rows.model, rows.motions, beta)
+        weights = estimate.weights / np.sqrt(max(memory / step, 1.0))
+        return _Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known)
+
+    def motors(self, logs: Sequence[Log], positions: Sequence[Array]) -> Sequence[MotorRows]:
+        """R factors with other positions of the logs."""
+        model, treatment = self.rows.model, self.rows.motions[0].treatment
+        motions = [treat(replace(log, position=q), treatment) for log, q in zip(logs, positions, strict=True)]
+        if not len(self.known):
+            return observe(model, *motions).motors
+        columns = [delay_columns(model, motion) for motion in motions]
+        return NuisanceProblem.of(model, motions, self.beta, self.chi, columns).rows.motors
+
+    def by_block(self, motors: Sequence[MotorRows], at: Array) -> Array:
+        """Step from parameters and delays to their least squares, the part of each block, (blocks, p + delays), SI."""
+        root = solve_excited(motors, self.weights, self.known).root
+        scores = np.zeros((len(motors[0].triangles), len(at)))
+        for motor, weight in zip(motors, self.weights, strict=True):
+            W, y = motor.triangles[:, :, :-1], motor.triangles[:, :, -1]
+            left = y - W @ at[motor.columns]
+            scores[:, motor.columns] += weight**2 * np.einsum("bij,bi->bj", W, left)
+        return np.asarray(scores @ root @ root.T)
