@@ -216,26 +216,42 @@ def poses(device: Device, q_tree: Array) -> Array:
 
 def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
     """Poses of links of a tree, (samples, joints, 4, 4), from joint positions (samples, joints)."""
-    q = np.asarray(q_tree, dtype=float)
-    expect("q_tree", q.shape, (None, len(joints)))
-    made = np.zeros((len(q), len(joints), 4, 4))
+    axes, origins = link_frames(joints, np.asarray(q_tree, dtype=float).T)
+    made = np.zeros((origins.shape[2], len(joints), 4, 4))
+    made[:, :, :3, :3] = axes.transpose(3, 0, 2, 1)
+    made[:, :, :3, 3] = origins.transpose(2, 0, 1)
     made[..., 3, 3] = 1.0
+    return made
+
+
+def link_frames(joints: Sequence[Joint], q_tree: Array) -> tuple[Array, Array]:
+    """Axes of links of a tree, (joints, axis, component, samples), and origins, (joints, 3, samples), in the base frame.
+
+    Samples are last, so that every step is an operation on long arrays.
+
+    Args:
+        joints: of the tree, parents before children.
+        q_tree: positions of all joints, (joints, samples), rad or m.
+    """
+    q = np.asarray(q_tree, dtype=float)
+    expect("q_tree", q.T.shape, (None, len(joints)))
+    n = q.shape[1]
+    axes, origins = np.empty((len(joints), 3, 3, n)), np.empty((len(joints), 3, n))
     cosines, sines = np.cos(q), np.sin(q)
     for j, joint in enumerate(joints):
         if joint.parent < 0:
-            R, p = joint.rotation[None], joint.translation[None]
+            R = np.repeat(joint.rotation.T[:, :, None], n, axis=2)
+            p = np.repeat(joint.translation[:, None], n, axis=1)
         else:
-            above = made[:, joint.parent, :3]
-            moved = above.reshape(-1, 4)[:, :3] @ np.column_stack([joint.rotation, joint.translation])
-            moved = moved.reshape(-1, 3, 4)
-            R, p = moved[:, :, :3], moved[:, :, 3] + above[:, :, 3]
+            above = axes[joint.parent].reshape(3, 3 * n)
+            R = (joint.rotation.T @ above).reshape(3, 3, n)
+            p = origins[joint.parent] + (joint.translation @ above).reshape(3, n)
+        axes[j, 2] = R[2]
         if joint.prismatic:
-            made[:, j, :3, :3] = R
-            made[:, j, :3, 3] = p + R[:, :, 2] * q[:, j, None]
+            axes[j, :2], origins[j] = R[:2], p + R[2] * q[j]
         else:
-            c, s = cosines[:, j, None], sines[:, j, None]
-            made[:, j, :3, 0] = c * R[:, :, 0] + s * R[:, :, 1]
-            made[:, j, :3, 1] = c * R[:, :, 1] - s * R[:, :, 0]
-            made[:, j, :3, 2] = R[:, :, 2]
-            made[:, j, :3, 3] = p
-    return made
+            c, s = cosines[j], sines[j]
+            np.add(c * R[0], s * R[1], out=axes[j, 0])
+            np.subtract(c * R[1], s * R[0], out=axes[j, 1])
+            origins[j] = p
+    return axes, origins

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Frame, NewtonClosure, poses
+from haptid.device import Frame, NewtonClosure
+from haptid.device.geometry import link_frames
 from haptid.device.loops.newton import conditioning
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
@@ -99,37 +100,42 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
         return model.device.closure.conditioning(q)
     if not cuts or not passive:
         return np.ones(len(q))
-    at = poses(model.device, q)
-    J = np.zeros((len(q), 3 * len(cuts), len(passive)))
+    axes, origins = link_frames(model.device.joints, q.T)
+    J = np.zeros((len(passive), len(cuts), 3, len(q)))
     for k, cut in enumerate(cuts):
         for frame, sign in ((cut.frame_a, 1.0), (cut.frame_b, -1.0)):
-            point, link = frame_origin(at, frame), frame.link
+            link = frame.link
+            if link < 0:
+                continue
+            point = origins[link] + np.tensordot(frame.translation, axes[link], axes=1)
             while link >= 0:
                 if link in passive:
-                    axis = at[:, link, :3, 2]
-                    turning = axis if model.device.joints[link].prismatic else _cross(axis, point - at[:, link, :3, 3])
-                    J[:, 3 * k : 3 * k + 3, passive.index(link)] += sign * turning
+                    axis = axes[link, 2]
+                    turning = axis if model.device.joints[link].prismatic else _cross(axis, point - origins[link])
+                    J[passive.index(link), k] += sign * turning
                 link = model.device.joints[link].parent
+    J = J.reshape(len(passive), -1, len(q))
     J /= np.maximum(np.sqrt((J**2).sum(axis=1, keepdims=True)), 1e-12)
     return _smallest_singular_value(J)
 
 
 def _smallest_singular_value(J: Array) -> Array:
-    """Of each matrix, (samples,), from (samples, rows, columns), to 1e-8 of the largest.
+    """Of each matrix, (samples,), from (columns, rows, samples), to 1e-8 of the largest.
 
     From the eigenvalues of J'J: a third of the time of a singular value decomposition.
     """
-    if J.shape[2] == 2:  # unit columns, as of one planar loop: in closed form
-        a, b, c = (np.einsum("nk,nk->n", J[:, :, i], J[:, :, k]) for i, k in ((0, 0), (1, 1), (0, 1)))
+    if len(J) == 2:  # unit columns, as of one planar loop: in closed form
+        a, b, c = ((J[i] * J[k]).sum(axis=0) for i, k in ((0, 0), (1, 1), (0, 1)))
         squared = (a + b) / 2 - np.hypot((a - b) / 2, c)
     else:
-        squared = np.linalg.eigvalsh(J.transpose(0, 2, 1) @ J)[:, 0]
+        of_samples = np.ascontiguousarray(J.transpose(2, 0, 1))
+        squared = np.linalg.eigvalsh(of_samples @ of_samples.transpose(0, 2, 1))[:, 0]
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """np.cross of (samples, 3), which is slow on short arrays."""
-    return np.stack([a[:, i] * b[:, k] - a[:, k] * b[:, i] for i, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    """Cross products of (3, samples)."""
+    return np.stack([a[i] * b[k] - a[k] * b[i] for i, k in ((1, 2), (2, 0), (0, 1))])
 
 
 def frame_origin(at: Array, frame: Frame) -> Array:

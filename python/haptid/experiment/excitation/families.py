@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -66,6 +67,13 @@ class Family(Protocol):
 
     def basis(self, bounds: MotionBounds, dt: float) -> Basis | None:
         """The states as an affine function of the point of the unit cube, in steps of dt, s; None where they bend."""
+
+    @property
+    def least_rows_hz(self) -> float:
+        """Rows per second below which the sums over the rows depend on them."""
+
+    def peaks(self, dt: float) -> float:
+        """How far peaks between rows in steps of dt, s, may lie above those at rows, relative to these."""
 
     def size(self, joints: int) -> int:
         """Number of parameters of a motion."""
@@ -147,6 +155,15 @@ class FourierSeries:
         )
 
     @property
+    def least_rows_hz(self) -> float:
+        """See Family: rows are products of up to four states."""
+        return 6.0 * self.highest_hz
+
+    def peaks(self, dt: float) -> float:
+        """See Family: halfway between two rows, the last harmonic is this far above them."""
+        return 1.0 - math.cos(math.pi * self.highest_hz * dt)
+
+    @property
     def highest_hz(self) -> float:
         """Frequency of the last harmonic."""
         return self.count * self.fundamental_hz
@@ -179,6 +196,15 @@ class TrianglesWithSines:
     fast_hz: tuple[float, float] = (0.3, 3.0)
     count: int = 4
     ramp: float = 1.5
+
+    @property
+    def least_rows_hz(self) -> float:
+        """See Family: the corners of triangles have harmonics of their own."""
+        return math.inf
+
+    def peaks(self, dt: float) -> float:
+        """See Family."""
+        return 1.0 - math.cos(math.pi * self.fast_hz[1] * dt)
 
     def basis(self, bounds: MotionBounds, dt: float) -> None:
         """See Family."""

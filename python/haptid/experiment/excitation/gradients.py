@@ -19,9 +19,8 @@ from haptid.experiment.collision.distances import Distances
 from haptid.experiment.excitation.criteria import Criterion, Scaling
 from haptid.experiment.excitation.limits import FLAT_LOOPS, MotionBounds
 
-# Safety margin to every limit, relative to its size, so that the search ends on the feasible side,
-# between its rows too.
-WITHIN = 0.03
+# Default safety margin to every limit, relative to its size.
+MARGIN = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +34,7 @@ class Gradients:
         scaling: of their rows.
         information: of logs that there are already, in units of the scaled rows, (k, k).
         dt: sampling period of the states, s: of the limits that take several samples.
+        margin: to every limit, relative to its size: penalties begin this far inside.
     """
 
     bounds: MotionBounds
@@ -43,6 +43,7 @@ class Gradients:
     scaling: Scaling
     information: Array
     dt: float
+    margin: float = MARGIN
 
     def __post_init__(self) -> None:
         freeze_fields(self, information=(len(self.columns),) * 2)
@@ -55,6 +56,7 @@ class Gradients:
         noise: Array,
         information: Array | None = None,
         dt: float = 0.04,
+        margin: float = MARGIN,
     ) -> Gradients:
         """For base parameters `bounds.beta`, noise, (motors,), information of earlier logs, (p, p), SI, and dt, s."""
         which = list(columns)
@@ -63,7 +65,7 @@ class Gradients:
         if information is not None:  # rows are in units of their noise, entries differ by the parameter's alone
             size = scaling.factors[0] * noise[0]
             there = information[np.ix_(which, which)] * size[:, None] * size
-        return Gradients(bounds, criterion, columns, scaling, there, dt)
+        return Gradients(bounds, criterion, columns, scaling, there, dt, margin)
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
         """Cost plus limit penalties, and the gradient by states, (3, active, n): see `Evaluation.slopes`."""
@@ -162,7 +164,7 @@ class Evaluation:
         bounds = self.gradients.bounds
         if bounds.collision is None:
             return None
-        reach = bounds.limits.clearance + WITHIN * bounds.collision.size
+        reach = bounds.limits.clearance + self.gradients.margin * bounds.collision.size
         return bounds.collision.near(self._followed.q.T, reach)
 
     def _collisions(self) -> tuple[float, Array]:
@@ -172,7 +174,7 @@ class Evaluation:
         if found is None or not len(found.distance):
             return 0.0, by_state
         collision, n = self._collision, states.shape[2]
-        over = (self.gradients.bounds.limits.clearance - found.distance) / collision.size + WITHIN
+        over = (self.gradients.bounds.limits.clearance - found.distance) / collision.size + self.gradients.margin
         slopes = collision.slopes(self._followed.q.T, self._followed.G, found)
         np.add.at(by_state[0].T, found.sample, (-2 / n / collision.size * over)[:, None] * slopes)
         return float((over**2).sum()) / n, by_state
@@ -224,17 +226,21 @@ class Evaluation:
     def _limits(self, weight: float) -> tuple[float, Array]:
         """Mean squared violations of the limits, and their gradient."""
         states, bounds = self.states, self.gradients.bounds
-        over, n, by_state = np.maximum(self.violations[0] + WITHIN, 0.0), states.shape[2], np.zeros_like(states)
+        over, n, by_state = (
+            np.maximum(self.violations[0] + self.gradients.margin, 0.0),
+            states.shape[2],
+            np.zeros_like(states),
+        )
         violated = over.any(axis=0)
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
             by_state[:, :, violated] = bounds.gradients(there, 2 / n * over[:, violated])
-        flat = np.maximum(self.flatness + WITHIN, 0.0)
+        flat = np.maximum(self.flatness + self.gradients.margin, 0.0)
         violated = flat > 0
         if violated.any():
             by_state[0][:, violated] += 2 / n * flat[violated] * self._flat_slopes(violated)
         near, by_distance = self._collisions()
-        lasting = [np.maximum(excess + WITHIN, 0.0) for excess, _ in self.over_time]
+        lasting = [np.maximum(excess + self.gradients.margin, 0.0) for excess, _ in self.over_time]
         if any(x.any() for x in lasting):
             by_state += bounds.over_time_gradients(states, self.gradients.dt, [2 / len(x) * x for x in lasting])
         near += sum(float((x**2).mean()) for x in lasting)

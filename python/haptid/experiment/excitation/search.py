@@ -1,7 +1,8 @@
-"""Search for an exciting motion within limits: random starts, then L-BFGS-B descents with growing penalties."""
+"""Search for an exciting motion within limits: many short descents by L-BFGS-B, of which the best are continued."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,18 +26,26 @@ from haptid.experiment.excitation.limits import Limits, MotionBounds
 _WORST = 50.0
 # Cost of a motion whose loops do not close, above that of any other.
 _OUTSIDE = 1e9
-# Power of the smooth criterion when starting points are compared.
-_STARTING = 4.0
-# Cost of violating a limit by its full size, when starting points are compared.
-_PENALTY = 100.0
-# Share of the evaluations that random starting points use.
-RANDOM = 0.05
-# Evaluations of a descent, and its rounds: power of the smooth criterion, weight of the penalties, share of the
-# evaluations. Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
-DESCENT = 1500
-_ROUNDS = ((2, 3e2, 0.23), (3, 1e3, 0.23), (2, 1e3, 0.18), (4, 3e3, 0.12), (8, 1e4, 0.12), (8, 1e5, 0.12))
+# Number of starting points: this times the root of the number of evaluations, so that more evaluations give more
+# descents and longer ones.
+STARTS = 0.4
+# Rounds of the descents: share of the starting points that are still followed, the best so far; share of the evaluations;
+# one row of how many; power of the smooth criterion, weight of the penalties. There are many local minima, which differ by
+# a third: after some forty evaluations the cost of a descent tells much of where it ends, and few are worth finishing.
+# Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
+_ROUNDS = (
+    (1.0, 0.40, 2, 2, 3e2),
+    (0.3, 0.25, 2, 2, 1e3),
+    (0.12, 0.15, 1, 4, 3e3),
+    (0.0, 0.12, 1, 8, 1e4),
+    (0.0, 0.08, 1, 16, 1e5),
+)
 # L-BFGS-B memory, steps.
 MEMORY = 30
+# Relative decrease of the cost in a step below which a descent has converged.
+TOLERANCE = 1e-7
+# Safety margin to every limit, relative to its size, so that the search ends on the feasible side.
+LEAST_MARGIN = 0.004
 # Step of the finite differences of a motion by its parameters.
 DIFFERENCE = 1e-6
 # Step at which a motion found is checked for collisions, s, and how many motions are checked, the best first.
@@ -159,8 +168,8 @@ def design_excitation(
 ) -> Excitation:
     """Optimal excitation: search a family of motions for the one of least cost within limits.
 
-    Random starting points, then quasi-Newton descents (L-BFGS-B) from the best of them, with analytical gradients of
-    the criterion and the limits as growing penalties.
+    Quasi-Newton descents (L-BFGS-B) from many random starting points, of which the best are continued, with analytical
+    gradients of the criterion and the limits as growing penalties.
 
     Args:
         family: `FourierSeries()` or `TrianglesWithSines()`.
@@ -261,6 +270,21 @@ class _Start:
     seed: int
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows at which motions are evaluated.
+
+    Attributes:
+        dt: sampling period, s.
+        basis: the states as an affine function of the point, in families that have it.
+        gradients: of the criterion and the limits.
+    """
+
+    dt: float
+    basis: Basis | None
+    gradients: Gradients
+
+
 @dataclass(eq=False)
 class _Search:
     """State of a search: evaluations so far and the best feasible motion.
@@ -273,6 +297,7 @@ class _Search:
         least: its cost.
         history: number of motions evaluated, and least cost, at each improvement.
         nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
+        made: rows of the search, by how many of them one is taken.
     """
 
     bounds: MotionBounds
@@ -289,34 +314,40 @@ class _Search:
     least: float = np.inf
     nearest: tuple[tuple[float, str], ...] = ((np.inf, "a limit"),)
     history: list[tuple[int, float]] = field(default_factory=list)
+    made: dict[int, _Rows] = field(default_factory=dict)
 
     def run(self) -> None:
-        """Search until all evaluations are used: random points first, then descents from the best of those."""
-        rng = np.random.default_rng(self.search.seed)
+        """Descend from random points, and follow fewer and fewer of them, the best: at most all evaluations are used."""
+        rng, tries, left = np.random.default_rng(self.search.seed), self.search.tries, 1.0
+        many = max(1, round(STARTS * math.sqrt(tries)))
+        followed = [(np.inf, self._start(rng)) for _ in range(many)]
         try:
-            drawn = [self._start(rng) for _ in range(max(1, round(RANDOM * self.search.tries)))]
-            for start in sorted(drawn, key=self._penalised):
-                self._descend(start)
-            while True:
-                self._descend(self._start(rng))
+            for of_points, share, every, power, weight in _ROUNDS:
+                followed = sorted(followed, key=lambda one: one[0])[: max(1, round(of_points * many))]
+                most = max(1, round(share / left * (tries - self.tried) / len(followed)))
+                left -= share
+                rows = self._rows(every if self.search.rows_hz / every >= self.family.least_rows_hz else 1)
+                followed = [self._descend(rows, start, power, weight, most) for _, start in followed]
         except _EvaluationsUsedError:
             return
 
-    @cached_property
-    def gradients(self) -> Gradients:
-        """Gradients of the criterion and the limits."""
-        return Gradients.of(
-            self.bounds, self.criterion, self.columns, self.noise, self.information, 1 / self.search.rows_hz
-        )
+    def _rows(self, every: int) -> _Rows:
+        """The rows of the search, or every second one of them."""
+        if every not in self.made:
+            dt = every / self.search.rows_hz
+            there = None if self.information is None else self.information / every
+            gradients = Gradients.of(self.bounds, self.criterion, self.columns, self.noise, there, dt, self.margin)
+            self.made[every] = _Rows(dt, self.family.basis(self.bounds, dt), gradients)
+        return self.made[every]
 
     @cached_property
-    def basis(self) -> Basis | None:
-        """The states as an affine function of the point, in families that have it."""
-        return self.family.basis(self.bounds, 1.0 / self.search.rows_hz)
+    def margin(self) -> float:
+        """Relative margin to every limit, so that peaks between rows are within it too."""
+        return LEAST_MARGIN + self.family.peaks(1.0 / self.search.rows_hz)
 
     @cached_property
     def dense_basis(self) -> Basis | None:
-        """The same at the rows at which a motion that would be kept is checked."""
+        """States at the rows at which a motion that would be kept is checked."""
         return self.family.basis(self.bounds, 1.0 / (_DENSER * self.search.rows_hz))
 
     def checked(self) -> tuple[_Start, Clearance | None]:
@@ -354,66 +385,60 @@ class _Search:
 
     def found(self, start: _Start) -> Quality:
         """Quality of a motion."""
-        observed = observed_motion(self.bounds.model, self._planned(start.x, start.seed))
+        made = plan(
+            self.family.kind(start.x, self.bounds), self.bounds.model, 1.0 / self.search.rows_hz, phases(start.seed)
+        )
+        observed = observed_motion(self.bounds.model, made)
         return quality(observed, self.columns, self.bounds.beta, self.noise)
 
     def _start(self, rng: np.random.Generator) -> _Start:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
 
-    def _descend(self, start: _Start) -> None:
-        """Quasi-Newton descent in rounds, each with its share of the remaining evaluations."""
-        tries = min(DESCENT, self.search.tries - self.tried)
-        bounds, x = [(0.0, 1.0)] * len(start.x), start.x
-        for power, weight, share in _ROUNDS:
-            settings = {"maxfun": max(1, round(share * tries)), "maxiter": tries, "maxcor": MEMORY}
-            arguments = (start.seed, power, weight)
-            x = optimize.minimize(
-                self._gradient, x, args=arguments, jac=True, method="L-BFGS-B", bounds=bounds, options=settings
-            ).x
+    def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, most: int) -> tuple[float, _Start]:
+        """Quasi-Newton descent of so many evaluations at most: the penalised cost where it ends, and that point."""
+        settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": TOLERANCE}
+        found = optimize.minimize(
+            self._gradient,
+            start.x,
+            args=(rows, start.seed, power, weight),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, 1.0)] * len(start.x),
+            options=settings,
+        )
+        return float(found.fun), _Start(found.x, start.seed)
 
-    def _gradient(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
+    def _gradient(self, x: Array, rows: _Rows, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,); a large cost where loops do not close."""
         try:
-            cost, by_state = self.evaluate(x, seed).slopes(power, weight)
+            cost, by_state = self.evaluate(rows, x, seed).slopes(power, weight)
         except (LoopClosureError, SingularityError):  # a step beyond the limits: the line search shortens it
             return _OUTSIDE, np.zeros(len(x))
-        if self.basis is not None:
-            return cost, self.basis.gradient(by_state, len(x))
-        return cost, np.tensordot(self._jacobian(x, seed), by_state, axes=3)
+        if rows.basis is not None:
+            return cost, rows.basis.gradient(by_state, len(x))
+        return cost, np.tensordot(self._jacobian(rows, x, seed), by_state, axes=3)
 
-    def _jacobian(self, x: Array, seed: int) -> Array:
+    def _jacobian(self, rows: _Rows, x: Array, seed: int) -> Array:
         """Jacobian of the states by the parameters of the motion, (size, 3, active, n), by differences."""
-        made, here = [], self._states(x, seed)
+        made, here = [], self._states(rows, x, seed)
         for k in range(len(x)):
             step = DIFFERENCE if x[k] < 0.5 else -DIFFERENCE
             moved = x.copy()
             moved[k] += step
-            made.append((self._states(moved, seed) - here) / step)
+            made.append((self._states(rows, moved, seed) - here) / step)
         return np.array(made)
 
-    def _states(self, x: Array, seed: int) -> Array:
-        if self.basis is not None:
-            return self.basis.states(x)
-        return _stacked(self._planned(x, seed))
+    def _states(self, rows: _Rows, x: Array, seed: int) -> Array:
+        if rows.basis is not None:
+            return rows.basis.states(x)
+        return _stacked(plan(self.family.kind(x, self.bounds), self.bounds.model, rows.dt, phases(seed)))
 
-    def _planned(self, x: Array, seed: int) -> Trajectory:
-        kind = self.family.kind(x, self.bounds)
-        return plan(kind, self.bounds.model, 1.0 / self.search.rows_hz, phases(seed))
-
-    def _penalised(self, start: _Start) -> float:
-        """Cost of a motion plus penalties of all violated limits."""
-        try:
-            at = self.evaluate(start.x, start.seed)
-        except (LoopClosureError, SingularityError):
-            return _OUTSIDE
-        return at.cost(_STARTING) + _PENALTY * sum(max(excess, 0.0) for excess, _ in at.excesses)
-
-    def evaluate(self, x: Array, seed: int) -> Evaluation:
+    def evaluate(self, rows: _Rows, x: Array, seed: int) -> Evaluation:
         """The motion at a point of the unit cube; it is kept if it is within the limits and the best so far."""
         if self.tried >= self.search.tries:
             raise _EvaluationsUsedError
         self.tried += 1
-        made = self.gradients.at(self._states(x, seed))
+        made = rows.gradients.at(self._states(rows, x, seed))
         exceeded = _sorted(made.excesses)
         if exceeded[0][0] <= 0:
             exceeded = self._keep(made, _Start(x.copy(), seed))
@@ -425,6 +450,11 @@ class _Search:
 
     def _keep(self, made: Evaluation, start: _Start) -> tuple[tuple[float, str], ...]:
         """Keep a motion if it is the best, and is feasible between its rows too; the limits that it exceeds there."""
+        if min(made.cost(), _WORST) >= self.least:
+            return ((0.0, "a limit"),)
+        every_row = self._rows(1)
+        if made.gradients is not every_row.gradients:
+            made = every_row.gradients.at(self._states(every_row, start.x, start.seed))
         cost = min(made.cost(), _WORST)
         if cost >= self.least:
             return ((0.0, "a limit"),)
