@@ -107,7 +107,8 @@ def test_one_seed_is_one_motion(found):
         PHANTOM, FAMILIES[0], WITHIN, beta=BETA, noise=(0.002,), search=SHORT, progress=lambda *at: seen.append(at)
     )
     assert same.kind == found.kind
-    assert same.tried == SHORT.tries == len(seen)
+    assert same.tried <= SHORT.tries
+    assert same.tried <= len(seen) <= same.tried + 1
     assert seen[-1][0] == 1.0
     assert seen[-1][1] == pytest.approx(np.log(same.after.scaled), abs=1e-6)
     assert same.history[-1][1] == seen[-1][1]

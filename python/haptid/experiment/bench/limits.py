@@ -114,9 +114,9 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
                     turning = axis if model.device.joints[link].prismatic else _cross(axis, point - origins[link])
                     J[passive.index(link), k] += sign * turning
                 link = model.device.joints[link].parent
-    J = J.reshape(len(passive), -1, len(q))
-    J /= np.maximum(np.sqrt((J**2).sum(axis=1, keepdims=True)), 1e-12)
-    return _smallest_singular_value(J)
+    by_passive = J.reshape(len(passive), -1, len(q))
+    by_passive /= np.maximum(np.sqrt((by_passive**2).sum(axis=1, keepdims=True)), 1e-12)
+    return _smallest_singular_value(by_passive)
 
 
 def _smallest_singular_value(J: Array) -> Array:

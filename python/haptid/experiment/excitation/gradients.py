@@ -225,22 +225,18 @@ class Evaluation:
 
     def _limits(self, weight: float) -> tuple[float, Array]:
         """Mean squared violations of the limits, and their gradient."""
-        states, bounds = self.states, self.gradients.bounds
-        over, n, by_state = (
-            np.maximum(self.violations[0] + self.gradients.margin, 0.0),
-            states.shape[2],
-            np.zeros_like(states),
-        )
+        states, bounds, margin = self.states, self.gradients.bounds, self.gradients.margin
+        over, n, by_state = np.maximum(self.violations[0] + margin, 0.0), states.shape[2], np.zeros_like(states)
         violated = over.any(axis=0)
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
             by_state[:, :, violated] = bounds.gradients(there, 2 / n * over[:, violated])
-        flat = np.maximum(self.flatness + self.gradients.margin, 0.0)
+        flat = np.maximum(self.flatness + margin, 0.0)
         violated = flat > 0
         if violated.any():
             by_state[0][:, violated] += 2 / n * flat[violated] * self._flat_slopes(violated)
         near, by_distance = self._collisions()
-        lasting = [np.maximum(excess + self.gradients.margin, 0.0) for excess, _ in self.over_time]
+        lasting = [np.maximum(excess + margin, 0.0) for excess, _ in self.over_time]
         if any(x.any() for x in lasting):
             by_state += bounds.over_time_gradients(states, self.gradients.dt, [2 / len(x) * x for x in lasting])
         near += sum(float((x**2).mean()) for x in lasting)

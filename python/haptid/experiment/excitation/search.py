@@ -26,13 +26,13 @@ from haptid.experiment.excitation.limits import Limits, MotionBounds
 _WORST = 50.0
 # Cost of a motion whose loops do not close, above that of any other.
 _OUTSIDE = 1e9
-# Number of starting points: this times the root of the number of evaluations, so that more evaluations give more
-# descents and longer ones.
-STARTS = 0.4
-# Rounds of the descents: share of the starting points that are still followed, the best so far; share of the evaluations;
-# one row of how many; power of the smooth criterion, weight of the penalties. There are many local minima, which differ by
-# a third: after some forty evaluations the cost of a descent tells much of where it ends, and few are worth finishing.
-# Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
+# Number of starting points: this times the root of the number of evaluations for each parameter in the criterion, so
+# that more evaluations give more descents and longer ones. With many parameters descents take longer.
+STARTS = 1.5
+# Rounds of the descents: share of the starting points that are still followed, the best so far; share of the
+# evaluations; one row of how many; power of the smooth criterion, weight of the penalties. The many local minima differ
+# by a third: after some forty evaluations the cost of a descent tells much of where it ends, and few are worth
+# finishing. Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
 _ROUNDS = (
     (1.0, 0.40, 2, 2, 3e2),
     (0.3, 0.25, 2, 2, 1e3),
@@ -317,9 +317,9 @@ class _Search:
     made: dict[int, _Rows] = field(default_factory=dict)
 
     def run(self) -> None:
-        """Descend from random points, and follow fewer and fewer of them, the best: at most all evaluations are used."""
+        """Descend from random points, and follow fewer and fewer of them, the best."""
         rng, tries, left = np.random.default_rng(self.search.seed), self.search.tries, 1.0
-        many = max(1, round(STARTS * math.sqrt(tries)))
+        many = max(1, round(STARTS * math.sqrt(tries / len(self.columns))))
         followed = [(np.inf, self._start(rng)) for _ in range(many)]
         try:
             for of_points, share, every, power, weight in _ROUNDS:
@@ -330,6 +330,8 @@ class _Search:
                 followed = [self._descend(rows, start, power, weight, most) for _, start in followed]
         except _EvaluationsUsedError:
             return
+        if self.progress:  # the last descent has converged
+            self.progress(1.0, self.least)
 
     def _rows(self, every: int) -> _Rows:
         """The rows of the search, or every second one of them."""
