@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, out, print_json, progress_bars
+from haptid.cli.options import numbers, spread, wrong_option
 
 if TYPE_CHECKING:
     from haptid._internal.arrays import Array
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import Experiment
     from haptid.experiment.excitation import (
+        Criterion,
         Excitation,
         FourierSeries,
         FurtherMotions,
         Limits,
         LogInformation,
         PlannedMotion,
+        Search,
         TrianglesWithSines,
     )
 
@@ -108,7 +111,7 @@ def excite(
     criterion: Annotated[
         str | None, typer.Option(help="condition (default), raw-condition, d-optimal, a-optimal or largest-error")
     ] = None,
-    max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
+    max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 1600,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     also: Annotated[
@@ -136,113 +139,63 @@ def excite(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    from haptid.cli.options import wrong_option
     from haptid.device import read_device, read_world
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import (
-        CRITERIA,
-        MotionSamples,
-        Search,
-        design_excitation,
-        next_motions,
-        of_buffer,
-        write_player,
-    )
+    from haptid.experiment.excitation import CRITERIA, Search, of_buffer
 
     with errors_shown():
-        if criterion is not None and criterion not in CRITERIA:
-            raise wrong_option("--criterion", criterion, f"one of {', '.join(CRITERIA)}")
-        if criterion is not None and (after is not None or count > 1):
-            other_one = "--after" if after is not None else "--motions"
-            raise wrong_option(
-                "--criterion", f"{criterion} with {other_one}", "no criterion: the largest interval counts"
-            )
-        if accuracy is not None and after is None:
-            raise wrong_option(
-                "--accuracy", f"{accuracy:g} without --after", "--after too: the noise is that of its logs"
-            )
+        _check_criterion(criterion, after, count, accuracy)
+        _check_files(out_file, also or [], page_file, player)
+        _check_families(count, any((friction, poses, reversals)), after, payload)
         if buffer is not None and (triangles or seconds is not None):
             raise wrong_option("--buffer", f"{buffer} with --triangles or --seconds", "one of them")
-        _check_files(out_file, also or [])
-        if page_file is not None and page_file.suffix != ".html":
-            raise wrong_option("--page", str(page_file), "a file whose name ends in .html")
-        if player is not None and player.suffix != ".c":
-            raise wrong_option("--player", str(player), "a file whose name ends in .c")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
-        beta = None if other is None else model.base.of(other.setup(model).chi)
-        rates, efforts = {"speed": speed, "acceleration": acceleration, "jerk": jerk}, {"torque": torque}
-        efforts |= {"rms_torque": rms_torque, "power": power}
-        within = _limits(model.device, centre, stroke, rates, efforts)
-        if confidence is not None:
-            within = replace(within, torque_confidence=confidence / 100)
-        within = replace(within, handle_force=handle_force)
-        around = () if world is None else read_world(world)
-        within = replace(within, clearance=1e-3 * clearance_mm, world=around)
+        rates = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
+        efforts = {"torque": torque, "rms_torque": rms_torque, "power": power}
+        within = replace(
+            _limits(model.device, centre, stroke, rates, efforts),
+            torque_confidence=None if confidence is None else confidence / 100,
+            handle_force=handle_force,
+            clearance=1e-3 * clearance_mm,
+            world=() if world is None else read_world(world),
+        )
         family = _family(model.device, triangles, seconds, start)
         if buffer is not None and not triangles:
             family = of_buffer(family, buffer, rate_hz)  # type: ignore[arg-type]
-        columns, search = tuple(keep) if keep else None, Search(tries=max_evaluations, seed=seed)
-        loaded = None if payload is None else _payload(payload, model)
-        if not (count or friction or poses or reversals):
-            raise wrong_option("--motions", "0 alone", "--friction-test, --poses or --reversals too")
-        if not count and (after is not None or loaded is not None):
-            raise wrong_option("--motions", "0 with --after or --payload", "1 or more")
+        asked = _Asked(
+            model,
+            family,
+            within,
+            CRITERIA[criterion or "condition"],
+            tuple(keep) if keep else None,
+            None if other is None else model.base.of(other.setup(model).chi),
+            Search(tries=max_evaluations, seed=seed),
+        )
+        load = None if payload is None else _payload(payload, model)
+        wanted = {"friction": friction, "poses": poses, "reversals": reversals}
         label = "largest relative interval" if after is not None or count > 1 else criterion or "condition"
-        further = None
         with progress_bars(quiet or as_json) as bars:
             task = bars.add_task("searching", total=1.0)
 
             def progress(share: float, cost: float) -> None:
                 bars.update(task, completed=share, description=_so_far(label, cost))
 
-            def design(values: Array | None) -> Excitation:
-                return design_excitation(
-                    model,
-                    family,
-                    within,
-                    criterion=CRITERIA[criterion or "condition"],
-                    columns=columns,
-                    beta=values,
-                    search=search,
-                    progress=progress,
-                )
-
-            if count == 0:
-                motions: tuple[Excitation, ...] = ()
-            elif after is not None or count > 1:
-                known = _known(after, model, beta)
-                columns = columns if after is not None or columns else known.valued
-                further = next_motions(
-                    known,
-                    family,
-                    within,
-                    parameters=columns,
-                    accuracy=accuracy,
-                    count=count,
-                    search=search,
-                    progress=progress,
-                )
-                motions = further.motions
-            else:
-                motions = (design(beta),)
-            wanted = {"friction": friction, "poses": poses, "reversals": reversals}
-            others = _others({k: v for k, v in wanted.items() if v}, model, within, motions, start, beta)
-            if loaded is not None:
-                others["payload"] = _loaded(model, loaded, motions, within, beta, design)
+            motions, further = _searched(asked, count, after, accuracy, progress)
+            others = _others({k: v for k, v in wanted.items() if v}, asked, motions, start)
+            if load is not None:
+                others["payload"] = _loaded(asked, load, motions, progress)
         named = {_suffix(k, len(motions)): found for k, found in enumerate(motions)} | {
             f"-{name}": found for name, found in others.items()
         }
         files = {out_file.with_name(f"{out_file.stem}{name}.toml"): found for name, found in named.items()}
         for (name, found), path in zip(named.items(), files, strict=True):
-            weight = loaded if name == "-payload" else None
+            weight = load if name == "-payload" else None
             copies = [one.with_name(f"{one.stem}{name}{one.suffix}") for one in also or []]
             _write(found, path, copies, other, rate_hz, rehearsal, weight)
-        if player is not None and files:
-            write_player(player, [MotionSamples.of(found, rate_hz) for found in files.values()])
-        if page_file is not None and files:
-            _write_page(page_file, files, further)
+        if files:
+            _write_together(files, further, rate_hz, player, page_file)
     if as_json:
         made = [_values(found, path) for path, found in files.items()]
         print_json(made[0] if further is None and len(made) == 1 else {"motions": made, **_predicted(further)})
@@ -250,21 +203,100 @@ def excite(
         for path, found in files.items():
             _show(found, path, condition=further is None)
         for name in others:
-            _show_next(name, out_file, loaded)
+            _show_next(name, out_file, load)
         if further is not None:
             _show_intervals(further)
 
 
-def _check_files(out_file: Path, also: list[Path]) -> None:
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is searched: motions of a family within limits, by a criterion.
+
+    Attributes:
+        columns: names of the base parameters that count; None for all.
+        beta: values of the base parameters, (p,), SI; None for the prior's.
+    """
+
+    model: DynamicModel
+    family: FourierSeries | TrianglesWithSines
+    within: Limits
+    criterion: Criterion
+    columns: tuple[str, ...] | None
+    beta: Array | None
+    search: Search
+
+    def design(self, beta: Array | None, progress: Callable[[float, float], None]) -> Excitation:
+        """The best motion for values of the base parameters."""
+        from haptid.experiment.excitation import design_excitation
+
+        return design_excitation(
+            self.model,
+            self.family,
+            self.within,
+            criterion=self.criterion,
+            columns=self.columns,
+            beta=beta,
+            search=self.search,
+            progress=progress,
+        )
+
+
+def _searched(
+    asked: _Asked, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
+) -> tuple[tuple[Excitation, ...], FurtherMotions | None]:
+    """Exciting motions, each given those before it and the logs of a result, and what they are predicted to bring."""
+    from haptid.experiment.excitation import next_motions
+
+    if count == 0:
+        return (), None
+    if after is None and count == 1:
+        return (asked.design(asked.beta, progress),), None
+    known = _known(after, asked.model, asked.beta)
+    further = next_motions(
+        known,
+        asked.family,
+        asked.within,
+        parameters=asked.columns if after is not None or asked.columns else known.valued,
+        accuracy=accuracy,
+        count=count,
+        search=asked.search,
+        progress=progress,
+    )
+    return further.motions, further
+
+
+def _check_criterion(criterion: str | None, after: Path | None, count: int, accuracy: float | None) -> None:
+    """Raise OptionError for a criterion that there is not, or where the largest interval is the criterion."""
+    from haptid.experiment.excitation import CRITERIA
+
+    if criterion is not None and criterion not in CRITERIA:
+        raise wrong_option("--criterion", criterion, f"one of {', '.join(CRITERIA)}")
+    if criterion is not None and (after is not None or count > 1):
+        other_one = "--after" if after is not None else "--motions"
+        raise wrong_option("--criterion", f"{criterion} with {other_one}", "no criterion: the largest interval counts")
+    if accuracy is not None and after is None:
+        raise wrong_option("--accuracy", f"{accuracy:g} without --after", "--after too: the noise is that of its logs")
+
+
+def _check_families(count: int, others: bool, after: Path | None, payload: str | None) -> None:
+    """Raise OptionError where there is no motion to plan, or none for what is asked of it."""
+    if not (count or others):
+        raise wrong_option("--motions", "0 alone", "--friction-test, --poses or --reversals too")
+    if not count and (after is not None or payload is not None):
+        raise wrong_option("--motions", "0 with --after or --payload", "1 or more")
+
+
+def _check_files(out_file: Path, also: list[Path], page_file: Path | None, player: Path | None) -> None:
     """Raise OptionError for an ending that says no format."""
-    from haptid.cli.options import wrong_option
     from haptid.experiment.excitation.samples import SAMPLE_FORMATS
 
     for path in also:
         if path.suffix not in SAMPLE_FORMATS:
             raise wrong_option("--samples", str(path), f"a file whose name ends in one of {', '.join(SAMPLE_FORMATS)}")
-    if out_file.suffix != ".toml":
-        raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
+    names = {"--out": (out_file, ".toml"), "--page": (page_file, ".html"), "--player": (player, ".c")}
+    for option, (name, ending) in names.items():
+        if name is not None and name.suffix != ending:
+            raise wrong_option(option, str(name), f"a file whose name ends in {ending}")
 
 
 def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogInformation:
@@ -285,7 +317,6 @@ def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
     """A link and the point mass on it, from LINK=KG@X,Y,Z."""
     import numpy as np
 
-    from haptid.cli.options import numbers, wrong_option
     from haptid.device.priors import PriorBody
 
     link, equals, body = text.partition("=")
@@ -300,46 +331,43 @@ def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
 
 
 def _others(
-    wanted: dict[str, int | bool],
-    model: DynamicModel,
-    within: Limits,
-    motions: Sequence[Excitation],
-    start: str | None,
-    beta: Array | None,
+    wanted: dict[str, int | bool], asked: _Asked, motions: Sequence[Excitation], start: str | None
 ) -> dict[str, PlannedMotion]:
     """Motions of the other families, about the pose in which the first motion rests."""
-    from haptid.cli.options import numbers
     from haptid.experiment.excitation import CAMPAIGN_FAMILIES, resting_pose
 
-    device = model.device
     rest = resting_pose(motions[0]) if motions else None
     if start is not None:
-        rest = numbers("--start", start, "positions of the active joints", len(device.active))
+        rest = numbers("--start", start, "positions of the active joints", len(asked.model.device.active))
     return {
         name: CAMPAIGN_FAMILIES[name].make(
-            model, within, rest=rest, beta=beta, **({"count": many} if name == "poses" else {})
+            asked.model,
+            asked.within,
+            rest=rest,
+            beta=asked.beta,
+            **({"count": many} if name == "poses" else {}),
         )
         for name, many in wanted.items()
     }
 
 
 def _loaded(
-    model: DynamicModel,
+    asked: _Asked,
     load: tuple[str, PriorBody],
     motions: Sequence[Excitation],
-    within: Limits,
-    beta: Array | None,
-    design: Callable[[Array], Excitation],
+    progress: Callable[[float, float], None],
 ) -> Excitation:
     """The motion with a body on a link: searched again where its torque counts in the limits, else the first one."""
     import numpy as np
 
     from haptid.observation import payload_torque
 
+    model, within = asked.model, asked.within
     more = payload_torque(model, *load)
     if all(x is None for x in (within.torque, within.rms_torque, within.power, within.handle_force)):
         return motions[0]
-    return design(more + (model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else beta))
+    prior = model.base.of(np.nan_to_num(model.device.chi_prior))
+    return asked.design(more + (prior if asked.beta is None else asked.beta), progress)
 
 
 def _write(
@@ -363,14 +391,25 @@ def _write(
     write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz, weight)
 
 
-def _write_page(path: Path, files: Mapping[Path, PlannedMotion], further: FurtherMotions | None) -> None:
-    """Write the page of the motions."""
+def _write_together(
+    files: Mapping[Path, PlannedMotion],
+    further: FurtherMotions | None,
+    rate_hz: float,
+    player: Path | None,
+    page_file: Path | None,
+) -> None:
+    """Write what has all motions of the command: the player and the page."""
     from haptid._internal.atomic_folder import publishing_files
-    from haptid.report.motion_page import motion_page
+    from haptid.experiment.excitation import MotionSamples, write_player
 
-    text = motion_page({file.stem: found for file, found in files.items()}, further)
-    with publishing_files(path) as folder:
-        (folder / path.name).write_text(text, encoding="utf-8")
+    if player is not None:
+        write_player(player, [MotionSamples.of(found, rate_hz) for found in files.values()])
+    if page_file is not None:
+        from haptid.report.motion_page import motion_page
+
+        text = motion_page({file.stem: found for file, found in files.items()}, further)
+        with publishing_files(page_file) as folder:
+            (folder / page_file.name).write_text(text, encoding="utf-8")
 
 
 def _predicted(found: FurtherMotions | None) -> dict[str, Any]:
@@ -414,7 +453,6 @@ def _limits(
     efforts: dict[str, str | None],
 ) -> Limits:
     """Limits given by options, in place of the device file's: of active joints, and of torque rows."""
-    from haptid.cli.options import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
     names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
@@ -439,7 +477,6 @@ def _family(
     device: Device, triangles: bool, seconds: float | None, start: str | None
 ) -> FourierSeries | TrianglesWithSines:
     """The motions to search among."""
-    from haptid.cli.options import numbers, wrong_option
     from haptid.experiment.excitation import FourierSeries, TrianglesWithSines
 
     family: FourierSeries | TrianglesWithSines

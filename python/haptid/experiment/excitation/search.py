@@ -63,12 +63,12 @@ class Search:
     """Settings of the search.
 
     Attributes:
-        tries: number of motions evaluated.
+        tries: largest number of motions evaluated.
         seed: of the search, and of the phases of a motion.
         rows_hz: rows per second at which a motion is evaluated.
     """
 
-    tries: int = 3000
+    tries: int = 1600
     seed: int = 0
     rows_hz: float = ROWS_HZ
 
