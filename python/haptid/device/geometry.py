@@ -225,7 +225,7 @@ def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
 
 
 def link_frames(joints: Sequence[Joint], q_tree: Array) -> tuple[Array, Array]:
-    """Axes of links of a tree, (joints, axis, component, samples), and origins, (joints, 3, samples), in the base frame.
+    """Axes of links in the base frame, (joints, axis, component, samples), and origins, (joints, 3, samples).
 
     Samples are last, so that every step is an operation on long arrays.
 
