@@ -43,7 +43,7 @@ _ROUNDS = (
 # L-BFGS-B memory, steps.
 MEMORY = 30
 # Relative decrease of the cost in a step below which a descent has converged.
-TOLERANCE = 1e-7
+CONVERGED = 1e-7
 # Safety margin to every limit, relative to its size, so that the search ends on the feasible side.
 LEAST_MARGIN = 0.004
 # Step of the finite differences of a motion by its parameters.
@@ -398,7 +398,7 @@ class _Search:
 
     def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, most: int) -> tuple[float, _Start]:
         """Quasi-Newton descent of so many evaluations at most: the penalised cost where it ends, and that point."""
-        settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": TOLERANCE}
+        settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": CONVERGED}
         found = optimize.minimize(
             self._gradient,
             start.x,
