@@ -43,6 +43,7 @@ check: $(VENV)/.test
 	cargo test --locked --release -p haptid-core
 	$(BIN)/python tools/check_rust_layers.py
 	$(BIN)/python tools/check_public_names.py
+	$(BIN)/python tools/check_scripts.py
 	$(BIN)/python tools/write_sbom.py --check
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/ruff check .

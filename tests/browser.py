@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,10 @@ def browser() -> str | None:
 needs_browser = pytest.mark.skipif(
     browser() is None, reason="no browser: install Debian's chromium, or Chrome, to test the report in one"
 )
+
+
+# axe-core, which another package brings.
+AXE = Path(str(distribution("axe-playwright-python").locate_file("axe_playwright_python/axe.min.js")))
 
 
 class Navigated(Exception):
@@ -116,6 +121,14 @@ class Page:
             "f.dispatchEvent(new Event('input', {bubbles: true}));"
             "f.dispatchEvent(new Event('change', {bubbles: true})); })()"
         )
+
+    def accessibility(self) -> list[str]:
+        """What axe-core finds in the page as it is: impact, rule and the first element of each finding."""
+        before = len(self.troubles)
+        self.ask(AXE.read_text(encoding="utf-8") + ";0")
+        found = self.ask("axe.run(document, {resultTypes: ['violations']}).then((r) => r.violations)")
+        del self.troubles[before:]  # styles that it tries to apply, and a strict policy refuses
+        return [f"{one['impact']} {one['id']}: {one['nodes'][0]['html'][:150]}" for one in found]
 
     def size(self, width: int, height: int) -> None:
         """Of the window."""

@@ -102,6 +102,7 @@ def test_a_motion_is_played_on_the_drawing(searched, bench, tab):
         tab.write("#time", str(made[k, 0]))
         shown = tab.ask("[...document.querySelectorAll('#scene input[data-joint]')].map((s) => s.valueAsNumber)")
         np.testing.assert_allclose(shown, made[k, 1:3], atol=5e-3)
+    assert tab.accessibility() == []
     before = tab.ask("document.getElementById('time').valueAsNumber")
     tab.ask("[...document.querySelectorAll('button')].find((b) => b.textContent === 'Play').click()")
     tab.wait(f"document.getElementById('time').valueAsNumber !== {before}")

@@ -23,10 +23,12 @@ def report(tab, folder):
     return tab
 
 
-@pytest.mark.parametrize("width", [LAPTOP, PHONE])
-def test_the_page_is_drawn_without_complaint(tab, folder, width):
+@pytest.mark.parametrize(("width", "theme"), [(LAPTOP, "light"), (PHONE, "dark")])
+def test_the_page_is_drawn_without_complaint(tab, folder, width, theme):
     made().write(folder)
     tab.open(folder / "report.html", width)
+    tab.ask(f"document.documentElement.dataset.theme = '{theme}'")
+    assert tab.accessibility() == []
     assert tab.troubles == []
     keys = tab.ask("[...document.querySelectorAll('main > section')].map((s) => s.id)")
     assert keys == list(made().sections)

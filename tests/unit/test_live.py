@@ -196,6 +196,18 @@ def test_a_port_hears_one_sender(tmp_path):
         Receiver(Recorder(tmp_path / "other.csv", 100.0, NAMES, 2), 99_999)
 
 
+def test_nothing_is_lost_while_the_receiver_computes(tmp_path):
+    """Single samples at 1 kHz while this process takes none for a second: more than small buffers hold."""
+    receiver = Receiver(Recorder(tmp_path / "log.csv", 1000.0, NAMES, 2))
+    q, tau = samples(range(1200))
+    with receiver._lock:
+        play(q, tau, 1000.0, ("127.0.0.1", receiver.port))
+        assert receiver.recorder.counts.written == 0
+    receiver.close()
+    assert (receiver.recorder.counts.written, receiver.recorder.counts.lost) == (1200, 0)
+    np.testing.assert_array_equal(written(tmp_path / "log.csv")[:, 1:3], q)
+
+
 def test_a_device_is_identified_from_its_stream_as_from_the_record(tmp_path):
     """Sender, port, file and recursion: parameters live, and those of the study on the recorded file."""
     study = haptid.read_study(write_study(tmp_path))

@@ -1,22 +1,23 @@
-"""`Receiver`: a thread that takes frames from a UDP port: recorded first, then handed on.
+"""`Receiver`: takes frames from a UDP port: recorded first, then handed on.
 
-The port is one of this machine's own address unless another one is asked for. The first sender is the only one that is
-heard until the end: what others send is counted and thrown away.
+The port belongs to a process that does nothing else (`relay`), so that no sample is lost while this one computes. It is
+one of this machine's own address unless another one is asked for. The first sender is the only one that is heard until
+the end: what others send is counted and thrown away.
 """
 
 from __future__ import annotations
 
 import queue
-import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterable
 
 from haptid.errors import WorkbenchError
-from haptid.live.frames import LARGEST, FrameError, read_frame
+from haptid.live import relay
+from haptid.live.frames import FrameError, read_frame
 from haptid.live.recorder import Recorder, SampleRun
 
-# Longest wait for a datagram before the thread looks whether it is to end, s; wanted buffer of the system, bytes.
-_PATIENCE, _BUFFER = 0.1, 1 << 22
 # Runs that may wait for who analyses them; what is more is recorded, and not analysed.
 _QUEUE = 1 << 16
 
@@ -48,20 +49,22 @@ class Receiver:
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._sender: object = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-            self._socket.bind((address, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
+        # -S: no packages, which it needs none of; its start takes some hundredths of a second so.
+        command = [sys.executable, "-I", "-S", relay.__file__, address, str(port)]
+        self._relay = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._relay.stdin is not None
+        assert self._relay.stdout is not None
+        self._input, self._messages = self._relay.stdin, self._relay.stdout
+        said = self._messages.readline().decode("utf-8", "replace").strip()
+        if not said.isdigit():
+            self._end_relay()
             list(recorder.close())
             raise WorkbenchError(
-                f"UDP port {port} of {address} cannot be used: {getattr(error, 'strerror', None) or error}.",
+                f"UDP port {port} of {address} cannot be used: {said.removeprefix('! ') or 'no process begins'}.",
                 where=port,
                 advice="Give another one, or 0 for any that is free.",
-            ) from error
-        self._socket.settimeout(_PATIENCE)
-        self.port = int(self._socket.getsockname()[1])
+            )
+        self.port = int(said)
         self._thread = threading.Thread(target=self._listen, name="haptid frames", daemon=True)
         self._thread.start()
 
@@ -82,9 +85,10 @@ class Receiver:
 
     def close(self) -> None:
         """End the recording; the file has its name then."""
-        self._closed.set()
+        self._input.close()  # what has arrived by now still comes
         self._thread.join()
-        self._socket.close()
+        self._end_relay()
+        self._closed.set()
         with self._lock:
             self._hand_on(self.recorder.close())
 
@@ -96,12 +100,14 @@ class Receiver:
                 self.skipped += 1
 
     def _listen(self) -> None:
-        while not self._closed.is_set():
-            try:
-                content, sender = self._socket.recvfrom(LARGEST)
-                self.take(content, sender)
-            except TimeoutError:
-                continue
-            except OSError as error:  # the disk is full, or the port is gone
-                self.error = f"The recording ended: {error.strerror or error}."
-                return
+        try:
+            while head := self._messages.read(relay.HEAD.size):
+                size, *sender = relay.HEAD.unpack(head)
+                self.take(self._messages.read(size), tuple(sender))
+        except OSError as error:  # the disk is full
+            self.error = f"The recording ended: {error.strerror or error}."
+
+    def _end_relay(self) -> None:
+        self._input.close()
+        self._messages.close()
+        self._relay.wait()

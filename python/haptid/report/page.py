@@ -18,11 +18,12 @@ from haptid.results.result import finite
 
 # The script's parts, in the order of their dependencies.
 SCRIPTS = (
-    *("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "charts.js"),
+    *("numbers.js", "svg.js", "paint.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "solids.js", "scene.js"),
+    *("tables.js", "charts.js"),
     "page.js",
 )
 _STYLES = ("page.css",)
-_EXPORTED = "export { drawAll, startTables, html, button, shown };\n"
+_EXPORTED = "export { drawAll, startTables, resolved };\n"
 
 
 def page(title: str, about: str, sections: Sequence[PageSection]) -> str:

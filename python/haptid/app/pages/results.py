@@ -79,7 +79,7 @@ def _preview(session: Session, asked: Asked) -> dict[str, Any]:
     name, to = asked.text("path"), asked.text("to")
     with tempfile.TemporaryDirectory(prefix="haptid-export-") as made:
         written = _exported(session.workspace.inside(name, RESULTS), Path(made), [to])[to]
-        texts = [_shortened(written.folder / file) | {"name": _file} for file in written.files]
+        texts = [_shortened(written.folder / file) | {"name": file} for file in written.files]
     command = shlex.join(["haptid", "export", name, "--to", to, "--out", f"{EXPORTS}/{Path(name).name}"])
     return {"files": texts, "verdict": written.verdict, "command": command}
 

@@ -17,7 +17,9 @@ export function el(name, attributes = {}, parent = null, text = "") {
 export class Refused extends Error {
   constructor(status, said) {
     super(said.error ?? (said.defect ? "This is a defect of haptid." : `The server answered with status ${status}.`));
-    Object.assign(this, { status, ...said });
+    this.status = status;
+    this.defect = said.defect;
+    this.current = said.current;
   }
 }
 
@@ -100,6 +102,7 @@ export function bytes(count) {
 // A table of texts; a cell may be an element.
 export function table(parent, heads, rows, id = "") {
   const holder = el("div", { class: "wide" }, parent);
+  scrolled(holder);
   const made = el("table", id ? { id } : {}, holder);
   const head = el("tr", {}, el("thead", {}, made));
   for (const text of heads) el("th", { scope: "col" }, head, text);
@@ -112,6 +115,13 @@ export function table(parent, heads, rows, id = "") {
     }
   }
   return made;
+}
+
+// What is wider than its place is scrolled by keyboard too.
+function scrolled(holder) {
+  new ResizeObserver(() => {
+    if (holder.scrollWidth > holder.clientWidth) holder.tabIndex = 0; else holder.removeAttribute("tabindex");
+  }).observe(holder);
 }
 
 let number = 0;

@@ -6,7 +6,10 @@ const PAUSE = 200; // after the last key, ms
 export class Editor {
   // `check(path, text)` returns what the text means, with `error` where it is wrong; `found` is told of each.
   constructor(parent, { label, rows, check, found }) {
-    Object.assign(this, { check, found, path: "", known: "", saved: "" });
+    this.check = check;
+    this.found = found;
+    this.path = this.known = this.saved = "";
+    this.run = 0;
     const name = `editor-${label.replace(/\W+/g, "-").toLowerCase()}`;
     el("label", { for: name }, parent, label);
     this.area = el("textarea", { id: name, rows, spellcheck: "false", autocomplete: "off", "aria-describedby": `${name}-said` }, parent);
@@ -20,14 +23,16 @@ export class Editor {
   get changed() { return this.path !== "" && this.text !== this.saved; }
 
   show(path, text, known) {
-    Object.assign(this, { path, known, saved: known ? text : "" });
+    this.path = path;
+    this.known = known;
+    this.saved = known ? text : "";
     this.area.value = text;
     this.conflict.replaceChildren();
     return this.look();
   }
 
   async look() {
-    const text = this.text, run = (this.run = (this.run ?? 0) + 1);
+    const text = this.text, run = ++this.run;
     let said;
     try { said = await this.check(this.path, text); } catch (error) { said = { error: error.message }; }
     if (run !== this.run) return; // a later text is being checked
@@ -42,7 +47,9 @@ export class Editor {
     const text = this.text;
     try {
       const { sha256 } = await call("file", { path, text, known: path === this.path ? this.known : "" }, "POST");
-      Object.assign(this, { path, known: sha256, saved: text });
+      this.path = path;
+      this.known = sha256;
+      this.saved = text;
       this.conflict.replaceChildren();
     } catch (error) {
       if (!(error instanceof Refused) || error.status !== 409) throw error;

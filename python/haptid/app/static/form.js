@@ -4,7 +4,8 @@ import { call, el, field, options } from "./common.js";
 export class Form {
   // Under an editor of a kind of file ("study", "device"); rendered when it is opened, and again with the text.
   constructor(parent, editor, kind) {
-    Object.assign(this, { editor, kind });
+    this.editor = editor;
+    this.kind = kind;
     this.box = el("details", { class: "form" }, parent);
     el("summary", {}, this.box, "As a form");
     this.said = el("p", { class: "said", role: "status" }, this.box);
@@ -19,7 +20,7 @@ export class Form {
     if (text !== this.editor.text) return this.render();
     this.say(found.error ?? "");
     if (found.error) return;
-    const focused = document.activeElement?.dataset.field;
+    const active = document.activeElement, focused = active instanceof HTMLElement ? active.dataset.field : undefined;
     this.place.replaceChildren();
     let group = "", at = null;
     for (const one of found.fields) {
@@ -31,7 +32,7 @@ export class Form {
       }
       this.field(at, one);
     }
-    if (focused) this.place.querySelector(`[data-field='${CSS.escape(focused)}']`)?.focus();
+    if (focused) /** @type {HTMLElement} */ (this.place.querySelector(`[data-field='${CSS.escape(focused)}']`))?.focus();
   }
 
   field(parent, one) {

@@ -6,7 +6,7 @@ const main = document.getElementById("main");
 
 // From the system's colours to light, to dark; kept as the report keeps it.
 function colours() {
-  const press = document.getElementById("theme"), root = document.documentElement, order = ["system", "light", "dark"];
+  const press = /** @type {HTMLButtonElement} */ (document.getElementById("theme")), root = document.documentElement, order = ["system", "light", "dark"];
   const set = (wanted) => {
     if (wanted === "system") delete root.dataset.theme; else root.dataset.theme = wanted;
     press.textContent = `colours: ${wanted}`;

@@ -6,8 +6,10 @@ const WORDS = { running: "running", done: "done", failed: "failed", cancelled: "
 
 export class Progress {
   // `finished` is told of a job that ends as it should, `ended` of any other end.
-  constructor(parent, record, finished, ended = () => {}) {
-    Object.assign(this, { id: record.id, finished, ended });
+  constructor(parent, record, finished, ended = (_) => {}) {
+    this.id = record.id;
+    this.finished = finished;
+    this.ended = ended;
     const head = el("p", { class: "row" }, parent);
     el("strong", {}, head, record.title);
     this.state = el("span", { class: "badge", role: "status" }, head);

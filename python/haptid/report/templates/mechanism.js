@@ -38,7 +38,12 @@ function eigen(M) {
 
 class Mechanism {
   constructor(drawing) {
-    Object.assign(this, drawing);
+    this.joints = drawing.joints;
+    this.cuts = drawing.cuts;
+    this.closure = drawing.closure;
+    this.active = drawing.active;
+    this.handle = drawing.handle;
+    this.mass = drawing.mass;
     this.qa = drawing.sliders.map((s) => s.start);
     this.q = this.closure.way === "linear" ? this.linear(this.qa) : this.walked([...this.closure.start], this.closure.at, this.qa);
   }

@@ -9,7 +9,9 @@ class Scene {
     const name = "the device in three dimensions; arrow keys turn it, plus and minus zoom, 0 returns";
     this.canvas = html("canvas", { class: "scene", tabindex: 0, role: "img", "aria-label": name }, holder);
     this.words = readout(holder);
-    [this.yaw, this.pitch, this.zoom] = [-0.9, 0.42, 1];
+    this.yaw = -0.9;
+    this.pitch = 0.42;
+    this.zoom = 1;
     this.frame();
     this.unit = this.massUnit();
     this.addControls();
@@ -51,7 +53,7 @@ class Scene {
       this.draw();
       event.preventDefault();
     });
-    this.sliders = [...document.querySelectorAll("input[data-joint]")];
+    this.sliders = /** @type {HTMLInputElement[]} */ ([...document.querySelectorAll("input[data-joint]")]);
     for (const slider of this.sliders) slider.addEventListener("input", () => this.moved());
   }
 
@@ -59,7 +61,7 @@ class Scene {
     const wanted = this.sliders.map((s) => s.valueAsNumber);
     const closes = this.device.move(wanted);
     this.sliders.forEach((s, k) => {
-      if (!closes) s.value = this.device.qa[k];
+      if (!closes) s.valueAsNumber = this.device.qa[k];
       s.parentElement.querySelector("output").textContent = shown(this.device.qa[k], 3);
     });
     this.draw();
@@ -113,13 +115,13 @@ class Scene {
     c.scale(ratio, ratio);
     this.inks = Object.fromEntries(["ink", "paper", "soft", "grid", "bar", "body", "passive", "c-blue", "vermillion", "orange", "zero"].map((name) => [name, resolved(name)]));
     c.clearRect(0, 0, this.width, this.height);
-    this.ground(c);
-    this.drawTrail(c);
+    drawGround(this, c);
+    drawTrail(this, c);
     const far = (part) => part.points.reduce((sum, p) => sum + this.project(p).depth, 0) / part.points.length;
     const parts = this.parts().map((part) => ({ ...part, far: far(part) })).sort((a, b) => b.far - a.far);
-    for (const part of parts) this.paint(c, part);
-    this.ellipsoid(c);
-    this.triad(c);
+    for (const part of parts) drawPart(this, c, part);
+    drawEllipsoid(this, c);
+    drawTriad(this, c);
   }
 
   trace(c, points, close = false) {
@@ -127,97 +129,4 @@ class Scene {
     points.map((p) => this.project(p)).forEach(({ x, y }, k) => (k ? c.lineTo(x, y) : c.moveTo(x, y)));
     if (close) c.closePath();
   }
-
-  ground(c) {
-    c.strokeStyle = this.inks.grid;
-    c.lineWidth = 1;
-    const step = ticks(0, this.size, 4)[1] || this.size, low = Math.min(0, this.middle[2] - this.size);
-    for (let k = -5; k <= 5; k++) {
-      const [x, y] = [Math.round(this.middle[0] / step) * step, Math.round(this.middle[1] / step) * step];
-      for (const ends of [[[x + k * step, y - 5 * step, low], [x + k * step, y + 5 * step, low]], [[x - 5 * step, y + k * step, low], [x + 5 * step, y + k * step, low]]]) {
-        this.trace(c, ends);
-        c.stroke();
-      }
-    }
-  }
-
-  drawTrail(c) {
-    if (!this.trail) return;
-    c.strokeStyle = this.inks.zero;
-    c.lineWidth = 1;
-    this.trace(c, this.way());
-    c.stroke();
-  }
-
-  paint(c, part) {
-    c.lineCap = c.lineJoin = "round";
-    if (part.kind === "bar") {
-      const wide = 0.03 * this.size * this.project(part.points[0]).scale;
-      for (const [ink, share] of [[part.link < 0 ? this.inks.soft : this.inks.bar, 1], [part.link < 0 ? this.inks.body : this.inks["c-blue"], 0.68]]) {
-        c.strokeStyle = ink;
-        c.lineWidth = Math.max(wide * share, 1.2);
-        this.trace(c, part.points);
-        c.stroke();
-      }
-    } else if (part.kind === "handle") {
-      const { x, y } = this.project(part.points[0]);
-      c.strokeStyle = this.inks.vermillion;
-      c.lineWidth = 3;
-      c.beginPath();
-      c.arc(x, y, 6, 0, 2 * Math.PI);
-      c.stroke();
-    } else {
-      this.trace(c, part.points, true);
-      c.fillStyle = part.kind === "pin" ? this.inks.paper : part.active ? this.inks.orange : this.inks.passive;
-      c.strokeStyle = this.inks.ink;
-      c.lineWidth = 1.2;
-      c.fill();
-      c.stroke();
-    }
-  }
-
-  // Half-axes of the ellipsoid are the principal masses, in one scale for all poses.
-  ellipsoid(c) {
-    if (!this.device.mass) return;
-    const { masses: felt, why } = this.device.felt();
-    if (why) {
-      this.words.textContent = why;
-      return;
-    }
-    this.unit ||= (0.22 * this.size) / felt[0].mass;
-    const at = this.device.placed(this.device.links(), this.device.handle).p;
-    const arms = felt.map(({ mass, vector }) => vector.map((v) => v * Math.min(this.unit * mass, this.size)));
-    c.lineWidth = 1.3;
-    c.strokeStyle = this.inks.vermillion;
-    c.fillStyle = "rgba(213,94,0,0.13)";
-    for (const [a, b] of [[0, 1], [0, 2], [1, 2]]) {
-      if (!arms[a] || !arms[b]) continue;
-      this.trace(c, Array.from({ length: 49 }, (_, k) => add(add(at, arms[a], Math.cos((k * Math.PI) / 24)), arms[b], Math.sin((k * Math.PI) / 24))));
-      c.fill();
-      c.stroke();
-    }
-    const text = felt.map(({ mass, vector }) => `${shown(mass, 3)} kg along (${vector.map((v) => shown(Math.round(100 * v) / 100, 2)).join(", ")})`);
-    this.words.textContent = `Apparent mass at the handle: ${text.join("; ")}.`;
-  }
-
-  triad(c) {
-    const length = 0.25 * this.size;
-    c.font = "12px system-ui, sans-serif";
-    [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, end]) => {
-      c.strokeStyle = c.fillStyle = this.inks.ink;
-      c.lineWidth = 1;
-      this.trace(c, [[0, 0, 0], end]);
-      c.stroke();
-      const { x, y } = this.project(end);
-      c.fillText(name, x + 3, y - 3);
-    });
-  }
-}
-
-// A closed line about the z axis of a frame.
-function ring({ R, p }, radius, corners) {
-  return Array.from({ length: corners }, (_, k) => {
-    const angle = (2 * Math.PI * (k + 0.5)) / corners;
-    return add(add(p, column(R, 0), radius * Math.cos(angle)), column(R, 1), radius * Math.sin(angle));
-  });
 }

@@ -3,7 +3,7 @@ import { acting, answered, bytes, call, el, field, link, options, reached, table
 import { Editor } from "../editor.js";
 import { Form } from "../form.js";
 import { remedies } from "../remedies.js";
-import { Curves } from "../series.js";
+import { Curves } from "../curves.js";
 
 export async function show(main, query) {
   el("h1", {}, main, "Data");
@@ -52,19 +52,20 @@ function dropping(main, opened) {
 
 const QUANTITIES = ["position", "torque", "velocity", "other"];
 const MOST = 8; // curves in one chart
+const drawn = new Set(); // charts of the log, with one axis
 
 async function channels(part, path) {
   const found = await call("log", { path });
   for (const note of found.notes) el("p", { class: "small" }, part, note);
   const all = found.topics.flatMap((topic) => topic.channels);
   const time = all.find((c) => c.quantity === "time")?.name ?? "";
-  const drawn = new Set(all.filter((c) => ["position", "torque"].includes(c.quantity) && c.count && c.high > c.low).slice(0, 2 * MOST).map((c) => c.name));
+  const first = new Set(all.filter((c) => ["position", "torque"].includes(c.quantity) && c.count && c.high > c.low).slice(0, 2 * MOST).map((c) => c.name));
   const boxes = [];
   for (const topic of found.topics) {
     el("h3", {}, part, `${topic.name || found.format}: ${topic.count} ${topic.name ? "messages" : "rows"}${topic.rate_hz ? `, ${Number(topic.rate_hz.toPrecision(5))} Hz` : ""}`);
     if (topic.why_not) { el("p", {}, part, topic.why_not); continue; }
     const rows = topic.channels.map((c) => {
-      const box = el("input", { type: "checkbox", "aria-label": `draw ${c.name}`, checked: drawn.has(c.name), disabled: !c.count || c.name === time });
+      const box = el("input", { type: "checkbox", "aria-label": `draw ${c.name}`, checked: first.has(c.name), disabled: !c.count || c.name === time });
       boxes.push([c, box]);
       const range = c.count ? `${Number(c.low.toPrecision(5))} .. ${Number(c.high.toPrecision(5))}` : "nothing but NaN";
       return [box, c.name, String(c.count), String(c.missing || ""), range, c.unit ? `${c.quantity}, ${c.unit}` : c.quantity, c.reason];
@@ -79,12 +80,12 @@ async function channels(part, path) {
     if (!chosen.length) { said.textContent = "No channel is drawn."; return; }
     const data = await samples(path, time, chosen.map((c) => c.name));
     said.textContent = `As recorded, before any treatment. Drag across a chart to zoom, double-click to show all.${data.each > 1 ? ` Least and greatest of every ${data.each} samples are drawn.` : ""}`;
-    const group = new Set();
+    drawn.clear();
     for (const quantity of QUANTITIES) {
       const of = chosen.filter((c) => c.quantity === quantity);
       for (let k = 0; k < of.length; k += MOST) {
         const some = of.slice(k, k + MOST), units = [...new Set(some.map((c) => c.unit).filter(Boolean))];
-        new Curves(plots, { title: quantity, unit: units.length === 1 ? units[0] : "", names: some.map((c) => c.name), t: data.t, ys: some.map((c) => data.of[c.name]), group });
+        new Curves(plots, { title: quantity, unit: units.length === 1 ? units[0] : "", names: some.map((c) => c.name), t: data.t, ys: some.map((c) => data.of[c.name]), group: drawn });
       }
     }
     plots.dataset.drawn = performance.now();
@@ -132,7 +133,7 @@ async function drafting(main, path, logs, device, own) {
   new Form(place, editor, "study");
   const found = el("div", { id: "remedies" }, place);
   const zoom = (from, to) => {
-    const first = document.querySelector("#plots .plot")?.curves;
+    const [first] = drawn;
     first?.all(from, to);
     first?.holder.scrollIntoView({ block: "nearest" });
   };

@@ -95,6 +95,7 @@ function imported(parent, name, made) {
 // What a device file means: kept as it was while the text is wrong.
 class View {
   constructor(parent) {
+    el("h2", {}, parent, "Mechanism");
     this.scene = el("div", {}, parent);
     this.count = el("p", { class: "criterion", role: "status" }, parent);
     this.tables = el("div", {}, parent);
@@ -113,11 +114,11 @@ class View {
     this.count.textContent = `${said.count} base parameters of ${said.standard} standard parameters`;
     this.tables.replaceChildren();
     for (const part of said.tables) {
-      el("h3", {}, this.tables, part.title);
+      el("h2", {}, this.tables, part.title);
       table(this.tables, part.head, part.rows);
     }
     if (said.loops.length) {
-      el("h3", {}, this.tables, "Loops");
+      el("h2", {}, this.tables, "Loops");
       el("p", {}, this.tables, said.loops.join(", "));
     }
     const more = el("details", {}, this.tables);

@@ -1,7 +1,7 @@
 // Experiment: an exciting motion is searched for by a job, played back on the drawing, rehearsed and downloaded.
 import { acting, call, el, field, link, options, table, typed } from "../common.js";
 import { Progress } from "../progress.js";
-import { Curves } from "../series.js";
+import { Curves } from "../curves.js";
 import { samples } from "./data.js";
 import { drawAll } from "/report/charts.js";
 
@@ -77,6 +77,7 @@ async function played(main, path, named) {
 // Curves, and the drawing at the time of a slider.
 async function playback(left, right, found, device) {
   const [time, ...names] = found.columns, n = names.length / 3, data = await samples(found.samples, time, names);
+  el("h2", {}, left, "Motion");
   const group = new Set(), kinds = [["Position", "rad or m"], ["Velocity", "1/s"], ["Acceleration", "1/s²"]];
   kinds.forEach(([title, unit], k) => {
     const own = names.slice(k * n, (k + 1) * n);
@@ -86,6 +87,7 @@ async function playback(left, right, found, device) {
   const text = device.includes("/") ? await call("file", { path: device }) : await call(`shipped/${device}`);
   const said = await call("device/check", { path: device.includes("/") ? device : `devices/${device}.toml`, text: text.text }, "POST");
   if (said.error) throw new Error(said.error);
+  el("h2", {}, right, "Mechanism");
   const scene = el("div", { id: "scene" }, right);
   scene.innerHTML = said.sections[0].html; // made by the server from templates that escape
   drawAll(scene, said.drawings);

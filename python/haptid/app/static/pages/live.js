@@ -1,6 +1,6 @@
 // Live: samples are recorded first, then drawn; parameters as they become known, and the motion that is missing.
 import { acting, answered, call, el, field, link, options, reached, table, typed } from "../common.js";
-import { Ring, Rolling } from "../rolling.js";
+import { Ring, Rolling } from "../curves.js";
 
 const SECONDS = 10; // that are seen
 const STATE_MS = 500, FRAME_MS = 33, CALM_MS = 500;
@@ -63,6 +63,7 @@ class Watching {
     this.torques = new Ring(2 * state.rows.length, 100 * SECONDS * 10);
     this.force = new Ring(3, 100 * SECONDS * 10);
     const index = (from, to) => Array.from({ length: to - from }, (_, k) => from + k);
+    el("h2", {}, parent, "Signals");
     this.charts = [
       new Rolling(parent, { title: "Positions", unit: state.units[0], names: state.names.slice(0, n), ring: this.ring, channels: index(0, n), seconds: SECONDS }),
       new Rolling(parent, { title: "Torques as sent", unit: state.units[1], names: state.names.slice(n), ring: this.ring, channels: index(n, all), seconds: SECONDS }),
@@ -86,7 +87,7 @@ class Watching {
     const hold = el("p", { class: "row" }, parent);
     this.hold = el("button", { type: "button", onclick: acting(this.main, async () => this.told(await call("live/hold", { held: String(!this.held) }, "POST"))) }, hold, "Hold this model");
     this.holding = el("span", { class: "quiet" }, hold);
-    this.alarms = el("ul", { class: "findings", id: "alarms", role: "log", "aria-label": "Alarms" }, parent);
+    this.alarms = el("ul", { class: "findings", id: "alarms" }, el("div", { role: "log", "aria-label": "Alarms" }, parent));
     this.parameters = el("div", { id: "live-parameters" }, parent);
   }
 
@@ -107,13 +108,14 @@ class Watching {
         this.asked = now;
         await this.rows();
         const state = await call("live/state");
+        if (this.over) return;
         if (!state.running) { location.href = "/live"; return; }
         this.told(state);
       }
     } catch (error) {
-      this.error.textContent = error.message;
+      if (!this.over) this.error.textContent = error.message;
     }
-    this.timer = setTimeout(() => this.look(), this.calm ? CALM_MS : FRAME_MS);
+    if (!this.over) this.timer = setTimeout(() => this.look(), this.calm ? CALM_MS : FRAME_MS);
   }
 
   async rows() {
@@ -159,6 +161,7 @@ class Watching {
   }
 
   async end() {
+    this.over = true; // an answer that is on its way changes nothing any more
     clearTimeout(this.timer);
     const made = await call("live/stop", {}, "POST");
     location.href = made.counts.written ? link("data", { path: made.path }) : "/live";

@@ -34,7 +34,8 @@ async function job(main, id) {
 
 class Solving {
   constructor(main, left, right, path) {
-    Object.assign(this, { main, path });
+    this.main = main;
+    this.path = path;
     this.editor = new Editor(left, {
       label: "Study file", rows: 26,
       check: (at, text) => call("study/read", { path: at, text }, "POST"),
