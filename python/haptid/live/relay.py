@@ -24,7 +24,7 @@ _BUFFER, _LARGEST, _PATIENCE = 1 << 22, 65_507, 0.1
 _MOST = 600_000
 
 
-def main(address: str, port: str) -> int:
+def _main(address: str, port: str) -> int:
     """Relay until the input ends; 1 if the port cannot be used."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal: the end of the input is what ends this
     receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -73,4 +73,4 @@ def _follow_input(over: threading.Event) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(_main(*sys.argv[1:]))
