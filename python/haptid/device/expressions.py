@@ -30,7 +30,17 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "abs": np.abs,
     "sign": np.sign,
 }
-RESERVED = ("pi", *FUNCTIONS)
+# In numbers of the geometry; those with two arguments apart.
+GEOMETRY: Mapping[str, Callable[..., Any]] = {
+    **{name: FUNCTIONS[name] for name in ("sin", "cos", "tan", "sqrt", "abs")},
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "hypot": np.hypot,
+}
+_OF_TWO = ("atan2", "hypot")
+RESERVED = ("pi", *dict.fromkeys((*FUNCTIONS, *GEOMETRY)))
 OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -38,7 +48,11 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-_ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
+_ARITHMETIC = (
+    'Use numbers, pi, named lengths, + - * / ** and brackets, as in "-pi/2" or "d3 + 0.1", and '
+    + ", ".join(GEOMETRY)
+    + "."
+)
 COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
 _LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
 TARGET = 'Write a sum such as "L1*MX2 + g*(M2 + M3)", each parameter with a constant factor.'
@@ -93,7 +107,7 @@ class CustomColumn:
 
 
 def number(value: float | str, lengths: Mapping[str, float], place: Place) -> float:
-    """The value of a number of the file, or of arithmetic over pi and named lengths.
+    """The value of a number of the file, or of arithmetic and functions over pi and named lengths.
 
     Raises:
         DeviceFileError: the text is not such arithmetic, uses another name, or its value is beyond LARGEST.
@@ -101,7 +115,7 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
     if isinstance(value, str):
         tree = _parse(value, place, _ARITHMETIC)
         known = {**lengths, "pi": math.pi}
-        _Rules(value, frozenset(known), place, _ARITHMETIC).check(tree)
+        _Rules(value, frozenset(known), place, _ARITHMETIC, GEOMETRY).check(tree)
         with np.errstate(all="ignore"):
             made = float(_evaluate(tree, known))
     else:
@@ -120,7 +134,7 @@ def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Pl
     """
     tree = _parse(text, place, COLUMN)
     motion = {f"{letter}_{joint}" for joint in joints for letter in "qva"}
-    _Rules(text, frozenset({*lengths, *motion, "pi"}), place, COLUMN, functions=True).check(tree)
+    _Rules(text, frozenset({*lengths, *motion, "pi"}), place, COLUMN, FUNCTIONS).check(tree)
     return CustomColumn(text, tree, dict(lengths))
 
 
@@ -206,7 +220,7 @@ class _Rules:
     known: frozenset[str]
     place: Place
     instead: str
-    functions: bool = False
+    functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
 
     def refuse(self, node: ast.expr, why: str) -> DeviceFileError:
         """The error about one part of the expression."""
@@ -219,26 +233,28 @@ class _Rules:
                 if abs(value) > _LARGEST:  # type: ignore[arg-type]
                     raise self.refuse(node, f"is beyond {_LARGEST:.0e}")
             case ast.Name(id=name):
-                if self.functions and name in FUNCTIONS:
+                if name in self.functions:
                     raise self.refuse(node, f"is a function, without an argument: write {name}(...)")
                 if name not in self.known:
-                    functions = FUNCTIONS if self.functions else ()
-                    raise self.place.unknown("number", name, sorted({*self.known, *functions}))
+                    raise self.place.unknown("number", name, sorted({*self.known, *self.functions}))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
                 self.check(operand)
             case ast.BinOp(left=left, op=op, right=right) if self.allows(op):
                 self.check(left)
                 self.check(right)
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if self.functions:
-                if name not in FUNCTIONS:
-                    raise self.place.unknown("function", name, FUNCTIONS)
-                self.check(argument)
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if self.functions:
+                if name not in self.functions:
+                    raise self.place.unknown("function", name, self.functions)
+                if len(arguments) != (wanted := 1 + (name in _OF_TWO)):
+                    raise self.refuse(node, f"has {len(arguments)} arguments, {wanted} required")
+                for argument in arguments:
+                    self.check(argument)
             case _:
                 raise self.refuse(node, "is not allowed here")
 
     def allows(self, op: ast.operator) -> bool:
         """Whether this kind of expression may contain an operator."""
-        return type(op) in OPERATORS and (self.functions or not isinstance(op, ast.Pow))
+        return type(op) in OPERATORS and (bool(self.functions) or not isinstance(op, ast.Pow))
 
 
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
@@ -254,8 +270,8 @@ def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
             return _evaluate(operand, values)
         case ast.BinOp(left=left, op=op, right=right):
             return OPERATORS[type(op)](_evaluate(left, values), _evaluate(right, values))
-        case ast.Call(func=ast.Name(id=name), args=[argument]):
-            return FUNCTIONS[name](_evaluate(argument, values))
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return {**FUNCTIONS, **GEOMETRY}[name](*(_evaluate(argument, values) for argument in arguments))
     raise TypeError(f"{ast.dump(node)} was not checked")
 
 
@@ -269,6 +285,8 @@ def _linear(node: ast.expr, constants: Mapping[str, float]) -> Linear:
             return _linear(operand, constants).times(-1.0 if isinstance(op, ast.USub) else 1.0)
         case ast.BinOp(left=left, op=op, right=right):
             return _combined(_linear(left, constants), op, _linear(right, constants))
+        case ast.Call():
+            raise _NotLinearError("it has a function")
     raise TypeError(f"{ast.dump(node)} was not checked")
 
 

@@ -140,16 +140,20 @@ def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseP
     )
 
 
-def random_regressor(model: DynamicModel, seed: int) -> Array:
+def random_regressor(model: DynamicModel, seed: int, columns: int | None = None) -> Array:
     """The regressor of the standard parameters at random states, (rows, standard parameters).
 
     Only measured torques have rows: what acts on an unmotorised axis alone is not identifiable. Positions cover the
     whole circle, whatever the joint limits: identifiability is a property of the structure. Positions of loops that
     close at some poses only are drawn from these, inside the limits.
+
+    Args:
+        seed: of the random states.
+        columns: there are four times as many rows; None: as the standard parameters.
     """
     rng = np.random.default_rng(seed)
     S = model.device.parameters.S
-    states = 4 + -(-4 * S.shape[1] // max(sum(model.device.measured), 1))
+    states = 4 + -(-4 * (S.shape[1] if columns is None else columns) // max(sum(model.device.measured), 1))
     c = model.device.row_map @ model.device.closure.draw(rng, states)
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     # What is left of the motion before is any number: laws with other constants then differ.

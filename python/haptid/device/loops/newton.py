@@ -124,6 +124,22 @@ class NewtonClosure:
         """The last motions followed: every friction term, and the core's inputs, ask for those of the same motion."""
         return deque(maxlen=4)
 
+    def moved_to(self, chain: Chain) -> NewtonClosure:
+        """The closure of the same mechanism with other lengths, in the assembly mode nearest to that of the start pose.
+
+        Raises:
+            LoopClosureError, SingularityError: at the start pose the loops do not close, or are singular.
+        """
+        q = close_cuts(chain, self.start[None], self.unknown)[0]
+        gaps, jacobian = chain.residual(q[None])
+        gap, pose = float(np.abs(gaps).max()), chain.active_text(self.at)
+        if gap > _CLOSED * chain.size:
+            raise open_loops(Place("loops"), gap, _CLOSED * chain.size, f"at the start pose ({pose})")
+        open_by = float(conditioning(jacobian[:, :, list(self.unknown)])[0])
+        if open_by < _SINGULAR:
+            raise _singular("at the start pose", pose, open_by, "loops")
+        return replace(self, chain=chain, start=q)
+
     def closes(self, qa: Array) -> np.ndarray:
         """Whether the loops close at each pose, reached from the start pose without a singularity, (samples,)."""
         reached: np.ndarray = compiled_closure(self).reach(_rows(qa))[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from haptid.device.device import Device, Gimbal, Handle, Joint
 from haptid.device.elastic import elastic_motors, with_link_drives, with_rotors
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
+from haptid.device.loops.chain import Chain
 from haptid.device.loops.cut_joint import cut_joints
-from haptid.device.loops.from_toml import active_joints, close, read_loops
+from haptid.device.loops.from_toml import Loops, active_joints, close, read_loops
+from haptid.device.loops.newton import NewtonClosure
 from haptid.device.parameters import (
     INERTIAL,
     INERTIAL_UNITS,
@@ -156,11 +159,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         DeviceError: see `read_device`.
     """
     place = Place(file)
-    reader = Reader(_lengths(tables, place))
-    tables = with_revolute_joints(tables, reader, place.at("joints"))
-    base = reader.placement(tables.base, place.at("base"))
-    joints = _joints(tables.joints, base, reader, place.at("joints"))
-    loops = read_loops(tables.loops, joints, base, reader, place.at("loops"))
+    tables, reader, base, joints, loops = _geometry(tables, place)
     active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
     closure, notes = close(joints, active, loops)
     drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
@@ -209,6 +208,32 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         collision=read_shapes(tables.collision, joints, base, reader, place.at("collision")),
         distribution=read_distribution(tables.transmission, drives, joints, active, reader, transmission),
     )
+
+
+def resized(device: Device, lengths: Mapping[str, float]) -> Device:
+    """A device whose loops are not linear, with other named lengths; relations of its linear loops stay as they are.
+
+    Args:
+        lengths: new values of some named lengths, m; those written as formulas of them follow.
+
+    Raises:
+        LoopClosureError, SingularityError: at the start pose the loops do not close any more, or are singular.
+    """
+    assert isinstance(device.closure, NewtonClosure)
+    changed = device.tables.model_copy(update={"lengths": {**device.tables.lengths, **lengths}})
+    tables, reader, _, joints, loops = _geometry(changed, Place(device.name))
+    joints = (*joints, *device.joints[len(joints) :])  # rotors of elastic motors
+    closure = device.closure.moved_to(Chain.of(joints, loops.cuts, device.active))
+    return replace(device, joints=joints, closure=closure, lengths=reader.lengths, tables=tables)
+
+
+def _geometry(tables: AnyDevice, place: Place) -> tuple[AnyDevice, Reader, Array, tuple[Joint, ...], Loops]:
+    """Tables with revolute joints only, the reader of their numbers, the base, the joints and the loops."""
+    reader = Reader(_lengths(tables, place))
+    tables = with_revolute_joints(tables, reader, place.at("joints"))
+    base = reader.placement(tables.base, place.at("base"))
+    joints = _joints(tables.joints, base, reader, place.at("joints"))
+    return tables, reader, base, joints, read_loops(tables.loops, joints, base, reader, place.at("loops"))
 
 
 def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:

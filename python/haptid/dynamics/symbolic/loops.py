@@ -7,7 +7,7 @@ the loop closure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -294,16 +294,22 @@ def _ancestors(joints: Sequence[SymbolicJoint], link: int) -> list[int]:
     return made
 
 
-def opened_tree(tables: AnyDevice, file: str) -> Device:
-    """The spanning tree of a device, its loops left open.
+def opened_tree(tables: AnyDevice, file: str, found: Set[str] | None = None) -> Device:
+    """A device with loops left open: its spanning tree if all are.
+
+    Args:
+        tables: of the device.
+        file: its name for errors.
+        found: passive joints whose loops are left open; None: of all.
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
-        RegroupingError: a loop has relations, or terms may act on its cut.
+        RegroupingError: an opened loop has relations, or terms may act on its cut.
     """
-    if any(loop.relations for loop in tables.loops):
+    opened = [loop for loop in tables.loops if found is None or not found.isdisjoint(loop.passive)]
+    if any(loop.relations for loop in opened):
         raise _no_dyad(file, "a loop has relations")
-    if named := [loop.cut.name for loop in tables.loops if loop.cut and loop.cut.name]:
+    if named := [loop.cut.name for loop in opened if loop.cut and loop.cut.name]:
         raise _no_dyad(file, f"cut joint {named[0]} has a name, so that terms may act on it")
     passive = _passive(tables)
     active = [joint.name for joint in tables.joints if joint.name not in passive]
@@ -315,7 +321,8 @@ def opened_tree(tables: AnyDevice, file: str) -> Device:
         for term in tables.terms
     ]
     joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
-    return device_of(tables.model_copy(update={"loops": [], "terms": terms, "joints": joints}), file)
+    kept = [loop for loop in tables.loops if loop not in opened]
+    return device_of(tables.model_copy(update={"loops": kept, "terms": terms, "joints": joints}), file)
 
 
 def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> SymbolicChain:

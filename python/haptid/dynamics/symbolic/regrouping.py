@@ -41,7 +41,8 @@ from haptid.dynamics.symbolic.chain import SymbolicChain, symbolic_chain
 from haptid.dynamics.symbolic.interpolation import fit_coefficient, span_of
 from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened_tree
 from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
-from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, draw
+from haptid.dynamics.symbolic.spatial import closed_columns, opened_chain
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, difference, draw
 from haptid.errors import RegroupingError, listed
 
 if TYPE_CHECKING:
@@ -134,41 +135,62 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
     Args:
         seed: of random draws; the result does not depend on it.
 
+    Loops that are neither linear nor planar dyads are opened first; what closing them adds is recognised from numbers
+    at many sets of lengths (`spatial`).
+
     Raises:
-        RegroupingError: a loop closes at the device's own lengths only, or a loop that is not linear is no planar dyad;
-            too many angles are no quarter turns; a coefficient is no ratio of polynomials of low degree; a column of
-            accelerations depends on other parameters; or the numeric base parameters differ, because the device's
-            lengths are a special case.
+        RegroupingError: a loop closes at the device's own lengths only; a loop that is not linear has relations, or
+            terms may act on its cut; too many angles are no quarter turns; a coefficient is no ratio of polynomials of
+            low degree; a column of accelerations depends on other parameters; or the numeric base parameters differ,
+            because the device's lengths are a special case.
     """
-    if isinstance(model.device.closure, NewtonClosure):
-        tree = opened_tree(model.device.tables, model.device.name).with_gravity(model.device.gravity)
-        chain = dyad_chain(tree, model.device.tables, model.device.name, seed)
+    if not isinstance(model.device.closure, NewtonClosure):
+        made = chain_regroupings(model, symbolic_chain(model.device), seed)
+    elif (chain := _planar_chain(model, seed)) is not None:
+        made = chain_regroupings(model, chain, seed)
     else:
-        chain = symbolic_chain(model.device)
-    made = chain_regroupings(model, chain, seed)
+        made = chain_regroupings(model, opened_chain(model), seed, closing=True)
     check_agreement(made, model)
     return made
 
 
-def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
+def _planar_chain(model: DynamicModel, seed: int) -> SymbolicChain | None:
+    """The mechanism whose loops are planar dyads, None where they are not."""
+    tables, name = model.device.tables, model.device.name
+    tree = opened_tree(tables, name).with_gravity(model.device.gravity)
+    try:
+        return dyad_chain(tree, tables, name, seed)
+    except RegroupingError:
+        return None
+
+
+def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int, closing: bool = False) -> Regroupings:
     """Base parameters of a mechanism whose standard parameters are those of a device.
+
+    Args:
+        model: of the device.
+        chain: the mechanism.
+        seed: of random draws.
+        closing: whether the device has loops that are open in the mechanism.
 
     Raises:
         RegroupingError: see `regroupings`; or a relation does not hold where it is checked, or every draw fails.
     """
     for attempt in range(_DRAWS):
         try:
-            return _regroupings(model, chain, seed + 1000 * attempt)
+            return _regroupings(model, chain, seed + 1000 * attempt, closing)
         except UnluckyDrawError:
             continue
     raise _failed_check(f"{_DRAWS} draws in a row met a zero that should not be there")
 
 
-def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
+def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int, closing: bool) -> Regroupings:
     check_closure(chain, model.device.joint_names, seed)
     parameters, order = model.device.parameters, preference(model)
     signed = [parameters.S[:, k].astype(int).tolist() for k in order]
     columns = Columns(chain, tuple(tuple((j, sign) for j, sign in enumerate(column) if sign) for column in signed))
+    if closing:
+        columns = closed_columns(model, columns, order, seed)
     dimensions = [DIMENSIONS.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
     pivots = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))
@@ -211,7 +233,7 @@ def _coefficients(
         known: dict[tuple[object, ...], Coefficient | None] = {}
         for i, k in sorted(wanted):
             y = [residues[:, i, others.index(k)] for residues in R]
-            dimension = _difference(dimensions[pivots.kept[i]], dimensions[k])
+            dimension = difference(dimensions[pivots.kept[i]], dimensions[k])
             key = (dimension, *(residues.tobytes() for residues in y))
             if key not in known:
                 known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), dimension)
@@ -267,13 +289,6 @@ def _coefficient(
         return None
     spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.dimension != DIMENSIONLESS}
     return fit_coefficient(points, [r[:sets] for r in y], moving, dimension, spans)
-
-
-def _difference(base: Dimension | None, other: Dimension | None) -> Dimension | None:
-    """Dimension of a coefficient, None where a user-defined unit leaves it unknown."""
-    if base == other:
-        return DIMENSIONLESS
-    return (base[0] - other[0], base[1] - other[1]) if base and other else None
 
 
 def _check(

@@ -37,6 +37,13 @@ _SAME = 1e-9
 LARGEST_DENOMINATOR = 10_000
 
 
+def difference(base: Dimension | None, other: Dimension | None) -> Dimension | None:
+    """Dimension of a coefficient, None where a user-defined unit leaves it unknown."""
+    if base == other:
+        return DIMENSIONLESS
+    return (base[0] - other[0], base[1] - other[1]) if base and other else None
+
+
 @dataclass(frozen=True)
 class Symbol:
     """A geometric quantity that is kept as an unknown.
