@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import haptid
@@ -51,18 +51,81 @@ def test_placements_with_symbols_have_the_values_of_those_with_numbers(
         np.testing.assert_allclose(made[:3, 3], joint.translation, atol=1e-12)
 
 
-# Loops that are no dyads have numeric groupings only.
-NUMERIC_ONLY = {"cea_medical_interface", "delta", "slider_crank"}
-
-
-@pytest.mark.parametrize("name", sorted(NUMERIC_ONLY))
-def test_loops_that_are_no_dyads_say_so(name: str) -> None:
-    with pytest.raises(haptid.errors.RegroupingError):
-        _ = haptid.DynamicModel(haptid.read_device(name)).regroupings
-
-
-@pytest.mark.parametrize("name", [name for name in haptid.shipped_devices() if name not in NUMERIC_ONLY])
+@pytest.mark.parametrize("name", haptid.shipped_devices())
 def test_shipped_devices_have_both(name: str) -> None:
     model = haptid.DynamicModel(haptid.read_device(name))
     np.testing.assert_allclose(model.regroupings.values, model.base.regrouping, atol=1e-9, rtol=1e-9)
     assert model.regroupings.no_effect == model.base.no_effect
+
+
+# A crank and a rocker on skew axes, joined by a bar with a universal joint and a ball: a loop in space.
+SPATIAL = """
+schema = 1
+name = "crank and rocker in space"
+gravity = [0, 0, -9.81]
+convention = "placement"
+
+[lengths]
+crank = {crank}
+bar = {bar}
+rocker = {rocker}
+
+[[joints]]
+name = "crank"
+axis = [0, 0, 1]
+limits = {{ position = [-0.3, 0.3] }}
+
+[[joints]]
+name = "u"
+parent = "crank"
+xyz = ["crank", 0, 0]
+axis = [0, 0, 1]
+body = false
+
+[[joints]]
+name = "v"
+parent = "u"
+axis = [0, 1, 0]
+
+[[joints]]
+name = "rocker"
+parent = "base"
+xyz = [0.3, 0.05, 0.1]
+axis = [0, 1, 0]
+
+[[loops]]
+passive = ["u", "v", "rocker"]
+guess = {{ u = 0.2, v = 0.3, rocker = 1.4 }}
+[loops.cut]
+type = "spherical"
+body_a = "v"
+frame_a = {{ xyz = ["bar", 0, 0] }}
+body_b = "rocker"
+frame_b = {{ xyz = ["rocker", 0, 0] }}
+
+[[terms]]
+kind = "viscous"
+joints = "all"
+"""
+
+
+@settings(max_examples=5, deadline=None, phases=(Phase.generate,))
+@given(st.floats(0.06, 0.1), st.floats(0.26, 0.3), st.floats(0.18, 0.22))
+def test_loops_in_space_have_both(
+    tmp_path_factory: pytest.TempPathFactory, crank: float, bar: float, rocker: float
+) -> None:
+    """The friction of passive joints stays apart, and the bar's far end is a point mass on the rocker."""
+    model = drawn(tmp_path_factory.mktemp("d"), SPATIAL.format(crank=crank, bar=bar, rocker=rocker))
+    exact = model.regroupings  # raises RegroupingError where they differ
+    row = dict(zip(exact.names, exact.texts, strict=True))
+    assert {"FVcrank", "FVu", "FVv", "FVrocker"} <= set(row)
+    assert any("bar" in text for texts in row.values() for text in texts.values())
+
+
+def test_numbers_that_loops_depend_on_have_to_be_named(tmp_path: Path) -> None:
+    """Without a name the bar is a number, and so is what depends on it: no ratio of small integers."""
+    text = SPATIAL.format(crank=0.08, bar=0.28, rocker=0.2).replace(
+        'frame_a = { xyz = ["bar"', "frame_a = { xyz = [0.28"
+    )
+    with pytest.raises(haptid.errors.RegroupingError, match=r"no formula.*Name the lengths"):
+        _ = drawn(tmp_path, text).regroupings

@@ -35,9 +35,9 @@ _SETS = (8, 32)
 _SPREAD, _DRAWS = 0.1, 20
 # Least number of sets beyond the unknowns of a fit.
 _SPARE = 3
-# Columns that leave this much of themselves depend on those kept, and coefficients that change a column by this much of
-# it are known; both are 1e-12 of rounding at well-conditioned poses.
-_DEPENDENT, _KNOWN = 1e-7, 1e-8
+# Columns that leave this much of themselves depend on those kept. Coefficients are known to where they change a column
+# by this share of it, or by rounding, for columns kept that nearly depend on others.
+_DEPENDENT, _KNOWN, _ROUNDING = 1e-7, 1e-8, 1e-12
 # Largest denominator of a number in a formula, and how far a number may be from it: lengths 10 % apart leave the
 # monomials of a coefficient nearly dependent.
 _DENOMINATOR, _NEAR = 12, 1e-3
@@ -163,7 +163,7 @@ class _Numbers:
         own = {symbol.name: symbol.value for symbol in self.varied}
         self.lengths: list[Mapping[str, float]] = [own]
         self.values: list[Array] = []
-        first, self.scale = _coefficients(model, columns)
+        first, self.unknown = _coefficients(model, columns)
         self.values.append(first)
         for symbol in self.varied:
             self._add({symbol.name})
@@ -189,8 +189,7 @@ class _Numbers:
 
 def _fit(numbers: _Numbers, at: tuple[int, int], dimension: Dimension | None) -> Coefficient | None:
     """One coefficient from its numbers, None where no form fits."""
-    y = np.array([values[at] for values in numbers.values])
-    limit = _KNOWN * numbers.scale[at]
+    y, limit = np.array([values[at] for values in numbers.values]), float(numbers.unknown[at])
     moving = [symbol for symbol, value in zip(numbers.varied, y[1:], strict=False) if abs(value - y[0]) > limit]
     if not moving:
         forms: Iterator[tuple[Powers, ...]] = iter([((),)])
@@ -198,33 +197,41 @@ def _fit(numbers: _Numbers, at: tuple[int, int], dimension: Dimension | None) ->
         return None
     else:
         forms = (tuple(islice(monomials(moving, dimension, *span), len(y))) for span in EXPONENT_RANGES)
-    for form in forms:
-        if 0 < len(form) <= len(y) - _SPARE:
-            values = np.array([[Laurent.of([(p, Fraction(1))]).value(x) for p in form] for x in numbers.lengths])
-            sizes = np.abs(values).max(axis=0)
-            factors = np.linalg.lstsq(values / sizes, y, rcond=None)[0] / sizes
-            rounded = [Fraction(float(f)).limit_denominator(_DENOMINATOR) for f in factors]
-            apart = np.abs(factors - np.array([float(f) for f in rounded]))
-            off = np.abs(values @ np.array([float(f) for f in rounded]) - y)
-            if (apart <= _NEAR).all() and (off <= np.maximum(limit, _KNOWN * np.abs(y))).all():
-                return Coefficient(Laurent.of(zip(form, rounded, strict=True)))
-    return None
+    fits = (_polynomial(numbers.lengths, y, form, limit) for form in forms if 0 < len(form) <= len(y) - _SPARE)
+    return next((Coefficient(found) for found in fits if found is not None), None)
+
+
+def _polynomial(
+    lengths: Sequence[Mapping[str, float]], y: Array, form: Sequence[Powers], limit: float
+) -> Laurent | None:
+    """The combination of monomials with ratios of small integers that has these values, None where there is none."""
+    monomial = [Laurent.of([(exponents, Fraction(1))]) for exponents in form]
+    values = np.array([[each.value(at) for each in monomial] for at in lengths])
+    sizes = np.abs(values).max(axis=0)
+    factors = np.linalg.lstsq(values / sizes, y, rcond=None)[0] / sizes
+    ratios = [Fraction(float(factor)).limit_denominator(_DENOMINATOR) for factor in factors]
+    rounded = np.array([float(ratio) for ratio in ratios])
+    off = np.abs(values @ rounded - y)
+    if (np.abs(factors - rounded) > _NEAR).any() or (off > np.maximum(limit, _KNOWN * np.abs(y))).any():
+        return None
+    return Laurent.of(zip(form, ratios, strict=True))
 
 
 def _coefficients(model: DynamicModel, columns: tuple[Sequence[int], Sequence[int]]) -> tuple[Array, Array]:
-    """Coefficients of the dropped columns in those kept, and the ratio of the columns' lengths, (kept, dropped) each.
+    """Coefficients of the dropped columns in those kept, and what of each is not known, (kept, dropped) each.
 
     Raises:
         RegroupingError: at these lengths the dropped columns depend on those kept no more.
     """
     W = random_regressor(model, seed=0, columns=len(columns[0]))
     kept, dropped = (W[:, list(part)] for part in columns)
-    lengths, others = np.linalg.norm(kept, axis=0), np.linalg.norm(dropped, axis=0)
+    lengths, others = np.linalg.norm(kept, axis=0)[:, None], np.linalg.norm(dropped, axis=0)
     others = np.maximum(others, NO_EFFECT / _DEPENDENT * lengths.max())  # without effect where it is less
-    Q, R = np.linalg.qr(kept / lengths)
+    Q, R = np.linalg.qr(kept / lengths.T)
     if (np.linalg.norm(dropped - Q @ (Q.T @ dropped), axis=0) > _DEPENDENT * others).any():
         raise _unclear(model, "its relations with the loops closed hold at the device's own lengths only")
-    return np.linalg.solve(R, Q.T @ dropped) / lengths[:, None], others / lengths[:, None]
+    rounding = np.linalg.norm(np.linalg.inv(R), axis=1, keepdims=True)  # 1 / what is left of each column kept
+    return np.linalg.solve(R, Q.T @ dropped) / lengths, np.maximum(_KNOWN, _ROUNDING * rounding) * others / lengths
 
 
 def _at_lengths(model: DynamicModel, lengths: Mapping[str, float]) -> DynamicModel:
