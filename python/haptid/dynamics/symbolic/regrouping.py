@@ -42,7 +42,7 @@ from haptid.dynamics.symbolic.interpolation import fit_coefficient, span_of
 from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened_tree
 from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.spatial import closed_columns, opened_chain
-from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, difference, draw
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, dimension_ratio, draw
 from haptid.errors import RegroupingError, listed
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ def _coefficients(
         known: dict[tuple[object, ...], Coefficient | None] = {}
         for i, k in sorted(wanted):
             y = [residues[:, i, others.index(k)] for residues in R]
-            dimension = difference(dimensions[pivots.kept[i]], dimensions[k])
+            dimension = dimension_ratio(dimensions[pivots.kept[i]], dimensions[k])
             key = (dimension, *(residues.tobytes() for residues in y))
             if key not in known:
                 known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), dimension)

@@ -26,7 +26,7 @@ from haptid.dynamics.symbolic.chain import SymbolicChain, assembled, linear_moti
 from haptid.dynamics.symbolic.interpolation import EXPONENT_RANGES, monomials
 from haptid.dynamics.symbolic.loops import opened_tree
 from haptid.dynamics.symbolic.regressor import Columns, Pivots
-from haptid.dynamics.symbolic.symbols import DIMENSIONS, LENGTH, Dimension, Symbol, difference
+from haptid.dynamics.symbolic.symbols import DIMENSIONS, LENGTH, Dimension, Symbol, dimension_ratio
 from haptid.errors import LoopClosureError, RegroupingError, SingularityError
 
 # Random sets of lengths: few first, more for coefficients that do not fit.
@@ -129,7 +129,7 @@ def _forms(
     """
     parameters, varied = model.device.parameters, [symbol.name for symbol in numbers.varied]
     units = [DIMENSIONS.get(unit) for unit in parameters.units]
-    left = {(i, k): difference(units[a], units[b]) for i, a in enumerate(kept) for k, b in enumerate(dropped)}
+    left = {(i, k): dimension_ratio(units[a], units[b]) for i, a in enumerate(kept) for k, b in enumerate(dropped)}
     made: dict[tuple[int, int], Coefficient] = {}
     for count in _SETS:
         numbers.extend(count)

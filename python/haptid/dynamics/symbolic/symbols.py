@@ -37,7 +37,7 @@ _SAME = 1e-9
 LARGEST_DENOMINATOR = 10_000
 
 
-def difference(base: Dimension | None, other: Dimension | None) -> Dimension | None:
+def dimension_ratio(base: Dimension | None, other: Dimension | None) -> Dimension | None:
     """Dimension of a coefficient, None where a user-defined unit leaves it unknown."""
     if base == other:
         return DIMENSIONLESS
