@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from html import escape
 from typing import Any, Protocol, TypeVar
 
@@ -11,6 +11,8 @@ from haptid._internal.escaping import printable
 
 # Rows of a table that are shown, at a prompt and in a notebook.
 _FEW, _MANY = 14, 60
+# Characters of a setting that are shown in a notebook.
+_LONGEST = 300
 
 
 @dataclass(frozen=True)
@@ -69,4 +71,19 @@ def displayed(kind: _Class) -> _Class:
 
     changed: Any = kind
     changed.__repr__, changed._repr_html_ = as_text, as_html
+    return kind
+
+
+_Settings = TypeVar("_Settings", bound=type)
+
+
+def tabulated(kind: _Settings) -> _Settings:
+    """Class decorator of a dataclass of settings: a notebook shows them as a table; `repr` stays whole and exact."""
+
+    def as_html(self: Any) -> str:
+        rows = [[one.name, str(getattr(self, one.name))[:_LONGEST]] for one in fields(self)]
+        return Overview(kind.__name__, ("setting", "value"), rows).html()
+
+    changed: Any = kind
+    changed._repr_html_ = as_html
     return kind

@@ -50,6 +50,7 @@ class HasIntervals(Protocol):
         """Confidence intervals, (k, 2)."""
 
 
+@displayed
 @dataclass(frozen=True)
 class Parameter:
     """One estimated parameter.
@@ -90,6 +91,11 @@ class Parameter:
         if self.constrained_outside_ci:
             return float("nan")
         return 100 * self.se / abs(self.value) if self.value else float("inf")
+
+    def _shown(self) -> Overview:
+        ends = " .. ".join(with_digits(end, self.se) for end in self.conf_int())
+        title = f"{self.name} = {with_digits(self.value, self.se)} {self.unit}, 95 % interval {ends}"
+        return Overview(title, notes=(f"regroups {self.grouping}",) if self.grouping else ())
 
 
 @displayed

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid._internal.display import Overview, displayed
+from haptid._internal.display import Overview, displayed, tabulated
 from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
@@ -86,6 +86,7 @@ def _setting(name: str, found: str, wanted: str) -> LogChannelError:
     return LogChannelError(f"{name} is {found}; wanted {wanted}.", where=name, found=found, limit=wanted)
 
 
+@tabulated
 @dataclass(frozen=True)
 class Channels:
     """Mapping from a file's channels to the signals of a log.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid._internal.display import Overview, displayed
+from haptid._internal.display import Overview, displayed, tabulated
 from haptid._internal.signals import both_ways, butterworth
 from haptid.errors import LogTimeError, MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
@@ -49,6 +49,7 @@ LONGEST_DELAY = 0.1
 SIDE = len(DIFFERENCES) // 2
 
 
+@tabulated
 @dataclass(frozen=True)
 class Treatment:
     """Settings by which a log becomes a motion and its rows.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from haptid._internal.display import Overview, displayed
 from haptid.device import Device
 from haptid.estimation import ClusterRobust, Intervals, Method, TorqueNoise
 from haptid.inference.payload_body import AttachedBody
@@ -51,6 +52,7 @@ class PoseSettings:
     approach: tuple[str, ...]
 
 
+@displayed
 @dataclass(frozen=True)
 class Study:
     """An identification pipeline: device, logs, treatment, estimator, validation, criterion.
@@ -85,6 +87,13 @@ class Study:
     calibration: CalibrationPrior | None = None
     use: Use = "auto"
     method_given: bool = True
+
+    def _shown(self) -> Overview:
+        given = ", ".join(f"{name} {value}" for name, value in self.treatment.items())
+        largest = "none" if self.largest_error is None else f"at most {self.largest_error:g} % error on unseen rows"
+        notes = (f"criterion: {largest}", f"treatment: {given or 'proposed from the logs'}")
+        title = f"Study {self.name} of {self.device} by {self.method.name}"
+        return Overview(title, ("log", "role"), [[entry.path, entry.role] for entry in self.logs], notes)
 
     def on(self, device: Device) -> Study:
         """The study with the default method of a device: torque noise where its rows mix motors by the pose."""
