@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import COMPLETION_VARIABLE, command, errors_shown
+from haptid.cli.common import COMPLETION_VARIABLE, AsJson, command, errors_shown, print_json
 from haptid.errors import OptionError, suggestion
 
 HELP = """\
@@ -31,6 +31,7 @@ def completion(
     shell: Annotated[
         str, typer.Argument(help="bash, zsh or fish", show_default=False, autocompletion=lambda: list(_SHELLS))
     ],
+    as_json: AsJson = False,
 ) -> None:
     from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
@@ -38,4 +39,8 @@ def completion(
         if shell not in _SHELLS:
             advice = suggestion(shell, _SHELLS)
             raise OptionError(f"there is no script for {shell!r}.", found=shell, limit=_SHELLS, advice=advice)
-    sys.stdout.write(get_completion_script(prog_name="haptid", complete_var=COMPLETION_VARIABLE, shell=shell) + "\n")
+    script = get_completion_script(prog_name="haptid", complete_var=COMPLETION_VARIABLE, shell=shell) + "\n"
+    if as_json:
+        print_json({"shell": shell, "script": script})
+    else:
+        sys.stdout.write(script)

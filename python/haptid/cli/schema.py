@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import command, errors_shown
+from haptid.cli.common import AsJson, command, errors_shown
 from haptid.errors import OptionError, suggestion
 
 _KINDS = ("device", "world", "study", "experiment", "result")
@@ -22,6 +22,7 @@ def schema(
             help="device, world, study, experiment or result", show_default=False, autocompletion=lambda: list(_KINDS)
         ),
     ],
+    as_json: AsJson = False,  # noqa: ARG001: a schema is JSON in any case
 ) -> None:
     from haptid.device import device_schema, world_schema
     from haptid.experiment.bench.experiment import experiment_schema

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from haptid.cli.common import Quiet, command, errors_shown, out
+from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json
 
 HELP = """\
 Open the workbench on a folder in the browser: device, logs, check, identification, results, exports.
@@ -33,6 +33,7 @@ def workbench(
         int, typer.Option("--largest-log", min=1, help="of a log that is dropped on a page, MiB")
     ] = 2048,
     quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     from haptid._internal.extras import needing
 
@@ -41,7 +42,10 @@ def workbench(
             from haptid.app.server import serve
 
         def ready(address: str) -> None:
-            if not quiet or no_browser:
+            if as_json:
+                print_json({"folder": str(folder.resolve()), "address": address})
+                sys.stdout.flush()
+            elif not quiet or no_browser:
                 out.print(f"Workbench of {folder.resolve()}: {address}", soft_wrap=True, highlight=False)
                 sys.stdout.flush()
             if not no_browser:
