@@ -22,7 +22,7 @@ def schema(
             help="device, world, study, experiment or result", show_default=False, autocompletion=lambda: list(_KINDS)
         ),
     ],
-    as_json: AsJson = False,  # noqa: ARG001: a schema is JSON in any case
+    as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON in any case
 ) -> None:
     from haptid.device import device_schema, world_schema
     from haptid.experiment.bench.experiment import experiment_schema
