@@ -125,9 +125,13 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     d = mean if start is None else np.array(start.found)
     motions = [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     beta = least_squares(observe(model, *(with_delay(motion, _setting(d)) for motion in motions)))
-    for _ in range(_STEPS):
+    memory = None
+    for k in range(_STEPS):
         problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
+        problem = replace(problem, known_memory=memory)
         beta, step, spread = problem.solve(mean - d, prior)
+        # The prior's share in the rows: after the first step, or from a known delay on, it hardly changes.
+        memory = problem.memory if k or start is not None else None
         # A step beyond the linear range of the columns would overshoot.
         step = np.clip(step, -COMMON * dt, COMMON * dt)
         d = d + step
@@ -200,7 +204,9 @@ def _settled(model: DynamicModel, motions: Sequence[Motion], found: _Found, prio
     dt, weights, se = motions[0].dt, problem.weights, np.sqrt(np.diag(spread.covariance))
     before = np.inf
     for k in range(_STEPS + 1):
+        memory = problem.memory
         problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta, smooth=True)
+        problem = replace(problem, known_memory=memory)
         left = problem.residual(weights)
         beta, step, spread = problem.solve(mean - d, covariance)
         if k == 0:

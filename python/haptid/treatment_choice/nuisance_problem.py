@@ -36,6 +36,7 @@ class NuisanceProblem:
         rows: R factors with columns of the nuisances after those of the base parameters.
         beta: parameters that the columns were computed with, (p,).
         count: number of nuisances.
+        known_memory: integral time of the residual by a problem almost the same, s; computed where None.
     """
 
     model: DynamicModel
@@ -43,6 +44,7 @@ class NuisanceProblem:
     rows: Observation
     beta: Array
     count: int
+    known_memory: float | None = None
 
     @staticmethod
     def of(
@@ -73,13 +75,19 @@ class NuisanceProblem:
         return NuisanceProblem(model, motions, Observation(model, motors, tuple(blocks), tuple(motions)), beta, count)
 
     @cached_property
+    def memory(self) -> float:
+        """Integral time of the residual's autocorrelation, s."""
+        if self.known_memory is not None:
+            return self.known_memory
+        return residual_memory(self.model, self.motions, self.beta)
+
+    @cached_property
     def weights(self) -> Array:
         """One over each motor's residual, less for residuals with memory: rows count as many as are independent."""
         without = np.append(self.beta, np.zeros(self.count))
         w = np.array([WLS().weight(motor, without) for motor in self.rows.motors])
-        memory = residual_memory(self.model, self.motions, self.beta)
         step = self.motions[0].treatment.decimation * self.motions[0].dt
-        return np.asarray(w / np.sqrt(max(memory / step, 1.0)))
+        return np.asarray(w / np.sqrt(max(self.memory / step, 1.0)))
 
     def residual(self, weights: Array) -> float:
         """Sum of squares that the base parameters leave of the rows, with the nuisances as they are.
