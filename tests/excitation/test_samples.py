@@ -7,12 +7,14 @@ import subprocess
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 import haptid
 from compiled import STRICT
 from haptid import errors
 from haptid.experiment.excitation import FourierSeries, Limits, MotionSamples, Search, design_excitation, write_motion
 from motions import truth
+from recorders import STORE
 
 PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 WITHIN = Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,))
@@ -66,6 +68,22 @@ def test_ros_reads_a_joint_trajectory(samples, tmp_path):
     assert all(
         set(point) == {"positions", "velocities", "accelerations", "time_from_start"} for point in read["points"]
     )
+
+
+def test_a_bag_has_the_joint_trajectory(samples, tmp_path):
+    with write_motion(tmp_path / "m.mcap", samples).open("rb") as file:
+        ((schema, channel, message),) = make_reader(file).iter_messages()
+    assert (channel.topic, channel.message_encoding, schema.encoding) == ("/joint_trajectory", "cdr", "ros2msg")
+    definition, _ = STORE.generate_msgdef(schema.name, ros_version=2)
+    lines = lambda text: [x for x in re.sub("/msg/", "/", text).splitlines() if x and not x.startswith("=")]  # noqa: E731
+    assert lines(schema.data.decode()) == lines(definition)
+    read = STORE.deserialize_cdr(message.data, schema.name)
+    assert list(read.joint_names) == ["ba", "be", "df"]
+    for key, wanted in (("positions", samples.q), ("velocities", samples.qd), ("accelerations", samples.qdd)):
+        np.testing.assert_array_equal([getattr(point, key) for point in read.points], wanted)
+    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in read.points]
+    np.testing.assert_allclose(times, samples.t, atol=1e-9)
+    assert bytes(STORE.serialize_cdr(read, schema.name)) == message.data
 
 
 @pytest.mark.parametrize("compiler", [["cc", *STRICT], ["c++", "-x", "c++", "-Wall", "-Werror"]], ids=["C99", "C++"])

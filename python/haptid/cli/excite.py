@@ -44,8 +44,8 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
 - `OUT` with .csv in place of .toml: samples for a real controller: t, then position, velocity and acceleration of each
   joint
 
-  --samples     samples in other formats, by the ending of the name: .csv, .yaml (a ROS 2 JointTrajectory), .h (arrays
-                in C), .m (MATLAB timeseries), .json (LeRobot actions, degrees and m)
+  --samples     samples in other formats, by the ending of the name: .csv, .yaml (a ROS 2 JointTrajectory), .mcap
+                (the same as a bag), .h (arrays in C), .m (MATLAB timeseries), .json (LeRobot actions, degrees and m)
 
   --player      one C99 file that plays all motions in the user's control loop: soft start, limits, watchdog, playback,
                 numbered recording into a ring buffer; its first lines say how it is called
@@ -115,7 +115,7 @@ def excite(
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     also: Annotated[
-        list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml (ROS 2), .h (C), .m, .json")
+        list[Path] | None, typer.Option("--samples", help="more samples: .csv, .yaml, .mcap (ROS 2), .h (C), .m, .json")
     ] = None,
     player: Annotated[Path | None, typer.Option(help="a .c file that plays the motions in a control loop")] = None,
     page_file: Annotated[

@@ -19,6 +19,7 @@ from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.escaping import write_csv
 from haptid.errors import SettingError
 from haptid.experiment.bench.trajectories import Fourier
+from haptid.experiment.excitation.mcap import trajectory_file
 from haptid.experiment.excitation.search import PlannedMotion
 
 # Numbers of text formats that a program reads: relative rounding of 1e-12.
@@ -89,9 +90,9 @@ class MotionSamples:
 def write_motion(path: str | Path, samples: MotionSamples) -> Path:
     """Write the samples in the format that the path's ending names; an existing file is replaced in one step.
 
-    `.csv`: t, then q, qd, qdd of each joint, SI. `.yaml`: a ROS 2 `trajectory_msgs/JointTrajectory`. `.h`: arrays in C
-    (C99 and C++, as CHAI3D needs). `.m`: a MATLAB script that makes timeseries. `.json`: a sequence of actions as
-    LeRobot's `send_action` takes, in degrees and m.
+    `.csv`: t, then q, qd, qdd of each joint, SI. `.yaml`: a ROS 2 `trajectory_msgs/JointTrajectory`. `.mcap`: the same
+    as a bag of one message. `.h`: arrays in C (C99 and C++, as CHAI3D needs). `.m`: a MATLAB script that makes
+    timeseries. `.json`: a sequence of actions as LeRobot's `send_action` takes, in degrees and m.
 
     Raises:
         SettingError: no format has this ending.
@@ -128,6 +129,10 @@ def _ros(path: Path, made: MotionSamples) -> None:
             yield f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}"
 
     _write(path, lines())
+
+
+def _mcap(path: Path, made: MotionSamples) -> None:
+    path.write_bytes(trajectory_file(made.source_joints, made.t, made.q, made.qd, made.qdd))
 
 
 def _c(path: Path, made: MotionSamples) -> None:
@@ -188,6 +193,7 @@ def _write(path: Path, lines: Iterator[str]) -> None:
 SAMPLE_FORMATS: Mapping[str, Callable[[Path, MotionSamples], None]] = {
     ".csv": _csv,
     ".yaml": _ros,
+    ".mcap": _mcap,
     ".h": _c,
     ".m": _matlab,
     ".json": _lerobot,
