@@ -126,6 +126,23 @@ def bench_identification(figures: Figures) -> str:
     return aligned([("device", "data", *SORTS), *lines])
 
 
+def searches(figures: Figures) -> str:
+    """Searches for exciting motions: condition number over processor time, at the end, and of a long search."""
+    devices = dict.fromkeys(name.partition(",")[0] for name in figures if "long search" in name)
+    lines = []
+    for device in devices:
+        at = {s: figures.get(f"{device}, condition with unit columns after {s} s") for s in (1, 2, 5)}
+        ends = [
+            figures[f"{device}, {which}"]
+            for which in ("condition with unit columns", "worst condition with unit columns")
+        ]
+        lasted = figures[f"{device}, processor time, s"]
+        best = figures[f"{device}, condition with unit columns of a long search"]
+        so_far = ("" if value is None else f"{value:.3g}" for value in at.values())
+        lines.append((device, *so_far, *(f"{end:.3g}" for end in ends), f"{lasted:.2g} s", f"{best:.3g}"))
+    return aligned([("device", "1 s", "2 s", "5 s", "end", "worst seed", "time", "ten times as long"), *lines])
+
+
 def percent(error: float) -> str:
     """Two digits; one where an error is so small that another motion would give others."""
     return f"{error:.2g}" if error >= SMALL else f"{error:.0e}"
@@ -193,6 +210,7 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Every estimator on one arm": ("estimator-benchmark", estimators),
     "Bias where the columns are noisy": ("noisy-columns", less_biased),
     "Identification from the bench": ("bench-identification", bench_identification),
+    "Searches for exciting motions": ("exciting-motion", searches),
     "Twenty seeds of each mounting": ("phantom-study", mountings),
     "Twenty seeds of each branch": ("medical-study", branches),
     "Workbench": ("workbench", workbench_figures),

@@ -27,4 +27,4 @@ def test_the_wide_example_has_a_condition_below_fifty():
 
 
 def test_one_call_is_recorded_to_come_near_it():
-    assert json.loads(RESULTS.read_text())["figures"]["design, condition with unit columns"] < 75
+    assert json.loads(RESULTS.read_text())["figures"]["cea_medical_branch, worst condition with unit columns"] < 75
