@@ -9,8 +9,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 
-MAGIC = b"\x89MCAP0\r\n"
-TOPIC = "/joint_trajectory"
+_MAGIC = b"\x89MCAP0\r\n"
+_TOPIC = "/joint_trajectory"
 _KIND = "trajectory_msgs/msg/JointTrajectory"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _DATA_END = 0x01, 0x02, 0x03, 0x04, 0x05, 0x0F
 _BETWEEN = "\n" + 80 * "=" + "\n"
@@ -35,7 +35,7 @@ def trajectory_file(names: Sequence[str], t: Array, q: Array, qd: Array, qdd: Ar
         q, qd, qdd: position, velocity and acceleration, each (n, joints), SI.
     """
     schema = struct.pack("<H", 1) + _text(_KIND) + _text("ros2msg") + _text(_DEFINITION)
-    channel = struct.pack("<HH", 0, 1) + _text(TOPIC) + _text("cdr") + struct.pack("<I", 0)
+    channel = struct.pack("<HH", 0, 1) + _text(_TOPIC) + _text("cdr") + struct.pack("<I", 0)
     message = struct.pack("<HIQQ", 0, 0, 0, 0) + _trajectory(names, t, np.stack([q, qd, qdd], axis=1))
     records = (
         (_HEADER, _text("ros2") + _text("haptid")),
@@ -46,7 +46,7 @@ def trajectory_file(names: Sequence[str], t: Array, q: Array, qd: Array, qdd: Ar
         (_FOOTER, struct.pack("<QQI", 0, 0, 0)),  # neither summary nor checksums
     )
     made = (struct.pack("<BQ", code, len(content)) + content for code, content in records)
-    return MAGIC + b"".join(made) + MAGIC
+    return _MAGIC + b"".join(made) + _MAGIC
 
 
 def _text(value: str) -> bytes:
