@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import http.client
 import json
 import os
@@ -20,6 +21,8 @@ import pytest
 from browser import Page, page
 from once import made_once, run_folder
 from small_study import DEVICE, STUDY, columns
+
+IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 
 
 @dataclass
@@ -86,6 +89,14 @@ def started(folder: Path, *options: str) -> Bench:
         raise AssertionError(line)
     made.enter()
     return made
+
+
+def pictured(tab: Page, name: str, folder: Path) -> None:
+    """A picture of what is seen of the page: into the documentation where RENEW_PICTURES is set, else thrown away."""
+    folder = IMAGES if os.environ.get("RENEW_PICTURES") else folder
+    shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
+    assert len(shot) > 10_000
+    (folder / f"workbench-{name}.png").write_bytes(shot)
 
 
 def ended(bench: Bench) -> None:

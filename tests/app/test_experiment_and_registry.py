@@ -15,6 +15,7 @@ pytest.importorskip("starlette")
 from test_live_page import until
 
 from browser import LAPTOP, needs_browser
+from conftest import pictured
 from haptid.app.jobs import JobState
 from haptid.cli import app
 from haptid.device import read_device
@@ -91,7 +92,7 @@ def test_limits_that_are_no_numbers_are_said(bench):
 
 
 @needs_browser
-def test_a_motion_is_played_on_the_drawing(searched, bench, tab):
+def test_a_motion_is_played_on_the_drawing(searched, bench, tab, tmp_path):
     tab.go(f"{bench.origin}/experiment?path={searched['outcome']['experiment']}", LAPTOP)
     tab.wait("document.querySelectorAll('#scene input[data-joint]').length === 2")
     assert tab.ask("document.querySelectorAll('.plot').length") == 3
@@ -103,6 +104,7 @@ def test_a_motion_is_played_on_the_drawing(searched, bench, tab):
         shown = tab.ask("[...document.querySelectorAll('#scene input[data-joint]')].map((s) => s.valueAsNumber)")
         np.testing.assert_allclose(shown, made[k, 1:3], atol=5e-3)
     assert tab.accessibility() == []
+    pictured(tab, "experiment", tmp_path)
     before = tab.ask("document.getElementById('time').valueAsNumber")
     tab.ask("[...document.querySelectorAll('button')].find((b) => b.textContent === 'Play').click()")
     tab.wait(f"document.getElementById('time').valueAsNumber !== {before}")
@@ -124,8 +126,17 @@ def results_of_two_days(bench):
 
 
 @pytest.mark.usefixtures("small_pictures")
-def test_devices_are_listed_by_serial_number_and_removed_things_are_kept(bench):
+@needs_browser
+def test_devices_are_listed_by_serial_number_and_removed_things_are_kept(bench, tab, tmp_path):
     results_of_two_days(bench)
+    tab.go(f"{bench.origin}/registry", LAPTOP)
+    tab.wait("document.querySelector('main').textContent.includes('TL-0007')")
+    assert (
+        tab.ask("[...document.querySelectorAll('button')].find((b) => b.textContent === 'Show the drift').disabled")
+        is False
+    )
+    assert tab.accessibility() == []
+    pictured(tab, "registry", tmp_path)
     (device,) = (d for d in bench.ask("GET", "/api/registry")[1]["devices"] if d["serial"] == "TL-0007")
     assert device["files"] == [DEVICE]
     assert {one["path"] for one in device["results"]} == {"results/first", "results/second"}

@@ -89,6 +89,8 @@ def spoiled(name):
         made |= {key: np.rad2deg(made[key]) for key in ("q1", "q2")}
     elif name == "wrapped":
         made["q1"] = np.mod(made["q1"] + 3 * np.arange(made["q1"].size) * 2e-3, 2 * np.pi)
+    elif name == "leap":
+        made["q1"] = made["q1"] + 1.0 * (np.arange(made["q1"].size) >= 2000)
     elif name == "exchanged":
         made["q2"] = 1.3 + 0.5 * made["q2"]
     return made
@@ -97,6 +99,7 @@ def spoiled(name):
 FAULTS = {
     "degrees": ("Positions are in deg", lambda text: text),
     "wrapped": ("unwrap", lambda text: text),
+    "leap": ("Use the log from 4.000 s on", lambda text: text),
     "exchanged": ("Exchange q2 and q1", lambda text: text.replace('["q1", "q2"]', '["q2", "q1"]')),
 }
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import socket
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,13 +17,13 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from browser import LAPTOP, needs_browser
+from conftest import pictured
 from haptid.live import pack_frame, play
 from small_study import columns
 
 STUDY, RATE = "studies/two-links.toml", 500.0
 BEGIN = {"study": STUDY, "name": "live", "rate": "500", "port": "0"}
 PATIENCE = 60.0
-IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 
 
 def until(condition, what):
@@ -156,9 +154,15 @@ def test_a_device_is_identified_while_it_moves(stopped, tab, tmp_path):
         let n = 0; for (let i = 3; i < d.length; i += 4) n += d[i] > 0; return n; })"""
     assert min(tab.ask(drawn)) > 1000
     assert tab.accessibility() == []
-    folder = IMAGES if os.environ.get("RENEW_PICTURES") else tmp_path
-    shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
-    (folder / "workbench-live.png").write_bytes(shot)
+    pictured(tab, "live", tmp_path)
+    # Who wants less motion has two pictures a second, not thirty.
+    tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    tab.go(f"{bench.origin}/live", LAPTOP)
+    between = """new Promise((done) => { const times = []; new MutationObserver(() => {
+        times.push(performance.now()); if (times.length === 3) done(times[2] - times[1]); })
+        .observe(document.querySelector('main'), { attributeFilter: ['data-frames'] }); })"""
+    assert tab.ask(between) > 400
+    tab.call("Emulation.setEmulatedMedia", features=[])
     tab.ask("[...document.querySelectorAll('button')].find((b) => b.textContent === 'End the recording').click()")
     tab.wait("location.pathname === '/data' && document.querySelector('#plots')?.dataset.drawn")
     made = np.loadtxt(bench.folder / "logs" / "live.csv", delimiter=",", skiprows=1)

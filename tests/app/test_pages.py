@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
-import os
 import re
 import tomllib
 from pathlib import Path
@@ -18,11 +16,12 @@ import pytest
 pytest.importorskip("starlette")
 
 from browser import LAPTOP, NARROW, needs_browser
+from conftest import pictured
 from haptid.robot_files import import_robot
 
 pytestmark = needs_browser
 PROJECT = Path(__file__).resolve().parents[2]
-IMAGES, EXAMPLES = PROJECT / "docs" / "images", PROJECT / "examples"
+EXAMPLES = PROJECT / "examples"
 STAGES = ("/", "/device", "/experiment", "/data", "/solve", "/results", "/use", "/live", "/registry")
 PAGES = (*STAGES, "/device?path=sr400")
 
@@ -35,14 +34,6 @@ def untroubled(bench, tab):
     yield
     assert tab.troubles == []
     assert [one for one in tab.asked if not one.startswith((bench.origin, "data:", "blob:"))] == []
-
-
-def pictured(tab, name, tmp_path):
-    """A picture of what is seen of the page: into the documentation where RENEW_PICTURES is set, else thrown away."""
-    folder = IMAGES if os.environ.get("RENEW_PICTURES") else tmp_path
-    shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
-    assert len(shot) > 10_000
-    (folder / f"workbench-{name}.png").write_bytes(shot)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -255,6 +246,11 @@ def test_stages_are_reached_by_keyboard_alone(bench, tab):
     assert [re.sub(r"^\d\s*", "", one) for one in seen[2:11]] == stages
     outline = tab.ask("getComputedStyle(document.activeElement).outlineStyle")
     assert outline != "none"
+    # Back to Solve, and there: Enter follows, and the focus is seen on the page that comes.
+    for _ in range(13 - 2 - stages.index("Solve") - 1):
+        tab.press("Tab", shift=True)
+    tab.press("Enter")
+    tab.wait("location.pathname === '/solve' && document.body?.dataset.ready !== undefined")
 
 
 def test_the_trial_goes_from_nothing_to_a_verdict(bench, tab, tmp_path):

@@ -7,6 +7,8 @@ import pytest
 
 import haptid
 from browser import LAPTOP, PHONE, needs_browser
+from haptid.dynamics import link_poses
+from haptid.report.page import module_of_scripts
 from haptid.report.page import page as written
 from haptid.report.sections.mechanism import MechanismSection
 from reported import found, made
@@ -149,6 +151,18 @@ def test_the_device_turns_when_it_is_dragged(report):
     assert report.troubles == []
 
 
+def script_poses(tab, qa):
+    """Poses of all links by the page's own script, (joints, 4, 4)."""
+    script = module_of_scripts().rpartition("export")[0]
+    drawing = "JSON.parse(document.getElementById('drawings').textContent).scene"
+    act = f"const m = new Mechanism({drawing}); m.move({qa.tolist()}); return m.links();"
+    links = tab.ask(f"(() => {{ {script} {act} }})()")
+    made = np.tile(np.eye(4), (len(links), 1, 1))
+    made[:, :3, :3] = [np.reshape(link["R"], (3, 3)) for link in links]
+    made[:, :3, 3] = [link["p"] for link in links]
+    return made
+
+
 @pytest.mark.parametrize("name", ["five_bar", "delta", "arm7", "sr400", "cea_medical_branch"])
 def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     model = haptid.DynamicModel(haptid.read_device(name))
@@ -163,6 +177,9 @@ def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     tab.open(path, LAPTOP)
     assert tab.troubles == []
     _, masses, pose = scene_of(tab)
+    np.testing.assert_allclose(
+        script_poses(tab, start + 0.02), link_poses(model, (start + 0.02)[:, None])[0], atol=1e-9
+    )
     tab.picture(folder / f"{name}.png", "#mechanism")
     identified = haptid.end_effector.GivenParameters(model, model.base.of(true_parameters(model)))
     if masses:

@@ -147,7 +147,7 @@ def _excite(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
         "device": arguments["device"],
         "condition": [found.before.scaled, found.after.scaled],
         "limits": _used(found),
-        "weak": [name for name, se in found.predicted.items() if se > _WEAK_PERCENT],
+        "weak": [name for name, se in found.predicted.items() if _WEAK_PERCENT < se < math.inf],
     }
 
 

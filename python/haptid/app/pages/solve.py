@@ -30,6 +30,8 @@ _Edits = tuple[tuple[tuple[str | int, ...], Any], ...]
 # Channels of a kind that are exchanged in pairs; bytes of a log that is read again for every remedy; left out around a
 # time, s.
 _MOST_CHANNELS, _LARGEST, _AROUND = 10, 64 * 2**20, 0.05
+# A part of a log ends this much before a time, s, or with the log: no log lasts longer than this.
+_BEFORE, _END = 1e-6, 1e6
 _UNITS = {"rad": ("deg",), "deg": ("rad",), "m": ("mm",), "mm": ("m",)}
 
 
@@ -223,6 +225,9 @@ def _candidates(values: dict[str, Any], k: int, at: float | None) -> Iterator[tu
             swapped[i], swapped[j] = names[j], names[i]
             yield f"Exchange {names[i]} and {names[j]}", ((("channels", kind, "channels"), swapped),)
     if at is not None:
+        begin, end = values.get("logs", [{}])[k].get("time_range", [0.0, _END])
+        yield f"Use the log from {at:.3f} s on", ((("logs", k, "time_range"), [round(at, 6), end]),)
+        yield f"Use the log up to {at:.3f} s", ((("logs", k, "time_range"), [begin, round(at - _BEFORE, 6)]),)
         ranges = [*values.get("logs", [{}])[k].get("exclude", []), [round(at - _AROUND, 6), round(at + _AROUND, 6)]]
         yield f"Leave out {at - _AROUND:.3f} to {at + _AROUND:.3f} s", ((("logs", k, "exclude"), ranges),)
     for kind in ("position", "torque"):
