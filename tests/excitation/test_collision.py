@@ -1,5 +1,8 @@
 """Collision shapes: distances against Coal and by definition, slopes, motions between samples, files, the search."""
 
+import base64
+import json
+import re
 import tomllib
 from itertools import combinations_with_replacement
 
@@ -16,6 +19,7 @@ from haptid.experiment.collision import CollisionModel, clearance_along
 from haptid.experiment.collision.clearance import LEAST_TOLERANCE
 from haptid.experiment.collision.distances import nearest_of_segments
 from haptid.experiment.excitation import FourierSeries, Limits, Search, design_excitation
+from haptid.report.motion_page import motion_page
 
 # Two turning joints and a sliding one, and the shapes that tests add to them.
 ARM = """
@@ -191,6 +195,24 @@ def test_the_search_keeps_its_distance_and_needs_to():
     assert collision.near(kept.trajectory(2e-3).q, 1.0).distance.min() > 0.017
     assert kept.clearance.bound > 0.015
     assert "least distance" in kept.summary()
+    the_picture_has_what_comes_nearest(kept, collision)
+
+
+def the_picture_has_what_comes_nearest(kept, collision):
+    """The page's scene: nearest points as far apart as the motion's clearance, shapes where they are along it."""
+    drawn = re.search(r'id="drawings"[^>]*>(.*?)</script>', motion_page({"kept": kept}), re.DOTALL)
+    scene = json.loads(drawn[1])["scene"]
+    ((first, second),) = scene["nearest"]
+    assert np.linalg.norm(np.subtract(first, second)) == pytest.approx(kept.clearance.distance, abs=1e-3)
+    unpacked = {key: np.frombuffer(base64.b64decode(one["f32"]), "<f4") for key, one in scene["swept"].items()}
+    ends, thick = unpacked["ends"].reshape(-1, 2, 3), unpacked["widths"] > 0
+    assert len(ends) == len(thick)
+    instants = kept.trajectory(kept.seconds / 800).q
+    instants = instants[:: max(1, len(instants) // 120)]
+    assert thick.sum() == len(instants) * len(collision.shapes)
+    middles = ends[thick].mean(axis=1).reshape(len(instants), -1, 3)
+    wanted = collision.shape_poses(kept.model.device.closure.positions(instants.T).T)[:, :, :3, 3]
+    np.testing.assert_allclose(middles, wanted, atol=1e-6)
 
 
 def test_a_start_that_cannot_be_is_said():

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.experiment.bench.picture import stick_figure
 from haptid.experiment.excitation import Excitation, FurtherMotions, PlannedMotion
 from haptid.report.chart import Chart, axis, chart_series, figure, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.report.page import page
+from haptid.report.section import PageSection
+from haptid.report.sections.mechanism import scene, sliders_of
 
-# Samples of each curve.
-_SAMPLES = 800
+# Samples of each curve; instants at which the links are drawn, of all motions together.
+_SAMPLES, _INSTANTS = 800, 120
+# How much further apart than along the motion shapes are looked for, m: the motion is looked at in steps.
+_NEAR = 1e-3
 
 
 def motion_page(motions: Mapping[str, PlannedMotion], further: FurtherMotions | None = None) -> str:
@@ -25,7 +32,7 @@ def motion_page(motions: Mapping[str, PlannedMotion], further: FurtherMotions | 
         further: the campaign that they belong to; without one, the first motion of the search is compared with the one
             that was found.
     """
-    sections: list[DocumentSection] = []
+    sections: list[PageSection] = [_swept(motions)]
     searched = [found for found in motions.values() if isinstance(found, Excitation)]
     if searched:
         sections.append(_information(searched[0], further))
@@ -34,6 +41,53 @@ def motion_page(motions: Mapping[str, PlannedMotion], further: FurtherMotions | 
     device = next(iter(motions.values())).model.device
     about = f"{len(motions)} motion{'s' if len(motions) > 1 else ''} of {device.name}"
     return page(f"Planned motion: {device.name}", about, sections)
+
+
+@dataclass(frozen=True)
+class _SweptSection:
+    """The device in three dimensions with all places that its links come to; sliders move it."""
+
+    template: ClassVar[str] = "swept"
+    key: ClassVar[str] = "swept"
+    title: ClassVar[str] = "In three dimensions"
+    joints: list[dict[str, Any]]
+    text: tuple[str, ...]
+    charts: tuple[Chart, ...]
+
+
+def _swept(motions: Mapping[str, PlannedMotion]) -> _SweptSection:
+    """Stick figures and collision shapes at instants of all motions, and where shapes come nearest in each."""
+    bounds = next(iter(motions.values())).bounds
+    model, collision = bounds.model, bounds.collision
+    positions = [found.trajectory(found.seconds / _SAMPLES).q for found in motions.values()]
+    drawn = np.concatenate(positions)[:: max(1, sum(map(len, positions)) // _INSTANTS)]
+    bars = stick_figure(model, drawn)[0].reshape(-1, 2, 3)
+    widths = np.zeros(len(bars))
+    text = ["Blue: the links along all motions. The sliders move the device; they change no motion."]
+    if collision is not None:
+        axes, radii = collision.capsules(model.device.closure.positions(drawn.T).T)
+        bars = np.concatenate([bars, axes.reshape(-1, 2, 3)])
+        widths = np.concatenate([widths, 2 * np.tile(radii, len(drawn))])
+        text[0] += " Collision shapes are drawn as the capsules about them."
+    near = {name: _nearest(found) for name, found in motions.items()}
+    text += [f"Red, {name}: {found.clearance}." for name, found in motions.items() if near[name] is not None]
+    sliders = sliders_of(model, np.concatenate(positions).T, margin=0.0)
+    lines = [ends for ends in near.values() if ends is not None]
+    return _SweptSection(sliders, tuple(text), (scene(model, None, positions[0].T, sliders, (bars, widths), lines),))
+
+
+def _nearest(found: PlannedMotion) -> Array | None:
+    """The nearest points of the two shapes that come nearest in a motion, (2, 3), m; None without shapes."""
+    collision, least = found.bounds.collision, found.clearance
+    if collision is None or least is None:
+        return None
+    made = found.trajectory(1e-3)
+    q = made.q[min(round(least.time / made.dt), len(made) - 1)]
+    there = collision.near(found.model.device.closure.positions(q[:, None]).T, least.distance + _NEAR)
+    if not len(there.distance):
+        return None
+    k = int(np.argmin(there.distance))
+    return np.stack([there.first[k], there.second[k]])
 
 
 def _information(found: Excitation, further: FurtherMotions | None) -> DocumentSection:

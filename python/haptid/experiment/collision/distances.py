@@ -125,6 +125,12 @@ class CollisionModel:
         apart = places[:, second] - places[:, first]
         return np.asarray(np.sqrt((apart**2).sum(axis=2)) - (radii[first] + radii[second]))
 
+    def capsules(self, q_tree: Array) -> tuple[Array, Array]:
+        """Capsules about the shapes: ends of their axes, (samples, shapes, 2, 3), and radii, (shapes,), m."""
+        ends, radii = self._capsules
+        at = self.shape_poses(q_tree)
+        return np.stack([(at @ side)[..., :3, 0] for side in ends], axis=2), radii
+
     def near(self, q_tree: Array, reach: float) -> Distances:
         """All distances below `reach`, m, at positions of all joints, (samples, joints)."""
         at = self.shape_poses(q_tree)

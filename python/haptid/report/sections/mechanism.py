@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -106,8 +107,21 @@ def _slider(model: DynamicModel, k: int, q: Array, margin: float) -> dict[str, A
     }
 
 
-def scene(model: DynamicModel, beta: Array | None, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
-    """Data for the page's script: kinematics, and the inertia for the apparent mass at the handle."""
+def scene(
+    model: DynamicModel,
+    beta: Array | None,
+    qa: Array,
+    sliders: list[dict[str, Any]],
+    swept: tuple[Array, Array] | None = None,
+    nearest: Sequence[Array] = (),
+) -> Chart:
+    """Data for the page's script: kinematics, and the inertia for the apparent mass at the handle.
+
+    Args:
+        qa: a motion of the active joints, (active, samples), rad or m: the path of the handle.
+        swept: bars at other instants, their ends, (bars, 2, 3), and widths, (bars,), m.
+        nearest: pairs of points, each (2, 3), m.
+    """
     drawing = {
         "kind": "scene",
         "joints": [
@@ -130,6 +144,8 @@ def scene(model: DynamicModel, beta: Array | None, qa: Array, sliders: list[dict
         "handle": None if model.device.handle is None else _frame(model.device.handle),
         "trail": None if beta is None else _trail(model, qa),
         "mass": None if beta is None else _mass(model, beta),
+        "swept": None if swept is None else {"ends": packed(swept[0]), "widths": packed(swept[1])},
+        "nearest": [ends.tolist() for ends in nearest],
         "height": 420,
     }
     moving = ", ".join(slider["name"] for slider in sliders)

@@ -5,6 +5,7 @@ const add = (a, b, f = 1) => a.map((v, k) => v + f * b[k]);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const turn = (R, v) => [0, 3, 6].map((i) => R[i] * v[0] + R[i + 1] * v[1] + R[i + 2] * v[2]);
 const times = (A, B) => A.map((_, k) => A[k - (k % 3)] * B[k % 3] + A[k - (k % 3) + 1] * B[(k % 3) + 3] + A[k - (k % 3) + 2] * B[(k % 3) + 6]);
+const points = (flat) => Array.from({ length: flat.length / 3 }, (_, k) => [...flat.slice(3 * k, 3 * k + 3)]);
 const column = (R, k) => [R[k], R[3 + k], R[6 + k]];
 
 // Solves A x = b for several right-hand sides by Gaussian elimination with pivoting; A and b are lists of rows.

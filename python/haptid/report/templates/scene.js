@@ -6,6 +6,9 @@ class Scene {
     this.device = new Mechanism(drawing);
     this.height = drawing.height;
     this.trail = drawing.trail ? numbers(drawing.trail) : null;
+    this.swept = drawing.swept ? points(numbers(drawing.swept.ends)) : [];
+    this.widths = drawing.swept ? numbers(drawing.swept.widths) : [];
+    this.nearest = drawing.nearest ?? [];
     const name = "the device in three dimensions; arrow keys turn it, plus and minus zoom, 0 returns";
     this.canvas = html("canvas", { class: "scene", tabindex: 0, role: "img", "aria-label": name }, holder);
     this.words = readout(holder);
@@ -20,15 +23,15 @@ class Scene {
 
   // Centre and size of the initial drawing.
   frame() {
-    const points = [...this.parts().flatMap((part) => part.points), ...this.way()];
+    const points = [...this.parts().flatMap((part) => part.points), ...this.way(), ...this.swept, ...this.nearest.flat()];
     const all = [0, 1, 2].map((k) => points.map((p) => p[k]));
     this.middle = all.map((v) => (Math.min(...v) + Math.max(...v)) / 2);
     this.size = Math.max(...all.map((v, k) => Math.max(...v) - this.middle[k]), 1e-3) * 1.25;
   }
 
-  // Path of the handle in the first log.
+  // Path of the handle.
   way() {
-    return Array.from({ length: (this.trail?.length ?? 0) / 3 }, (_, k) => [...this.trail.slice(3 * k, 3 * k + 3)]);
+    return this.trail ? points(this.trail) : [];
   }
 
   // Scale in metres per kilogram: the largest initial mass is a fifth of the drawing.
@@ -116,10 +119,12 @@ class Scene {
     this.inks = Object.fromEntries(["ink", "paper", "soft", "grid", "bar", "body", "passive", "c-blue", "vermillion", "orange", "zero"].map((name) => [name, resolved(name)]));
     c.clearRect(0, 0, this.width, this.height);
     drawGround(this, c);
+    drawSwept(this, c);
     drawTrail(this, c);
     const far = (part) => part.points.reduce((sum, p) => sum + this.project(p).depth, 0) / part.points.length;
     const parts = this.parts().map((part) => ({ ...part, far: far(part) })).sort((a, b) => b.far - a.far);
     for (const part of parts) drawPart(this, c, part);
+    drawNearest(this, c);
     drawEllipsoid(this, c);
     drawTriad(this, c);
   }

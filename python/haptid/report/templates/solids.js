@@ -21,6 +21,31 @@ function drawTrail(scene, c) {
   c.stroke();
 }
 
+// Where the links come along the motions: their bars at many instants.
+function drawSwept(scene, c) {
+  c.strokeStyle = scene.inks["c-blue"];
+  c.lineCap = "round";
+  scene.widths.forEach((width, k) => {
+    const ends = scene.swept.slice(2 * k, 2 * k + 2);
+    c.globalAlpha = width ? 0.04 : 0.12;
+    c.lineWidth = Math.max(2, width * scene.project(ends[0]).scale);
+    scene.trace(c, [ends[0], add(ends[1], [1e-6, 0, 0])]); // of a ball, a line without length would not be drawn
+    c.stroke();
+  });
+  c.globalAlpha = 1;
+}
+
+// Where two shapes come nearest: the line between their nearest points.
+function drawNearest(scene, c) {
+  c.strokeStyle = c.fillStyle = scene.inks.vermillion;
+  c.lineWidth = 2.5;
+  for (const ends of scene.nearest) {
+    scene.trace(c, ends);
+    c.stroke();
+    for (const { x, y } of ends.map((end) => scene.project(end))) c.fillRect(x - 2.5, y - 2.5, 5, 5);
+  }
+}
+
 function drawPart(scene, c, part) {
   c.lineCap = c.lineJoin = "round";
   if (part.kind === "bar") {
