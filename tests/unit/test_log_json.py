@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from haptid.errors import LogError
+from haptid.log import Channels, Signal
 from haptid.log.read import format_of, read_log
 
 T = np.arange(400) * 0.002
@@ -56,6 +57,28 @@ def test_objects_of_arrays_are_logs_without_more_ado(tmp_path: Path) -> None:
     log = read_log(path)
     np.testing.assert_array_equal(log.position.T, Q)
     np.testing.assert_array_equal(log.torque.T, TAU)
+
+
+@pytest.mark.parametrize("layout", ["arrays", "entries", "inside"])
+def test_trials_with_arrays_of_their_own_are_segments_of_one_log(tmp_path: Path, layout: str) -> None:
+    """Each trial has times from its own start, and settings beside its samples."""
+    trials = []
+    for part in (slice(0, 250), slice(100, 400)):
+        t, q, tau = T[part] - T[part.start], Q[:, part].T, TAU[:, part].T
+        if layout == "entries":
+            samples = [{"t": a, "q": b, "tau": c} for a, b, c in zip(t.tolist(), q.tolist(), tau.tolist(), strict=True)]
+            trials.append({"mass": 0.5, "motor": "mx106", "entries": samples})
+        else:
+            arrays = {"t": t.tolist(), "q": q.tolist(), "tau": tau.tolist(), "gains": [4, 0, 1]}
+            trials.append({"type": "chirp", "data": arrays} if layout == "inside" else arrays)
+    path = tmp_path / "trials.json"
+    path.write_text(json.dumps({"runs": trials, "rate": 500} if layout == "inside" else trials))
+    before = {"arrays": "", "entries": "entries.", "inside": "runs.data."}[layout]
+    names = [[f"{before}{array}[{k}]" for k in (1, 2)] for array in ("q", "tau")]
+    log = read_log(path, Channels(Signal(names[0], "rad"), Signal(names[1], "N m"), f"{before}t"))
+    assert log.segments == ((0, 250), (250, 550))
+    np.testing.assert_allclose(log.position.T, np.concatenate([Q[:, :250], Q[:, 100:]], axis=1), atol=1e-9)
+    np.testing.assert_allclose(log.torque.T, np.concatenate([TAU[:, :250], TAU[:, 100:]], axis=1), atol=1e-9)
 
 
 def test_missing_values_are_nan_and_texts_are_refused(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ _WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
                             "encoder", "phi"})),
 )  # fmt: skip
+# Settings, and differences from what is wanted.
+_NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint"})
 # A command of nothing in particular stands for a torque.
@@ -512,6 +514,8 @@ def _last(name: str) -> str:
 
 def _quantity(last: frozenset[str], words: frozenset[str]) -> Quantity:
     """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
+    if last & _NEITHER:
+        return "other"
     for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
         for quantity, known in _WORDS:
             if known_words & known:

@@ -1,7 +1,8 @@
-"""JSON logs: one record a line, an array of records, or an object of arrays.
+"""JSON logs: one record a line, an array of records, an object of arrays, or an array of trials with own arrays.
 
 Channels of records are addressed as those of messages: `joint.position`, `position[elbow]` where the record has as many
-`name`s (or `names`, `joint_names`), `joints[elbow].angle` where each struct has a `name`, else `position[1]`.
+`name`s (or `names`, `joint_names`), `joints[elbow].angle` where each struct has a `name`, else `position[1]`. Arrays of
+trials follow one another: with times from each trial's start they are segments of one log.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ _KIND = "JSON"
 # Records whose structure gives the names of channels, and keys that name the elements of arrays beside them.
 _TOLD, _NAMES = 100, ("name", "names", "joint_names")
 _DEEPEST = 12
+# An array of records is one of trials if two of their arrays are longer than this, and than there are records.
+_LONG = 64
+# Names of a record's time: a record that has one is a sample, whatever else it holds.
+_TIMES = frozenset({"t", "time", "timestamp", "stamp", "secs", "seconds"})
 # Steps to a value in a record: a key, a number of an element, the struct of a name, or the place of a name in an array.
 _Step = tuple[str, Any]
 
@@ -110,10 +115,10 @@ def _columns_of(path: Path) -> dict[str, RawChannel] | None:
         return None
     with path.open(encoding="utf-8-sig") as file:
         whole = json.load(file)
-    if isinstance(whole, list) and (not whole or isinstance(whole[0], dict)):
+    if isinstance(whole, list) and (not whole or isinstance(whole[0], dict)) and not _are_trials(whole):
         return None
     found: dict[str, RawChannel] = {}
-    _gather(path, "column" if isinstance(whole, list) else "", whole, found, 0)
+    _gather(path, "column" if isinstance(whole, list) and not _are_trials(whole) else "", whole, found, 0)
     check_members(path, len(found), "arrays")
     return found
 
@@ -123,6 +128,14 @@ def _gather(path: Path, name: str, value: Any, found: dict[str, RawChannel], dep
     if isinstance(value, dict) and depth < _DEEPEST:
         for key, inner in value.items():
             _gather(path, f"{name}.{key}" if name else key, inner, found, depth + 1)
+    elif _are_trials(value) and depth < _DEEPEST:
+        trials: list[dict[str, RawChannel]] = []
+        for trial in value:
+            trials.append({})
+            _gather(path, name, trial, trials[-1], depth + 1)
+        for channel in trials[0]:
+            if all(channel in trial for trial in trials):
+                found[channel] = np.concatenate([trial[channel] for trial in trials])
     elif isinstance(value, list) and value and isinstance(value[0], dict):
         for inner, steps in _paths(value[:_TOLD]).items():
             found[f"{name}.{inner}"] = _array(path, f"{name}.{inner}", [_at(record, steps) for record in value])
@@ -137,6 +150,31 @@ def _gather(path: Path, name: str, value: Any, found: dict[str, RawChannel], dep
             return
         if array.dtype.kind in "iuf":
             found |= {channel: array[at] for channel, at in addresses(name, array.shape).items()}
+
+
+def _are_trials(value: Any) -> bool:
+    """Whether a value is an array of few records with long arrays of samples, and not of samples."""
+    if not (isinstance(value, list) and value and all(isinstance(trial, dict) for trial in value)):
+        return False
+    if any(key.lower() in _TIMES and isinstance(inner, int | float) for key, inner in value[0].items()):
+        return False
+    return max(map(_longest, value)) > max(_LONG, len(value))
+
+
+def _longest(trial: Mapping[str, Any]) -> int:
+    """Length of a record's longest arrays, of which it has two, or of its longest array of records."""
+    lists = [inner for inner in _leaves(trial) if isinstance(inner, list) and inner]
+    sizes = sorted((len(inner) for inner in lists if not isinstance(inner[0], dict)), reverse=True)
+    own = max((len(inner) for inner in lists if isinstance(inner[0], dict)), default=0)
+    return max(own, sizes[0] if sizes[1:] and sizes[0] == sizes[1] else 0)
+
+
+def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
+    if isinstance(value, dict) and depth < _DEEPEST:
+        for inner in value.values():
+            yield from _leaves(inner, depth + 1)
+    else:
+        yield value
 
 
 def _paths(records: Iterator[Any] | Sequence[Any]) -> dict[str, tuple[_Step, ...]]:
