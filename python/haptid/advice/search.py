@@ -421,7 +421,8 @@ def positions(search: Trials) -> Iterator[TriedChange]:
     changes += [
         ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
     ]
-    unit = motions[0].log.channels.position.unit if motions[0].log is not None else ""
+    own = set() if motions[0].log is None else set(motions[0].log.channels.position.each_unit)
+    unit = own.pop() if len(own) == 1 else ""
     if unit in _OTHER_UNIT and not all(units):
         changes.append(("position unit", ()))
     # The delay of a wrong model is none: that of a command that is held.

@@ -105,7 +105,7 @@ class LiveRecording:
             "rate_hz": self.rate_hz,
             "names": self.names,
             "positions": len(self.channels.position.channels),
-            "units": [self.channels.position.unit, self.channels.torque.unit],
+            "units": [", ".join(dict.fromkeys(s.each_unit)) for s in (self.channels.position, self.channels.torque)],
             "rows": [self.analysis.model.device.row_labels[k] for k in self.analysis.model.measured_rows],
             "counts": asdict(receiver.recorder.counts),
             "broken": receiver.broken,

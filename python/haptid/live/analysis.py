@@ -24,7 +24,7 @@ from haptid.estimation import Estimate, RecursiveIdentification
 from haptid.experiment.guidance import Guidance, MotionGuide
 from haptid.inference import Alarm, ModelAlarm
 from haptid.live.recorder import SampleRun
-from haptid.log import Channels, Signal, units
+from haptid.log import Channels, Signal
 from haptid.motion import Treatment
 from haptid.observation import Observation, RowStream
 from haptid.observation.rows import chunks
@@ -179,8 +179,8 @@ class LiveAnalysis:
         }
 
     def _in_si(self, signal: Signal, raw: Array, quantity: str) -> Array:
-        _, factor = units.scale(signal.unit, "position" if quantity == "position" else "torque")
-        return np.asarray(factor * np.array(signal.gain) * raw + np.array(signal.offset), dtype=np.float64)
+        factors = np.array(signal.scales("position" if quantity == "position" else "torque"))
+        return np.asarray(factors * np.array(signal.gain) * raw + np.array(signal.offset), dtype=np.float64)
 
     def _learn(self, rows: Observation) -> None:
         with self._lock:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogDataError, LogMismatchError
-from haptid.log.units import PERIODS
+from haptid.log.units import PERIODS, scale
 
 if TYPE_CHECKING:
     from haptid.log.formats.sniff import RawChannel
@@ -315,8 +315,11 @@ def check_against(
         return ()
     spans = list(log.spans)
     angles = [k for k in range(count) if not prismatic[k]]
-    if log.channels.position.unit == "deg":
-        _check_radians(angles, spans, position_ranges, names)
+    own = log.channels.position.each_unit
+    _check_kinds(own, prismatic, names)
+    degrees = [k for k in angles if own[k] == "deg"]
+    if degrees:
+        _check_radians(degrees, spans, position_ranges, names)
     else:
         usual = float(np.median([spans[k][1] - spans[k][0] for k in angles])) if angles else 0.0
         for k in angles:
@@ -339,6 +342,23 @@ def check_against(
         for name, (low, high), limits in zip(names, spans, position_ranges, strict=True)
         if limits is not None and not _inside((low, high), limits)
     )
+
+
+def _check_kinds(own: Sequence[str], prismatic: Sequence[bool], names: Sequence[str]) -> None:
+    """Refuse an angle in a unit of length, and a length in a unit of angle; SI's own of either are the same figures."""
+    fitting = ", ".join('"mm"' if straight else '"deg"' for straight in prismatic)
+    for unit, straight, name in zip(own, prismatic, names, strict=True):
+        wanted = "m" if straight else "rad"
+        si, factor = scale(unit, "position")
+        if si not in (wanted, "counts") and factor != 1.0:
+            raise LogMismatchError(
+                f"the position of joint {name} is in {unit!r}, and the joint is "
+                f"{'prismatic' if straight else 'revolute'}.",
+                where=name,
+                found=unit,
+                limit=wanted,
+                advice=f"Write one unit for each channel: unit = [{fitting}].",
+            )
 
 
 def _inside(span: _Range, limits: _Range) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogFileError
-from haptid.log import checks, resampling, units
+from haptid.log import checks, resampling
 
 if TYPE_CHECKING:
     from haptid.log.log import Signal
@@ -192,7 +192,7 @@ class SignalOnDisk(OnDisk):
             if self.wraps[k][0].size:
                 column -= checks.wrap_offset(*self.wraps[k], start, stop)
         made = self.grid.make(made, start, low, high, self.quantity)
-        scale = units.scale(self.signal.unit, self.quantity)[1]
-        made *= np.array([[scale * self.signal.gain[k]] for k in channels])
+        scales = self.signal.scales(self.quantity)
+        made *= np.array([[scales[k] * self.signal.gain[k]] for k in channels])
         made += np.array([[self.signal.offset[k]] for k in channels])
         return made

@@ -34,6 +34,7 @@ class Signal:
     Attributes:
         channels: name in the file of each, in the order of the device's active joints or motors.
         unit: position: rad, deg, turn, m, mm, um, counts; torque: N m, mN m, N, V, mV, A, mA, counts.
+        units: one for each channel in place of `unit`, as of an arm with angles and lengths.
         side: measured at the joint or at the motor's shaft.
         gain: one for each channel, or one for all; none is 1. Counts of position need it: rad or m each.
         offset: one for each channel, or one for all; none is 0; in SI, after the gain.
@@ -55,6 +56,7 @@ class Signal:
     constant_ok: bool = False
     allow_saturation: bool = False
     register: Register = field(default_factory=Register)
+    units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
@@ -69,6 +71,29 @@ class Signal:
         object.__setattr__(self, "offset", _spread("offset", self.offset, len(names), 0.0))
         if 0.0 in self.gain:
             raise _setting("gain", "0", "a factor other than zero for each channel")
+        if len(self.units) not in (0, len(names)):
+            raise _setting("units", f"{len(self.units)} units for {len(names)} channels", "one for each")
+
+    @property
+    def each_unit(self) -> tuple[str, ...]:
+        """Unit of each channel."""
+        return self.units or (self.unit,) * len(self.channels)
+
+    def scales(self, quantity: Literal["position", "torque"]) -> tuple[float, ...]:
+        """Factor from the unit of each channel to SI."""
+        return tuple(units.scale(unit, quantity)[1] for unit in self.each_unit)
+
+    def one(self, name: str) -> Signal:
+        """The signal of one channel."""
+        k = self.channels.index(name)
+        return replace(
+            self,
+            channels=(name,),
+            unit=self.each_unit[k],
+            units=(),
+            gain=self.gain[k : k + 1],
+            offset=self.offset[k : k + 1],
+        )
 
 
 def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float, ...]:
@@ -113,10 +138,12 @@ class Channels:
     merge: Merge = field(default_factory=Merge)
 
     def __post_init__(self) -> None:
-        si, _ = units.scale(self.position.unit, "position")
-        units.scale(self.torque.unit, "torque")
+        self.position.scales("position"), self.torque.scales("torque")
         units.scale(self.time_unit, "time")
-        if si == "counts" and all(gain == 1.0 for gain in self.position.gain):
+        counts = [
+            gain for gain, unit in zip(self.position.gain, self.position.each_unit, strict=True) if unit == "counts"
+        ]
+        if counts and all(gain == 1.0 for gain in counts):
             raise LogChannelError(
                 "positions are in counts without a gain.",
                 where="gain",
@@ -157,8 +184,13 @@ class Channels:
 
     @property
     def torque_unit(self) -> str:
-        """Unit of the torques of a log: N m, N, V, A or counts."""
-        return units.scale(self.torque.unit, "torque")[0]
+        """Unit of the torques of a log: N m, N, V, A or counts; several are joined by commas."""
+        return ", ".join(dict.fromkeys(self.torque_units))
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """Unit of each torque of a log."""
+        return tuple(units.scale(unit, "torque")[0] for unit in self.torque.each_unit)
 
 
 @displayed
@@ -302,11 +334,11 @@ class Log:
         return self.between(start, start + keep)
 
     def _shown(self) -> Overview:
-        unit = units.scale(self.channels.position.unit, "position")[0]
-        rows = [[name, "on disk", unit] for name in self.channels.position.channels]
+        own = (units.scale(unit, "position")[0] for unit in self.channels.position.each_unit)
+        rows = [[name, "on disk", unit] for name, unit in zip(self.channels.position.channels, own, strict=True)]
         if not isinstance(self.position, OnDisk):
             rows = [
-                [row[0], f"{low:.4g} .. {high:.4g}", unit] for row, (low, high) in zip(rows, self.spans, strict=True)
+                [row[0], f"{low:.4g} .. {high:.4g}", row[2]] for row, (low, high) in zip(rows, self.spans, strict=True)
             ]
         about = f"{self.t.size} samples, {self.rate_hz:.5g} Hz, {float(self.t[-1] - self.t[0]):.4g} s"
         torques = f"torques {', '.join(self.channels.torque.channels)} in {self.channels.torque_unit}"

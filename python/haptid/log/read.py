@@ -158,8 +158,8 @@ def read_log(
     blocks, signals = {}, {"position": channels.position, "torque": channels.torque}
     for what, signal in signals.items():
         blocks[what] = block_of([columns[name] for name in signal.channels], 2 * len(signal.channels) + 1)
-        scale = units.scale(signal.unit, what)[1]  # type: ignore[arg-type]
-        for name, gain in zip(signal.channels, signal.gain, strict=True):
+        scales = signal.scales(what)  # type: ignore[arg-type]
+        for name, gain, scale in zip(signal.channels, signal.gain, scales, strict=True):
             columns[name] = inspection.column(name, columns[name], signal, what, scale * gain)  # type: ignore[arg-type]
     found = times.base(inspection, lambda signal: (columns[name] for name in signal.channels), channels)
     notes.extend(found.report.sentences)
@@ -355,16 +355,16 @@ class Inspection:
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
         """The column, unwrapped if its signal says so, and checked for jumps."""
         if signal.unwrap:
-            column, count = checks.unwrapped(column, signal)
+            column, count = checks.unwrapped(column, signal.one(name))
             self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
-        checks.jumps(self.path, name, column, self.times.seconds, signal, si, self.gaps)
+        checks.jumps(self.path, name, column, self.times.seconds, signal.one(name), si, self.gaps)
         return column
 
     def _torque(self, name: str, column: Array, signal: Signal) -> None:
         """Check for saturation during motion of the paired position, or of any where they are not in pairs."""
         paired = len(self.moving) == len(signal.channels)
         bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
-        self._note(checks.saturated(self.path, name, column, bits, signal))
+        self._note(checks.saturated(self.path, name, column, bits, signal.one(name)))
 
     def _note(self, sentence: str | None) -> None:
         if sentence:
@@ -380,9 +380,9 @@ def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: Ch
         signal, kind: which of them, and their quantity.
         own: memory that the columns are in already, (channels, rows); None where there is none.
     """
-    scale = units.scale(signal.unit, kind)[1]
+    scales = signal.scales(kind)
     block = own if own is not None and grid.unchanged else np.empty((len(signal.channels), grid.t.size))
-    for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
+    for name, scale, gain, offset, out in zip(signal.channels, scales, signal.gain, signal.offset, block, strict=True):
         column = columns.pop(name)
         if not grid.unchanged:
             for start in range(0, grid.t.size, SAMPLES_RESAMPLED):
@@ -498,14 +498,15 @@ class _FileReader:
 
     def inspect_positions(self, signal: Signal) -> MotionProfile:
         """Check the positions; their profile if they are on the grid as they are."""
-        scale = units.scale(signal.unit, "position")[1]
+        scales = signal.scales("position")
 
         def channels() -> Iterator[Array]:
-            for name, gain, offset in zip(signal.channels, signal.gain, signal.offset, strict=True):
+            for name, scale, gain, offset in zip(signal.channels, scales, signal.gain, signal.offset, strict=True):
                 raw = self._channel(name)
                 at, shift = NO_WRAPS
                 if signal.unwrap:
-                    at, shift = checks.find_wraps(signal.register.signed(raw.astype(np.float64, copy=False)), signal)
+                    signed = signal.register.signed(raw.astype(np.float64, copy=False))
+                    at, shift = checks.find_wraps(signed, signal.one(name))
                 self.wraps[name] = (at, freeze(shift))
                 column = self.inspection.column(name, raw, signal, "position", scale * gain)
                 yield column * (scale * gain) + offset
@@ -514,8 +515,7 @@ class _FileReader:
 
     def inspect_torques(self, signal: Signal) -> None:
         """Check the torques; after the positions."""
-        scale = units.scale(signal.unit, "torque")[1]
-        for name, gain in zip(signal.channels, signal.gain, strict=True):
+        for name, scale, gain in zip(signal.channels, signal.scales("torque"), signal.gain, strict=True):
             self.inspection.column(name, self._channel(name), signal, "torque", scale * gain)
 
     def channels_of(self, signal: Signal) -> Iterator[Array]:

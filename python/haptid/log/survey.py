@@ -69,6 +69,8 @@ _ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
 _TWELVE_BITS = 4096
+# Positions beyond this, m, of a prismatic joint are in mm.
+_METRES = 5.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
 _UNSTATED = "no unit is stated"
@@ -192,6 +194,7 @@ def survey(
     joints: Sequence[tuple[str, ...]] = (),
     motors: Sequence[tuple[str, ...]] = (),
     command_unit: str = "",
+    straight: Sequence[bool] = (),
 ) -> Survey:
     """Look through a log.
 
@@ -200,6 +203,7 @@ def survey(
         joints: names of every joint that is wanted, in order: positions are chosen and ordered by them.
         motors: the same of torques; those of the joints where left out.
         command_unit: of the motors, for torques whose unit is not stated; empty where not known.
+        straight: whether each joint is prismatic; none is where left out.
 
     Raises:
         LogFileError: it cannot be read.
@@ -211,7 +215,7 @@ def survey(
         topics = [
             replace(topic, channels=tuple(_commanded(c, command_unit) for c in topic.channels)) for topic in topics
         ]
-    return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind, joints, motors or joints))
+    return Survey(path, kind.name, tuple(notes), tuple(topics), _toml(topics, kind, joints, motors or joints, straight))
 
 
 @dataclass
@@ -624,7 +628,11 @@ _UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
 
 
 def _toml(
-    topics: Sequence[TopicSurvey], kind: Format, joints: Sequence[tuple[str, ...]], motors: Sequence[tuple[str, ...]]
+    topics: Sequence[TopicSurvey],
+    kind: Format,
+    joints: Sequence[tuple[str, ...]],
+    motors: Sequence[tuple[str, ...]],
+    straight: Sequence[bool],
 ) -> str:
     """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
     positions = [family.of(joints) for family in _families(topics, "position")]
@@ -637,6 +645,10 @@ def _toml(
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
     lines = ["[channels]  # units and choices are guesses: check each of them"]
     lines.append(_time_line(position, torque, kind))
+    if len(straight) == len(position.channels):
+        position = replace(position, channels=tuple(map(_of_joint, position.channels, straight)))
+        if torque is not None and len(torque.channels) == len(straight):
+            torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
     lines.append(_signal_line("position", position))
     if torque is None:
         lines.append("# torque = ...  # no channel of torques, currents or commands was found")
@@ -645,6 +657,17 @@ def _toml(
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     return "\n".join(lines) + "\n"
+
+
+def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
+    """A channel of a prismatic joint whose unit was guessed as that of an angle or a moment."""
+    if straight and channel.unit in ("rad", "deg"):
+        largest = max(abs(channel.low), abs(channel.high))
+        unit = "mm" if largest > _METRES else "m"
+        return replace(channel, unit=unit, reason=f"its joint is prismatic, and it reaches {largest:.3g}")
+    if straight and channel.unit == "N m":
+        return replace(channel, unit="N", reason="its joint is prismatic")
+    return channel
 
 
 def _merge_line(position: _Family, torque: _Family, kind: Format) -> list[str]:
@@ -703,13 +726,19 @@ def _signal_line(key: str, family: _Family) -> str:
     else:
         prefix = f"{family.topic.name}." if family.topic.name else ""
         where = "channels = [" + ", ".join(basic_string(prefix + channel.name) for channel in family.channels) + "]"
-    reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 else "")
+    reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 and not _mixed(units) else "")
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""
     if still:
         reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
         constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
     unit = next(iter(units))
+    mixed = _mixed(units)
+    stated = (
+        "[" + ", ".join(basic_string(channel.unit) for channel in family.channels) + "]"
+        if mixed
+        else basic_string(unit)
+    )
     commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or _words(family.array) <= _COMMAND)
     side = ', side = "motor"' if commanded else ""
     if key == "torque" and len(family.channels) > 1 and all(c.low >= 0 for c in family.channels):
@@ -721,4 +750,10 @@ def _signal_line(key: str, family: _Family) -> str:
     if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
-    return f"{key} = {{ {where}, unit = {basic_string(unit)}{counted}{more}{side}{constant} }}  # guess: {reason}"
+    return f"{key} = {{ {where}, unit = {stated}{counted}{more}{side}{constant} }}  # guess: {reason}"
+
+
+def _mixed(found: Iterable[str]) -> bool:
+    """Whether units are of angles and of lengths, or of moments and of forces."""
+    kinds = set(found)
+    return any(kinds & one and kinds - one for one in ({"m", "mm", "um"}, {"N"}))

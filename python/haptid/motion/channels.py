@@ -168,8 +168,7 @@ def motor_torque(device: Device, log: Log, commands: Array) -> Array:
             limit="motor",
             advice="Record one torque for each motor.",
         )
-    unit = log.channels.torque_unit
-    for drive in device.motors:
+    for drive, unit in zip(device.motors, log.channels.torque_units, strict=False):
         if unit != drive.command_unit:
             raise _wrong_unit(drive.name, unit, drive.command_unit, "motor")
     factors = [drive.gear_ratio * drive.torque_constant for drive in device.motors]
@@ -182,7 +181,6 @@ def torque_map(device: Device, log: Log) -> Array:
     Raises:
         LogMismatchError: the log's unit is not the device's, or the matrix varies with the pose.
     """
-    unit = log.channels.torque_unit
     if log.channels.torque.side == "motor":
         if device.drive_varies.any():
             raise LogMismatchError(
@@ -192,9 +190,9 @@ def torque_map(device: Device, log: Log) -> Array:
                 advice="Record the torques of the active joints, or use a method that evaluates every sample.",
             )
         return np.asarray(device.drive_rates[device.driven].T @ motor_torque(device, log, np.eye(len(device.motors))))
-    for k, j in enumerate(device.active):
+    for j, unit in zip(np.asarray(device.active)[_joint_measured(device)], log.channels.torque_units, strict=False):
         wanted = "N" if device.joints[j].prismatic else "N m"
-        if _joint_measured(device)[k] and unit != wanted:
+        if unit != wanted:
             raise _wrong_unit(device.joints[j].name, unit, wanted, "joint")
     return np.asarray(np.linalg.inv(device.row_map).T[:, _joint_measured(device)])
 

@@ -20,7 +20,7 @@ from scipy import ndimage
 from haptid._internal.arrays import Array, freeze_fields, positive
 from haptid.device import Device
 from haptid.errors import LogChannelError, LogDataError, LogMismatchError, NoRowsError
-from haptid.log import Channels, Log, Signal, units
+from haptid.log import Channels, Log, Signal
 from haptid.log.checks import all_usable
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.read import ChannelKind, format_of, sha256_of
@@ -257,9 +257,8 @@ def read_poses(path: str | os.PathLike[str], device: Device, channels: Channels,
 
 def _signal_columns(signal: Signal, what: ChannelKind, columns: Mapping[str, RawChannel]) -> Array:
     """The channels of a signal in SI, (n, channels)."""
-    si = units.scale(signal.unit, what)[1]
-    named = zip(signal.channels, signal.gain, signal.offset, strict=True)
-    return np.column_stack([np.asarray(columns[n], dtype=float) * si * gain + offset for n, gain, offset in named])
+    named = zip(signal.channels, signal.scales(what), signal.gain, signal.offset, strict=True)
+    return np.column_stack([np.asarray(columns[n], dtype=float) * si * gain + offset for n, si, gain, offset in named])
 
 
 def join_poses(first: Poses, *others: Poses) -> Poses:

@@ -37,7 +37,8 @@ def draft_study(
         motors.append((motor.name, *single))
     names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
-    found = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "")
+    straight = [device.joints[k].prismatic for k in device.active]
+    found = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
     found = replace(found, notes=(*found.notes, *_elsewhere(found, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:

@@ -231,7 +231,8 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
         raise fault(study, f"{where}.word_bits", "give either `sign_bit` or `word_bits`")
     return Signal(
         channels=names,
-        unit=table.unit,
+        unit=table.unit if isinstance(table.unit, str) else next(iter(table.unit), ""),
+        units=() if isinstance(table.unit, str) else tuple(table.unit),
         side=table.side,
         gain=spread("gain", table.gain),
         offset=spread("offset", table.offset),

@@ -33,7 +33,9 @@ class SignalTable(_Table):
     joints: list[str | int] | None = Field(
         None, min_length=1, description="elements of the field by name, or by number from 1, in the device's order"
     )
-    unit: str = Field(description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts")
+    unit: str | list[str] = Field(
+        description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts; for all or for each channel"
+    )
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
     gain: _Finite | list[_Finite] = Field(1.0, description="factor on the channel, applied first")
     offset: _Finite | list[_Finite] = Field(0.0, description="added after the gain and the unit, SI")

@@ -530,7 +530,8 @@ class _Filters:
             for own, cutoff in zip(self.channels, cutoffs, strict=True)
         ]
         worst = int(np.argmax(shares))
-        unit = "m" if self.logs[0].channels.position.unit in ("m", "mm", "um") else "rad"
+        own = self.logs[0].channels.position.each_unit
+        unit = "m" if own[min(worst, len(own) - 1)] in ("m", "mm", "um") else "rad"
         sentence = (
             f"The noise of the positions, {self.channels[worst].noise_rms:.1g} {unit} RMS, is "
             f"{100 * shares[worst]:.2g} % of the filtered acceleration"
