@@ -140,7 +140,8 @@ class ForwardDynamics:
             SimulationError: a mass matrix is not positive definite.
         """
         c, cd, tau = np.ascontiguousarray(c), np.ascontiguousarray(cd), np.ascontiguousarray(tau)
-        own, loops = external(self.model, c, cd, np.zeros_like(c)), self.model.loops(c, cd)
+        still = np.zeros_like(c) if self.model.externals else None
+        own, loops = external(self.model, c, cd, still), self.model.loops(c, cd)
         cdd, failed = self.model.mechanism.acceleration(c, cd, tau, own, self.chi, loops)
         if failed is not None:
             of = failed * len(self.chi) // c.shape[1]

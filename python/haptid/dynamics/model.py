@@ -197,7 +197,11 @@ class DynamicModel:
         Raises:
             LoopClosureError, SingularityError: as for `tree`.
         """
-        return self.given(self.follow(c, cd)) if self.device.varying.any() else None
+        return self.given(self.follow(c, cd)) if self._rates_vary else None
+
+    @cached_property
+    def _rates_vary(self) -> bool:
+        return bool(self.device.varying.any())
 
     def given(self, followed: Followed) -> Array | None:
         """The same inputs from known positions and rates of all joints with respect to the torque rows' coordinates."""
@@ -270,7 +274,7 @@ class DynamicModel:
         nominal = np.array(NOMINAL_LINK * len(self.device.joints) + [0.0] * len(rotors))
         return self.with_terms(rotors), freeze(nominal) if self.load is None else self.load
 
-    @property
+    @cached_property
     def has_loads(self) -> bool:
         """Whether it has load-dependent friction, whose columns depend on the bodies' parameters."""
         return any(isinstance(term.shape, LoadDependentFriction) for term in self.terms)
