@@ -7,6 +7,7 @@ import math
 import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -259,19 +260,27 @@ class _Rules:
 
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
     """The value of a checked expression in NumPy's arithmetic, where 1/0 is infinite."""
+    return _function(node)(values)
+
+
+@lru_cache(maxsize=4096)
+def _function(node: ast.expr) -> Callable[[Mapping[str, Any]], Any]:
+    """A checked expression as a function of its names: the bench evaluates one in every step."""
     match node:
         case ast.Constant(value=value):
-            return np.float64(value)  # type: ignore[arg-type]
+            constant = np.float64(value)  # type: ignore[arg-type]
+            return lambda _: constant
         case ast.Name(id=name):
-            return np.asarray(values[name], dtype=float)[()]
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_evaluate(operand, values)
-        case ast.UnaryOp(operand=operand):
-            return _evaluate(operand, values)
+            return lambda values: np.asarray(values[name], dtype=float)[()]
+        case ast.UnaryOp(op=op, operand=operand):
+            of = _function(operand)
+            return (lambda values: -of(values)) if isinstance(op, ast.USub) else of
         case ast.BinOp(left=left, op=op, right=right):
-            return OPERATORS[type(op)](_evaluate(left, values), _evaluate(right, values))
+            first, second, both = _function(left), _function(right), OPERATORS[type(op)]
+            return lambda values: both(first(values), second(values))
         case ast.Call(func=ast.Name(id=name), args=arguments):
-            return {**FUNCTIONS, **GEOMETRY}[name](*(_evaluate(argument, values) for argument in arguments))
+            call, inner = {**FUNCTIONS, **GEOMETRY}[name], [_function(argument) for argument in arguments]
+            return lambda values: call(*(one(values) for one in inner))
     raise TypeError(f"{ast.dump(node)} was not checked")
 
 

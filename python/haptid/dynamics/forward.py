@@ -250,12 +250,15 @@ class ForwardDynamics:
 
 def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
     """At which states dry friction may reverse within a period, s, from positions and rates (n, states): (states,)."""
-    dry = [term for term in model.terms if term.dry]
+    dry, widths = model.dry_terms
     if not dry:
         return np.zeros(c.shape[1], dtype=bool)
-    shares = np.array([np.broadcast_to(model.shares(term, c, cd), c.shape) for term in dry])
-    speed, change = (np.abs((shares * x).sum(axis=1)) for x in (cd, cdd))
-    widths = np.array([[term.constant("width")] for term in dry])
+    if all(term.joint is None for term in dry):
+        constant = np.array([term.weights for term in dry])
+        speed, change = np.abs(constant @ cd), np.abs(constant @ cdd)
+    else:
+        shares = np.array([np.broadcast_to(model.shares(term, c, cd), c.shape) for term in dry])
+        speed, change = (np.abs((shares * x).sum(axis=1)) for x in (cd, cdd))
     return np.asarray((speed < SATURATED * widths + period * change).any(axis=0))
 
 

@@ -275,6 +275,12 @@ class DynamicModel:
         return self.with_terms(rotors), freeze(nominal) if self.load is None else self.load
 
     @cached_property
+    def dry_terms(self) -> tuple[tuple[TermColumn, ...], Array]:
+        """Its terms of dry friction, and the widths of their smoothed signs, (terms, 1), rad/s or m/s."""
+        terms = tuple(term for term in self.terms if term.dry)
+        return terms, np.array([[term.constant("width")] for term in terms])
+
+    @cached_property
     def has_loads(self) -> bool:
         """Whether it has load-dependent friction, whose columns depend on the bodies' parameters."""
         return any(isinstance(term.shape, LoadDependentFriction) for term in self.terms)
