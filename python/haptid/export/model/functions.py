@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -70,6 +70,11 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
     Raises:
         ExportError: a term that code cannot compute.
     """
+    return _code_of(model, speed, frozenset(zero))
+
+
+@lru_cache(maxsize=4)  # the search for cheap forms takes seconds, and six formats write the same functions
+def _code_of(model: DynamicModel, speed: float, zero: frozenset[int]) -> Code:
     graph, tree = Graph(), tree_of(model)
     none = graph.number(0.0)
     parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(model.base))]
