@@ -35,12 +35,22 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
     assert not loaded(program) & set(HEAVY)
 
 
-def test_an_identification_loads_neither_statistics_nor_signals_of_scipy() -> None:
+@pytest.mark.parametrize(
+    ("rooms", "absent"),
+    [
+        ("haptid.advice, haptid.report.page", "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial"),
+        (
+            "haptid.report.run, haptid.report.tables",
+            "haptid.advice haptid.report.report jinja2 matplotlib scipy.optimize",
+        ),
+    ],
+    ids=["with a report", "numbers alone"],
+)
+def test_an_identification_loads_only_what_it_calls(rooms: str, absent: str) -> None:
     """Each takes as long to load as an identification of a short log computes."""
-    program = "import haptid.cli.work, haptid.advice, haptid.report.source, haptid.report.page\n"
-    printed = f"{program}\nimport sys\nprint('loaded', *sys.modules)"
-    run = subprocess.run([sys.executable, "-c", printed], capture_output=True, text=True, check=True)
-    assert not {"scipy.stats", "scipy.signal"} & set(run.stdout.splitlines()[-1].split())
+    program = f"import haptid.cli.work, haptid.report.source, {rooms}\nimport sys\nprint('loaded', *sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not set(absent.split()) & set(run.stdout.splitlines()[-1].split())
 
 
 # The namespace of `import haptid`: a further name belongs in its room, or here after some thought.
