@@ -41,7 +41,7 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
         ("haptid.advice, haptid.report.page", "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial"),
         (
             "haptid.report.run, haptid.report.tables",
-            "haptid.advice haptid.report.report jinja2 matplotlib scipy.optimize",
+            "haptid.advice haptid.report.report jinja2 scipy.optimize",
         ),
     ],
     ids=["with a report", "numbers alone"],
