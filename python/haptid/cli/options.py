@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-
-import numpy as np
 
 from haptid.errors import OptionError
 
@@ -30,7 +29,7 @@ def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
         found = ()
-    if len(found) != count or not np.isfinite(found).all():
+    if len(found) != count or not all(map(math.isfinite, found)):
         raise wrong_option(option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {what}")
     return found
 
