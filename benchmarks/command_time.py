@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-# Stage of each function, by the module that calls it: names are bound there at import.
+# Stage of each function, by the module from which its caller takes it.
 STAGES = {
     "reading": (
         "haptid.study.identify:read_entry",
@@ -37,8 +37,8 @@ STAGES = {
     "estimation": ("haptid.study.identify:estimate", "haptid.study.identify:with_treatment_uncertainty"),
     "model for use": ("haptid.study.identify:model_for_use",),
     "validation": ("haptid.study.identify:held_out", "haptid.study.identify:validate"),
-    "diagnosis": ("haptid.report.source:diagnose",),
-    "advice": ("haptid.report.source:advise",),
+    "diagnosis": ("haptid.inference.diagnosis:diagnose",),
+    "advice": ("haptid.advice:advise",),
     "result.json": ("haptid.results.result:Result.of", "haptid.results.result:Result.write_into"),
     "report": ("haptid.report.report:report_of", "haptid.report.report:Report.write_into"),
     "pictures": ("haptid.report.plots:plot_torque", "haptid.validation.prediction:predictions"),

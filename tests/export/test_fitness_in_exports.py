@@ -9,7 +9,6 @@ import haptid
 from haptid.cli import app
 from haptid.export import EXPORTERS, CCode, export_model
 from haptid.inference.diagnosis import diagnose
-from haptid.report import source
 from small_study import write_study
 
 run = CliRunner().invoke
@@ -27,7 +26,7 @@ def folder(tmp_path_factory):
         return diagnose(*arguments)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "diagnose", counted)
+        patch.setattr("haptid.inference.diagnosis.diagnose", counted)
         done = run(app, ["identify", str(study), "--out", str(made / "result"), "--quiet"])
     assert done.exit_code == 0, done.output
     assert len(calls) == 1
