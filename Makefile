@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Some tests start many processes; each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom docs wheel clean
+.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom hashes install-hashed docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -66,6 +66,17 @@ fuzz: $(VENV)/.test
 # What a build contains: components of the environment and crates with versions and licences, as CycloneDX.
 sbom: $(VENV)/.run
 	$(BIN)/python tools/write_sbom.py dist/haptid.cdx.json
+
+# SHA-256 of every file that pip may install for haptid[all] and its build, without addresses, at the versions of
+# constraints.txt; `make install-hashed` into a fresh environment refuses any other file.
+hashes: $(VENV)/.made
+	$(PIP) install -c constraints.txt uv
+	echo maturin | $(BIN)/uv pip compile --quiet --universal --generate-hashes --no-annotate --no-header \
+		--no-emit-index-url -c constraints.txt --extra all pyproject.toml - -o hashes.txt
+
+install-hashed: $(VENV)/.made
+	$(PIP) install --require-hashes -r hashes.txt
+	$(PIP) install --no-deps --no-build-isolation -e .
 
 # The site, without warnings; then its links, anchors, formulas, and its width on a phone.
 docs: $(VENV)/.test

@@ -23,6 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from faults import fault, full_disk
 from fuzz.interruptions import state, study, wrong
+from haptid._internal.escaping import write_csv
+from haptid.demos import run as demos
+from haptid.registry import Index
 from haptid.study import identify as identification
 
 EXPERIMENT = """schema = 1
@@ -52,7 +55,62 @@ OUTPUTS = {
         *("--max-evaluations", "20", "--out", "out.toml"),
     ],
     "bench": ["bench", "phantom_premium_15", "experiment.toml", "--truth", "--out", "out.parquet"],
+    "demo": ["demo", "phantom", "--out", "out", "--quiet"],
 }
+
+
+class SmallDemo:
+    """Stands for a kind of demonstration whose simulations take minutes: its files are written as those of all are."""
+
+    def __init__(self, of: Any) -> None:
+        self.plan = of.plan
+
+    def takes(self, *_: object) -> list[object]:
+        return []
+
+    def find(self, *_: object) -> dict[str, float]:
+        return {"error": 1.0}
+
+    def write_files(self, _: object, folder: Path) -> None:
+        write_csv(folder / "table1.csv", [["name", "value"], *([f"p{k}", k] for k in range(30))])
+
+    def values(self, found: dict[str, float]) -> dict[str, float]:
+        return found
+
+    def sections(self, _: object) -> list[object]:
+        return []
+
+
+def registry(folder: Path) -> dict[str, Any]:
+    """What the index of a folder does when its calls fail: the next one over the same folder has every file."""
+
+    def entries(index: Index) -> list[str]:
+        index.refresh()
+        return sorted(one.path for kind in ("device", "study", "log") for one in index.search(kind))
+
+    root, found = folder / "registry", {"calls": 0, "failed": 0, "findings": list[str]()}
+    for name, file in (("devices", "device.toml"), ("studies", "study.toml"), ("logs", "log.csv")):
+        (root / name).mkdir(parents=True)
+        (root / name / file).write_bytes((folder / file).read_bytes())
+    with fault(0, full_disk) as count:
+        index = Index(root, root / "index")
+        wanted = entries(index)
+        index.close()
+    found["calls"] = count.calls
+    for at in range(1, count.calls + 1):
+        (root / "index").unlink(missing_ok=True)
+        with fault(at, full_disk), contextlib.suppress(OSError):
+            index = Index(root, root / "index")
+            entries(index)
+        (root / "devices" / "device.toml").touch()  # what could not be read counts again once it has changed
+        (root / "studies" / "study.toml").touch()
+        (root / "logs" / "log.csv").touch()
+        index = Index(root, root / "index")
+        if entries(index) != wanted:
+            found["findings"].append(f"call {at}: the next index has {entries(index)}")
+        index.close()
+        found["failed"] += 1
+    return found
 
 
 def status(arguments: list[str]) -> int:
@@ -116,16 +174,18 @@ def main() -> int:
     """All commands."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--command", action="append", choices=OUTPUTS)
+    parser.add_argument("--command", action="append", choices=[*OUTPUTS, "registry"])
     parser.add_argument("--every", type=int, default=1, help="only every n-th call")
     given = parser.parse_args()
     table = {}
     plain = identification.identify
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
         prepare(Path(name))
-        with mock.patch.object(identification, "identify", once(plain)):
-            for command in given.command or OUTPUTS:
-                table[command] = failures(command, Path(name), given.every)
+        small = mock.patch.dict(demos._KINDS, {kind: SmallDemo(of) for kind, of in demos._KINDS.items()})
+        with mock.patch.object(identification, "identify", once(plain)), small:
+            for command in given.command or [*OUTPUTS, "registry"]:
+                made = registry(Path(name)) if command == "registry" else failures(command, Path(name), given.every)
+                table[command] = made
                 sys.stdout.write(f"{command}: {table[command]}\n")
                 sys.stdout.flush()
                 for path in Path(name).glob("out*"):

@@ -40,3 +40,30 @@ def bodies(model: haptid.Device) -> np.ndarray:
     sizes = {"rotor": 2e-5, "viscous": 1e-3, "coulomb": 5e-3}
     raw += [sizes.get(term.kind, 0.0) for term in model.terms]
     return np.linalg.lstsq(model.device.parameters.S, np.array(raw), rcond=None)[0]
+
+
+# Four joints in a plane, of which two follow by polynomials.
+CAM = """
+name = "cam"
+gravity = [0.0, -9.81, 0.0]
+[[joints]]
+name = "1"
+limits = { position = [-1.0, 1.2] }
+[[joints]]
+name = "2"
+d = 0.25
+[[joints]]
+name = "3"
+d = 0.2
+limits = { position = [-1.0, 1.0] }
+[[joints]]
+name = "4"
+d = 0.15
+[[terms]]
+kind = "viscous"
+joints = "all"
+[handle]
+link = "4"
+xyz = [0.0, 0.3, 0.0]
+"""
+RELATIONS = '[[loops]]\nrelations = ["q2 = 0.1 + 0.8*q1 - 0.3*q1**2 + 0.05*q1**3", "{}"]\n'

@@ -1,7 +1,8 @@
 """Write what a build contains as CycloneDX: `python tools/write_sbom.py OUT.json`; or check it: `--check`. Offline.
 
 Components are the installed packages that haptid requires, with their requirements, and the crates of Cargo.lock. The
-check fails on a licence that is not permissive, on a crate in two versions, and on a package without a pinned version.
+check fails on a licence that is not permissive, on a crate in two versions, and on a package without a pinned version
+or without a hash in hashes.txt.
 """
 
 from __future__ import annotations
@@ -131,6 +132,7 @@ def faults() -> list[str]:
     """What is wrong with the components, a sentence each."""
     pins = {canonicalize_name(line.split("==")[0]) for line in (ROOT / "constraints.txt").read_text().split()}
     found = [f"{name} has no pinned version in constraints.txt" for name in packages() if name not in pins]
+    found += _unhashed()
     licences = [(name, licence_of(one)) for name, one in packages().items()]
     known = crates()
     licences += [(f"crate {c['name']}", c["licence"]) for c in known]
@@ -142,6 +144,20 @@ def faults() -> list[str]:
         f"crate {name} is there twice" for name in sorted(set(names)) if names.count(name) > 1 and name not in TWICE
     ]
     return found
+
+
+def _unhashed() -> list[str]:
+    """Packages without a hash, or hashed at another version than the pinned one."""
+    pinned = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().split())
+    text = (ROOT / "hashes.txt").read_text().replace("\\\n", " ")
+    hashed = {
+        line.split("==")[0]: line.split("==")[1].split()[0] for line in text.splitlines() if "--hash=sha256:" in line
+    }
+    wrong = [f"{name} has no hash in hashes.txt: make hashes" for name in packages() if name not in hashed]
+    others = {name: version for name, version in hashed.items() if pinned.get(name, version) != version}
+    return wrong + [
+        f"{name} {version} in hashes.txt is not the pinned one: make hashes" for name, version in others.items()
+    ]
 
 
 def main() -> int:

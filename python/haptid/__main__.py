@@ -1,5 +1,20 @@
-"""`python -m haptid`."""
+"""`haptid` and `python -m haptid`."""
 
-from haptid.cli import main
+import sys
 
-main()
+# Exit status of a command that was interrupted: 128 and the number of SIGINT, as in a shell.
+_INTERRUPTED = 130
+
+
+def program() -> None:
+    """Entry point; Ctrl-C while the commands are still being imported ends without a traceback."""
+    try:
+        from haptid.cli import main as commands
+
+        commands()
+    except KeyboardInterrupt:
+        sys.exit(_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    program()

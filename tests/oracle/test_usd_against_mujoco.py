@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +121,7 @@ MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 -9.8 0"/><worldbo
 
 def read(folder: Path, text: str, name: str) -> ImportedRobot:
     (folder / name).write_text(text)
-    return import_robot(folder / name, ask=name.endswith("xml"))
+    return import_robot(folder / name, ask=name.endswith("xml") or find_spec("pinocchio") is not None)
 
 
 def torque(robot: ImportedRobot, signs: tuple[float, ...]) -> np.ndarray:

@@ -7,6 +7,7 @@ import pytest
 
 import haptid
 from browser import LAPTOP, PHONE, needs_browser
+from closed_devices import CAM, RELATIONS
 from haptid.dynamics import link_poses
 from haptid.report.page import module_of_scripts
 from haptid.report.page import page as written
@@ -163,9 +164,11 @@ def script_poses(tab, qa):
     return made
 
 
-@pytest.mark.parametrize("name", ["five_bar", "delta", "arm7", "sr400", "cea_medical_branch"])
+@pytest.mark.parametrize("name", ["five_bar", "delta", "arm7", "cam", "cea_medical_branch"])
 def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
-    model = haptid.DynamicModel(haptid.read_device(name))
+    relations = RELATIONS.format("q4 = q2 - q3 + 0.2*q1*q3")
+    (folder / "cam.toml").write_text(CAM + relations)
+    model = haptid.DynamicModel(haptid.read_device(folder / "cam.toml" if name == "cam" else name))
     rng = np.random.default_rng(0)
     start = getattr(
         model.device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.device.active)]

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
+from scipy import io
 
 import recorders
 from haptid import errors
@@ -236,6 +237,37 @@ def test_tables_and_timetables_of_matlab(tmp_path: Path, version: str) -> None:
     np.testing.assert_array_equal(np.ravel(found["array[2]"]), DATA[:, 1])
     log = read_log(path, Channels(Signal("run.q1", "rad"), Signal("run.tau1", "N m"), time="run.Time", time_unit="ns"))
     assert log.rate_hz == pytest.approx(2000)
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")
+def test_objects_of_matlab_with_arrays_in_their_properties(tmp_path: Path, version: str) -> None:
+    """As of a timeseries, whose times and units are in an object of their own."""
+    import matio
+    from matio.utils.matclass import MatlabOpaque
+
+    about = MatlabOpaque({"Units": "seconds", "Start": np.zeros((1, 1))}, "tsdata.timemetadata")
+    series = MatlabOpaque({"Data": DATA[:, 1:], "Time": DATA[:, :1], "TimeInfo": about}, "timeseries")
+    path = tmp_path / "run.mat"
+    matio.save_to_mat(str(path), {"arm": series}, version=version)
+    found, _ = read(path, ["arm.Time", "arm.Data[1]", "arm.Data[2]"])
+    np.testing.assert_array_equal(np.ravel(found["arm.Time"]), DATA[:, 0])
+    np.testing.assert_array_equal(found["arm.Data[2]"], DATA[:, 2])
+
+
+@pytest.mark.parametrize("array", [False, True], ids=["one signal", "several"])
+def test_structure_with_time_of_simulink(tmp_path: Path, array: bool) -> None:
+    """`out.signals` is one struct, or an array of them."""
+    one = {"values": DATA[:, 1:], "dimensions": 2.0, "label": "q"}
+    kinds = [("values", object), ("dimensions", object), ("label", object)]
+    several = np.array([(DATA[:, k : k + 1], 1.0, f"q{k}") for k in (1, 2)], dtype=kinds).reshape(1, 2)
+    made = {"time": DATA[:, :1], "signals": several if array else one, "blockName": "arm/out"}
+    path = tmp_path / "out.mat"
+    io.savemat(path, {"out": made})
+    names = [f"out.signals[{k}].values" if array else f"out.signals.values[{k}]" for k in (1, 2)]
+    assert {"out.time", *names} <= set(format_of(path).names(path))
+    log = read_log(path, Channels(Signal((names[0],), "rad"), Signal((names[1],), "N m"), time="out.time"))
+    assert log.rate_hz == pytest.approx(1 / (DATA[1, 0] - DATA[0, 0]))
 
 
 def test_single_arrays_and_the_mapping_of_mujoco(tmp_path: Path) -> None:

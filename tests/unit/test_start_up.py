@@ -88,3 +88,15 @@ def test_a_room_is_loaded_at_its_first_use() -> None:
 def test_a_name_that_is_not_there_is_rejected() -> None:
     with pytest.raises(AttributeError, match="no attribute 'identifier'"):
         haptid.identifier  # noqa: B018
+
+
+def test_an_interrupt_before_a_command_begins_has_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    from haptid import __main__ as module
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("haptid.cli.main", interrupted)
+    with pytest.raises(SystemExit) as end:
+        module.program()
+    assert end.value.code == 130

@@ -7,6 +7,7 @@ from haptid.device.collision import CollisionShape, read_world
 from haptid.device.device import Cut, Device, Frame, Gimbal, Handle, Joint, Motor, Prior
 from haptid.device.geometry import poses
 from haptid.device.loops.cut_joint import CutJoint
+from haptid.device.loops.formula import FormulaClosure
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.parameters import INERTIAL, Combination, StandardParameters, Symmetry
@@ -27,6 +28,7 @@ __all__ = [
     "CutJoint",
     "Device",
     "Followed",
+    "FormulaClosure",
     "Frame",
     "Gimbal",
     "Handle",

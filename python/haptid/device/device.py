@@ -19,8 +19,7 @@ from haptid.errors import IncompleteDeviceError, SingularityError
 if TYPE_CHECKING:
     from haptid.device.collision import CollisionShape
     from haptid.device.loops.cut_joint import CutJoint
-    from haptid.device.loops.linear import Closure
-    from haptid.device.loops.newton import NewtonClosure
+    from haptid.device.loops.formula import AnyClosure
     from haptid.device.toml.schema import AnyDevice
 
 Convention = Literal["modified-dh", "dh", "placement"]
@@ -275,7 +274,7 @@ class Device:
     gravity: Array
     joints: tuple[Joint, ...]
     active: tuple[int, ...]
-    closure: Closure | NewtonClosure
+    closure: AnyClosure
     drives: tuple[Motor, ...]
     torque_rows: TorqueRows
     terms: tuple[TermColumn, ...]

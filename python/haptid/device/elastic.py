@@ -12,8 +12,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Joint, Motor
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.newton import NewtonClosure
+from haptid.device.loops.formula import AnyClosure
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import AnyTerm, ElasticTerm, PlainTerm
 
@@ -89,7 +88,7 @@ def with_link_drives(
     joints: Sequence[Joint],
     active: Sequence[int],
     drives: Sequence[Motor],
-    closure: Closure | NewtonClosure,
+    closure: AnyClosure,
     elastic: Mapping[str, Place],
 ) -> tuple[Motor, ...]:
     """The drives and one for every active joint that only springs move: its torque is known to be zero.
@@ -116,9 +115,7 @@ def with_link_drives(
     return tuple(made)
 
 
-def row_map(
-    drives: Sequence[Motor], active: Sequence[int], closure: Closure | NewtonClosure, joint_rows: bool
-) -> Array:
+def row_map(drives: Sequence[Motor], active: Sequence[int], closure: AnyClosure, joint_rows: bool) -> Array:
     """B: coordinates of the torque rows are c = B qa, (active, active).
 
     The drives' Jacobian if rows are the motors', the identity if they are the joints'. The coordinate of an elastic

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -20,6 +21,8 @@ from haptid.errors import DeviceFileError
 _LONGEST = 400
 # Largest number in an expression, SI: beyond any device, far from overflow.
 _LARGEST = 1e12
+# Highest degree of a polynomial, and most terms of one.
+_HIGHEST, _MOST_TERMS = 12, 500
 
 FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin,
@@ -55,7 +58,7 @@ _ARITHMETIC = (
     + "."
 )
 COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
-_LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
+_RELATION = 'Write a sum such as "q3 = pi/2 - q2 + q7", or a polynomial such as "q3 = 0.8*q2 + 0.1*q2**2".'
 TARGET = 'Write a sum such as "L1*MX2 + g*(M2 + M3)", each parameter with a constant factor.'
 
 
@@ -66,16 +69,73 @@ class Linear:
     constant: float
     factors: Mapping[str, float] = field(default_factory=dict)
 
-    def plus(self, other: Linear, sign: float = 1.0) -> Linear:
-        """The sum, or with sign -1 the difference."""
-        factors = dict(self.factors)
-        for name, factor in other.factors.items():
-            factors[name] = factors.get(name, 0.0) + sign * factor
-        return Linear(self.constant + sign * other.constant, factors)
 
-    def times(self, number: float) -> Linear:
-        """Every factor and the constant times a number."""
-        return Linear(self.constant * number, {name: factor * number for name, factor in self.factors.items()})
+@dataclass(frozen=True)
+class JointPolynomial:
+    """A polynomial in symbols: factor by the symbols of each product, sorted; `("q1", "q1")` is q1 squared."""
+
+    terms: Mapping[tuple[str, ...], float]
+
+    def plus(self, other: JointPolynomial, sign: float = 1.0) -> JointPolynomial:
+        """The sum, or with sign -1 the difference."""
+        made = dict(self.terms)
+        for product, factor in other.terms.items():
+            made[product] = made.get(product, 0.0) + sign * factor
+        return JointPolynomial({product: factor for product, factor in made.items() if factor or not product})
+
+    def times(self, other: JointPolynomial) -> JointPolynomial:
+        """The product.
+
+        Raises:
+            OverflowError: its degree or its number of terms is beyond the limits.
+        """
+        made: defaultdict[tuple[str, ...], float] = defaultdict(float)
+        for one, factor in self.terms.items():
+            for two, more in other.terms.items():
+                made[tuple(sorted(one + two))] += factor * more
+        if max(map(len, made), default=0) > _HIGHEST or len(made) > _MOST_TERMS:
+            raise OverflowError(f"its degree is above {_HIGHEST}, or it has more than {_MOST_TERMS} terms")
+        return JointPolynomial(dict(made))
+
+    def replaced(self, by: Mapping[str, JointPolynomial]) -> JointPolynomial:
+        """With other polynomials in place of symbols."""
+        made = JointPolynomial({})
+        for product, factor in self.terms.items():
+            term = JointPolynomial({(): factor})
+            for symbol in product:
+                term = term.times(by.get(symbol, JointPolynomial({(symbol,): 1.0})))
+            made = made.plus(term)
+        return made
+
+    def slope(self, symbol: str) -> JointPolynomial:
+        """The derivative by a symbol."""
+        made: defaultdict[tuple[str, ...], float] = defaultdict(float)
+        for product, factor in self.terms.items():
+            if symbol in product:
+                k = product.index(symbol)
+                made[product[:k] + product[k + 1 :]] += factor * product.count(symbol)
+        return JointPolynomial(dict(made))
+
+    def value(self, at: Mapping[str, Any]) -> Any:
+        """Its value at numbers, arrays or expressions for the symbols; a float if it is constant."""
+        made: Any = 0.0
+        for product, factor in self.terms.items():
+            term: Any = factor
+            for symbol in product:
+                term = at[symbol] * term
+            made = term + made
+        return made
+
+    @property
+    def symbols(self) -> frozenset[str]:
+        return frozenset(symbol for product in self.terms for symbol in product)
+
+    @property
+    def linear(self) -> Linear | None:
+        """The same as a linear expression; None if it is of higher degree."""
+        if any(len(product) > 1 for product in self.terms):
+            return None
+        return Linear(self.terms.get((), 0.0), {product[0]: x for product, x in self.terms.items() if product})
 
 
 @dataclass(frozen=True)
@@ -139,26 +199,26 @@ def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Pl
     return CustomColumn(text, tree, dict(lengths))
 
 
-def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place: Place) -> tuple[str, Linear]:
-    """The joint symbol on the left of a linear relation, and what it equals.
+def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place: Place) -> tuple[str, JointPolynomial]:
+    """The joint symbol on the left of a relation, and what it equals.
 
     Raises:
-        DeviceFileError: it is not one symbol, an equals sign and a linear sum of joints' symbols and lengths.
+        DeviceFileError: it is not one symbol, an equals sign and a polynomial in joints' symbols and lengths.
     """
     left, equals, right = text.partition("=")
     if not equals or "=" in right or not left.strip().isidentifier():
-        raise place.error(f'"{text}" is not one joint symbol, an equals sign and a sum', _LINEAR)
+        raise place.error(f'"{text}" is not one joint symbol, an equals sign and a sum', _RELATION)
     if left.strip() not in symbols:
         raise place.unknown("joint symbol", left.strip(), symbols)
-    tree = _parse(right.strip(), place, _LINEAR)
+    tree = _parse(right.strip(), place, _RELATION)
     known = {**lengths, "pi": math.pi}
-    _Rules(text, frozenset({*known, *symbols}), place, _LINEAR).check(tree)
+    _Rules(text, frozenset({*known, *symbols}), place, _RELATION, powers=True).check(tree)
     try:
-        made = _linear(tree, known)
-    except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
-        raise place.error(f'"{text}" is not linear: {error}', _LINEAR) from None
-    if not all(math.isfinite(x) for x in (made.constant, *made.factors.values())):
-        raise place.error(f'"{text}" has a factor that is not finite', _LINEAR)
+        made = _polynomial(tree, known)
+    except (ZeroDivisionError, OverflowError, _NoPolynomialError) as error:
+        raise place.error(f'"{text}" is no polynomial: {error}', _RELATION) from None
+    if not all(math.isfinite(x) for x in made.terms.values()):
+        raise place.error(f'"{text}" has a factor that is not finite', _RELATION)
     return left.strip(), made
 
 
@@ -174,7 +234,7 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
     _Rules(text, frozenset({*known, *symbols}), place, TARGET).check(tree)
     try:
         made = _linear(tree, known)
-    except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
+    except (ZeroDivisionError, OverflowError, _NoPolynomialError) as error:
         raise _not_a_combination(place, text, str(error)) from None
     if not all(abs(x) <= _LARGEST for x in (made.constant, *made.factors.values())):
         raise _not_a_combination(place, text, f"it has a factor beyond {_LARGEST:.0e}")
@@ -187,13 +247,13 @@ def sum_of_names(text: str, names: Collection[str]) -> Linear | None:
     """A checked number of the file as a linear expression of these names, None if it is not linear in them."""
     try:
         made = _linear(ast.parse(text.strip(), mode="eval").body, {"pi": math.pi})
-    except (ZeroDivisionError, OverflowError, _NotLinearError):
+    except (ZeroDivisionError, OverflowError, _NoPolynomialError):
         return None
     return made if set(made.factors) <= set(names) else None
 
 
-class _NotLinearError(ValueError):
-    """A product of symbols, or a division by one."""
+class _NoPolynomialError(ValueError):
+    """A division by a symbol, a power that is no small integer, or a product of symbols where none may be."""
 
 
 def _parse(text: str, place: Place, instead: str) -> ast.expr:
@@ -222,6 +282,7 @@ class _Rules:
     place: Place
     instead: str
     functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    powers: bool = False
 
     def refuse(self, node: ast.expr, why: str) -> DeviceFileError:
         """The error about one part of the expression."""
@@ -255,7 +316,7 @@ class _Rules:
 
     def allows(self, op: ast.operator) -> bool:
         """Whether this kind of expression may contain an operator."""
-        return type(op) in OPERATORS and (bool(self.functions) or not isinstance(op, ast.Pow))
+        return type(op) in OPERATORS and (bool(self.functions) or self.powers or not isinstance(op, ast.Pow))
 
 
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
@@ -285,30 +346,45 @@ def _function(node: ast.expr) -> Callable[[Mapping[str, Any]], Any]:
 
 
 def _linear(node: ast.expr, constants: Mapping[str, float]) -> Linear:
+    try:
+        made = _polynomial(node, constants).linear
+    except (_NoPolynomialError, OverflowError):
+        made = None
+    if made is None:
+        raise _NoPolynomialError("it multiplies two unknowns, or divides by one")
+    return made
+
+
+def _polynomial(node: ast.expr, constants: Mapping[str, float]) -> JointPolynomial:
     match node:
         case ast.Constant(value=value):
-            return Linear(float(value))  # type: ignore[arg-type]
+            return JointPolynomial({(): float(value)})  # type: ignore[arg-type]
         case ast.Name(id=name):
-            return Linear(constants[name]) if name in constants else Linear(0.0, {name: 1.0})
+            return JointPolynomial({(): constants[name]} if name in constants else {(name,): 1.0})
         case ast.UnaryOp(op=op, operand=operand):
-            return _linear(operand, constants).times(-1.0 if isinstance(op, ast.USub) else 1.0)
+            sign = JointPolynomial({(): -1.0 if isinstance(op, ast.USub) else 1.0})
+            return _polynomial(operand, constants).times(sign)
         case ast.BinOp(left=left, op=op, right=right):
-            return _combined(_linear(left, constants), op, _linear(right, constants))
+            return _combined(_polynomial(left, constants), op, _polynomial(right, constants))
         case ast.Call():
-            raise _NotLinearError("it has a function")
+            raise _NoPolynomialError("it has a function")
     raise TypeError(f"{ast.dump(node)} was not checked")
 
 
-def _combined(left: Linear, op: ast.operator, right: Linear) -> Linear:
+def _combined(left: JointPolynomial, op: ast.operator, right: JointPolynomial) -> JointPolynomial:
+    number = None if right.symbols else right.terms.get((), 0.0)
     match op:
         case ast.Add():
             return left.plus(right)
         case ast.Sub():
             return left.plus(right, -1.0)
-        case ast.Mult() if not right.factors:
-            return left.times(right.constant)
-        case ast.Mult() if not left.factors:
-            return right.times(left.constant)
-        case ast.Div() if not right.factors:
-            return left.times(1.0 / right.constant)
-    raise _NotLinearError("it multiplies two unknowns, or divides by one")
+        case ast.Mult():
+            return left.times(right)
+        case ast.Div() if number is not None:
+            return left.times(JointPolynomial({(): 1.0 / number}))
+        case ast.Pow() if number is not None and number in range(_HIGHEST + 1):
+            made = JointPolynomial({(): 1.0})
+            for _ in range(int(number)):
+                made = made.times(left)
+            return made
+    raise _NoPolynomialError(f"it divides by an unknown, or has a power other than 0, 1, 2 up to {_HIGHEST}")

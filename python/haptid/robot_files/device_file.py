@@ -225,6 +225,8 @@ class _Writer:
         made: list[str] = []
         for relation in self.of.follows:
             terms = [f"{_number(factor)}*q{self.names[name]}" for name, factor in relation.factors.items()]
+            first = self.names[next(iter(relation.factors))] if relation.factors else ""
+            terms += [f"{_number(factor)}*q{first}**{k}" for k, factor in enumerate(relation.powers, 2) if factor]
             terms += [_number(relation.offset)] if relation.offset or not terms else []
             text = f"q{self.names[relation.joint]} = {' + '.join(terms)}".replace("+ -", "- ")
             made += ["[[loops]]", f'relations = ["{text}"]', ""]

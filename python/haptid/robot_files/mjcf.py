@@ -354,12 +354,18 @@ class _Walk:
     def _joint_equality(self, e: int, name: str, line: int | None) -> None:
         a, b = int(self.x["eq_obj1id"][e]), int(self.x["eq_obj2id"][e])
         data = self.x["eq_data"][e]
-        if np.any(data[2:5]):
-            text = f"equality {name}: {self.joint_names[a]} follows by a polynomial; it moves by itself here"
-            self.notes.append(Note("left out", text, line))
-            return
         zero = [float(self.x["qpos0"][int(self.x["jnt_qposadr"][j])]) if j >= 0 else 0.0 for j in (a, b)]
-        if b < 0 or data[1] == 0:
+        if b >= 0 and np.any(data[2:5]):
+            # y - y0 = sum of d_k (x - x0)^k, in powers of x.
+            x0 = np.polynomial.Polynomial([-zero[1], 1.0])
+            offset, factor, *powers = np.asarray((np.polynomial.Polynomial(data[:5])(x0) + zero[0]).coef).tolist()
+            if self.joint_names[a] in {relation.joint for relation in self.follows}:
+                text = f"equality {name}: {self.joint_names[a]} follows in two ways"
+                self.notes.append(Note("left out", text, line))
+                return
+            made = {self.joint_names[b]: float(factor)}
+            self.follows.append(Follows(self.joint_names[a], made, float(offset), line, tuple(powers)))
+        elif b < 0 or data[1] == 0:
             self._follow({}, a, zero[0] + float(data[0]), line)
         else:
             self._follow({b: float(data[1])}, a, zero[0] + float(data[0] - data[1] * zero[1]), line)

@@ -143,6 +143,11 @@ def moving_tree(
     follows, more = _relations(tree.follows, kept, held)
     closing = tuple(cut for cut in tree.closing if cut.link_a in frames and cut.link_b in frames)
     notes += more
+    if closing:
+        bent = [relation for relation in follows if relation.powers]
+        follows = tuple(relation for relation in follows if not relation.powers)
+        text = "joint {} follows by a polynomial beside loops; it moves by itself here"
+        notes += [Note("left out", text.format(relation.joint), relation.line) for relation in bent]
     notes += [
         Note("left out", f"loop {cut.name}: link {root} does not carry both its ends", cut.line)
         for cut in tree.closing
@@ -207,7 +212,7 @@ def _held(
         changed = False
         for relation in tree.follows:
             if all(name in held for name in relation.factors):
-                value = relation.offset + sum(factor * held[name] for name, factor in relation.factors.items())
+                value = relation.at(held)
                 changed |= held.get(relation.joint) != value and relation.joint not in hold
                 if relation.joint not in hold:
                     held[relation.joint] = value
@@ -270,5 +275,5 @@ def _relations(
                 continue
             constant = sum(factor * held[name] for name, factor in relation.factors.items() if name in held)
             factors = {name: factor for name, factor in relation.factors.items() if name in kept}
-            made.append(Follows(relation.joint, factors, relation.offset + constant, relation.line))
+            made.append(Follows(relation.joint, factors, relation.offset + constant, relation.line, relation.powers))
     return tuple(made), notes

@@ -1,4 +1,4 @@
-"""Torques of other programs from the same file: Pinocchio for URDF, MuJoCo for MJCF."""
+"""Torques of other programs: of URDF and MJCF from the same file, of other formats by Pinocchio from the tree."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def ask_others(path: Path, of: MovingTree, states: ComparedStates) -> dict[str, 
         RobotFileError: the program differs, or cannot read the file.
     """
     asked = {"urdf": ("pinocchio", pinocchio_torque, "oracle"), "mjcf": ("mujoco", mujoco_torque, "robots")}
-    if of.tree.form not in asked or path.suffix == ".xacro":
-        raise refused(str(path), f"no other program is asked about {of.tree.form}", "Import it without --check.")
-    module, torque, extra = asked[of.tree.form]
+    # Of files that neither program reads, Pinocchio gets the links and joints as they were read here.
+    as_read = ("pinocchio", pinocchio_tree_torque, "oracle")
+    module, torque, extra = as_read if path.suffix == ".xacro" else asked.get(of.tree.form, as_read)
     try:
         library = importlib.import_module(module)
     except ImportError:
@@ -64,6 +64,26 @@ def pinocchio_torque(pin: Any, path: Path, of: MovingTree, states: ComparedState
     """Torque of every moving joint without friction, (moving, n), by Pinocchio's RNEA."""
     model = pin.buildModelFromUrdf(str(path))
     model.gravity.linear = np.array(of.tree.gravity)
+    return _by_pinocchio(pin, model, of, states)
+
+
+def pinocchio_tree_torque(pin: Any, _: Path, of: MovingTree, states: ComparedStates) -> Array:
+    """The same of moving links and joints as they were read, of formats that Pinocchio does not read."""
+    model = pin.Model()
+    model.gravity.linear = of.base[:3, :3].T @ np.array(of.tree.gravity)
+    made: list[int] = []
+    for one in of.moving:
+        kind = pin.JointModelPrismaticUnaligned if one.joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
+        above = made[one.parent] if one.parent >= 0 else 0
+        frame = pin.SE3(one.placement[:3, :3], one.placement[:3, 3])
+        made.append(model.addJoint(above, kind(np.array(one.joint.axis)), frame, one.joint.name))
+        if one.body is not None:
+            body = pin.Inertia(one.body.mass, np.array(one.body.com), np.array(one.body.inertia))
+            model.appendBodyToJoint(made[-1], body, pin.SE3.Identity())
+    return _by_pinocchio(pin, model, of, states)
+
+
+def _by_pinocchio(pin: Any, model: Any, of: MovingTree, states: ComparedStates) -> Array:
     data = model.createData()
     names = [one.joint.name for one in of.moving]
     made = np.zeros((len(names), len(states.rows)))

@@ -173,12 +173,22 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class Follows:
-    """A joint that follows others: position = offset + sum of factor * position; mimic, belts, equalities."""
+    """A joint that follows others: position = offset + sum of factor * position; mimic, belts, equalities.
+
+    `powers`: further factors, of the second and higher powers of the position of the only joint that it follows.
+    """
 
     joint: str
     factors: Mapping[str, float]
     offset: float = 0.0
     line: int | None = None
+    powers: tuple[float, ...] = ()
+
+    def at(self, positions: Mapping[str, float]) -> float:
+        """The position, from those of the joints that it follows."""
+        made = self.offset + sum(factor * positions[name] for name, factor in self.factors.items())
+        (first, *_) = self.factors or ("",)
+        return made + sum(factor * positions[first] ** k for k, factor in enumerate(self.powers, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,8 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.device import Cut, Frame, Joint
 from haptid.device.geometry import joint_poses
+from haptid.device.loops.formula import AnyClosure
 from haptid.device.loops.from_toml import nearest, relation_text
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.newton import NewtonClosure
 from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError
 
@@ -50,7 +49,7 @@ class CutJoint:
 
 
 def cut_joints(
-    joints: Sequence[Joint], active: tuple[int, ...], closure: Closure | NewtonClosure, place: Place
+    joints: Sequence[Joint], active: tuple[int, ...], closure: AnyClosure, place: Place
 ) -> tuple[CutJoint, ...]:
     """The cuts that have a name, in the file's order.
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Cut, Joint
-from haptid.device.expressions import Linear, relation
+from haptid.device.expressions import JointPolynomial, relation
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.chain import Chain
+from haptid.device.loops.formula import AnyClosure, FormulaClosure, formula_closure
 from haptid.device.loops.linear import Closure, LinearMotion, find_linear_motions
-from haptid.device.loops.newton import NewtonClosure, newton_closure, open_loops
+from haptid.device.loops.newton import newton_closure, open_loops
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import CutTable, LoopTable
 from haptid.errors import DeviceFileError
@@ -33,7 +34,7 @@ class Loops:
 
     Attributes:
         passive: indices of the joints that loops move.
-        known: relations of passive joints, joint index -> linear in symbols q<name>.
+        known: relations of passive joints, joint index -> polynomial in symbols q<name>.
         cuts: joints cut.
         guess: rough positions of passive joints where the active joints are `at`.
         at: positions of active joints; others are at zero.
@@ -41,7 +42,7 @@ class Loops:
     """
 
     passive: tuple[int, ...]
-    known: Mapping[int, Linear]
+    known: Mapping[int, JointPolynomial]
     cuts: tuple[Cut, ...]
     guess: Mapping[int, float]
     at: Mapping[int, float]
@@ -53,7 +54,7 @@ def read_loops(
 ) -> Loops:
     """Resolve names, expressions and frames of all loops."""
     index = {joint.name: k for k, joint in enumerate(joints)}
-    known: dict[int, Linear] = {}
+    known: dict[int, JointPolynomial] = {}
     passive: dict[int, Place] = {}
     guess: dict[int, float] = {}
     at: dict[int, float] = {}
@@ -62,12 +63,12 @@ def read_loops(
         here = place.at(k)
         named = [(name, here.at("passive", i)) for i, name in enumerate(table.passive)]
         for i, text in enumerate(table.relations):
-            symbol, linear = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
+            symbol, polynomial = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
             if index[symbol[1:]] in known:
                 raise here.at("relations", i).error(
                     f"{symbol} already has a relation", "Keep one for each passive joint."
                 )
-            known[index[symbol[1:]]] = linear
+            known[index[symbol[1:]]] = polynomial
             named.append((symbol[1:], here.at("relations", i)))
         for name, where in named:
             passive.setdefault(_found(name, index, where), where)
@@ -114,9 +115,7 @@ def active_joints(
     return tuple(j for j in range(len(joints)) if j not in loops.passive)
 
 
-def close(
-    joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
-) -> tuple[Closure | NewtonClosure, tuple[str, ...]]:
+def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tuple[AnyClosure, tuple[str, ...]]:
     """The loop closure, and notes on how it was chosen.
 
     Raises:
@@ -125,6 +124,8 @@ def close(
         DeviceFileError: cuts or relations do not determine the passive joints.
     """
     names = [joint.name for joint in joints]
+    if any(polynomial.linear is None for polynomial in loops.known.values()):
+        return _by_formulas(joints, active, loops), ()
     G, offset, solved = _from_relations(names, active, loops)
     unknown = [j for j in loops.passive if j not in solved]
     notes: tuple[str, ...] = ()
@@ -174,6 +175,39 @@ def _found(name: str, index: Mapping[str, int], place: Place) -> int:
     return index[name]
 
 
+def _by_formulas(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> FormulaClosure:
+    """The closure of relations of which some are of higher degree: all in the active joints, by substitution."""
+    if loops.cuts:
+        found = "it has a relation that is not linear, and a loop with a cut"
+        raise loops.place.error(found, "Close all loops by cuts, or write relations for all passive joints.")
+    made: dict[int, JointPolynomial] = {}
+    while len(made) < len(loops.known):
+        ready = {f"q{joints[k].name}" for k in (*active, *made)}
+        free = [j for j, polynomial in loops.known.items() if j not in made and polynomial.symbols <= ready]
+        if not free:
+            rest = next(j for j in loops.known if j not in made)
+            other = min(loops.known[rest].symbols - ready)
+            found = f"the relation of q{joints[rest].name} uses {other}, which has none, or they are circular"
+            raise loops.place.error(found, "Write passive joints in terms of active ones.")
+        by = {f"q{joints[j].name}": polynomial for j, polynomial in made.items()}
+        try:
+            made |= {j: loops.known[j].replaced(by) for j in free}
+        except OverflowError as error:
+            raise loops.place.error(f"with relations put into each other, {error}", "Use fewer powers.") from None
+    return formula_closure(joints, active, made, [_polynomial_text(joints[j].name, made[j]) for j in sorted(made)])
+
+
+def _polynomial_text(name: str, polynomial: JointPolynomial) -> str:
+    """A relation as in a device file, such as `q3 = 0.1 + 0.8*q2 + 0.1*q2**2`."""
+    parts = []
+    for product, factor in sorted(polynomial.terms.items(), key=lambda term: (len(term[0]), term[0])):
+        powers = [(symbol, product.count(symbol)) for symbol in dict.fromkeys(product)]
+        symbols = [symbol if power == 1 else f"{symbol}**{power}" for symbol, power in powers]
+        if factor or not product:
+            parts.append("*".join([f"{factor:.12g}", *symbols]))
+    return f"q{name} = {' + '.join(part for part in parts if part != '0') or '0'}".replace("+ -", "- ")
+
+
 def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> tuple[Array, Array, list[int]]:
     """G and offset of active joints and of joints with a relation; other rows are zero."""
     n, solved = len(names), sorted(loops.known)
@@ -184,8 +218,9 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
     index = {f"q{name}": k for k, name in enumerate(names)}
     factors = np.zeros((len(solved), n))
     for row, j in enumerate(solved):
-        for symbol, factor in loops.known[j].factors.items():
-            factors[row, index[symbol]] += factor
+        for product, factor in loops.known[j].terms.items():
+            if product:
+                factors[row, index[product[0]]] += factor
     open_ended = [k for k in np.flatnonzero(factors.any(axis=0)) if k not in solved and k not in active]
     if open_ended:
         found = f"the relations use q{names[open_ended[0]]}, which is itself passive and has no relation"
@@ -194,7 +229,7 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
     if np.linalg.matrix_rank(among) < len(solved):
         raise loops.place.error("the relations are circular", "Write passive joints in terms of active ones.")
     G[solved] = np.linalg.solve(among, factors[:, list(active)])
-    offset[solved] = np.linalg.solve(among, [loops.known[j].constant for j in solved])
+    offset[solved] = np.linalg.solve(among, [loops.known[j].terms.get((), 0.0) for j in solved])
     return G, offset, solved
 
 

@@ -85,6 +85,11 @@ class NewtonClosure:
         """The joints that were cut."""
         return self.chain.cuts
 
+    @property
+    def units(self) -> Array:
+        """Scale of each joint's position, (joints,): 1 rad, or the mechanism's size for a prismatic joint."""
+        return self.chain.units
+
     def positions(self, qa: Array) -> Array:
         """Of all joints, (joints, samples), from the active ones', (active, samples), rad or m.
 

@@ -15,8 +15,7 @@ from haptid.device.elastic import row_map
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.newton import NewtonClosure
+from haptid.device.loops.formula import AnyClosure
 from haptid.device.terms.custom import custom_column, with_constants
 from haptid.device.terms.extension import extension_columns
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
@@ -150,7 +149,7 @@ class TermTargets:
         active: Sequence[int],
         drives: Sequence[Motor],
         joint_rows: bool,
-        closure: Closure | NewtonClosure,
+        closure: AnyClosure,
         cuts: Sequence[CutJoint] = (),
         sums: Mapping[str, Array] | None = None,
     ) -> TermTargets:
@@ -389,7 +388,7 @@ def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float,
 
 
 def _torsion(
-    drive: Motor, joints: Sequence[Joint], frame: Array, closure: Closure | NewtonClosure, varies: Sequence[bool]
+    drive: Motor, joints: Sequence[Joint], frame: Array, closure: AnyClosure, varies: Sequence[bool]
 ) -> Target:
     """The torsion of an elastic motor as a target."""
     weights = np.asarray(np.linalg.solve(frame.T, drive.torsion @ closure.constant), dtype=np.float64)

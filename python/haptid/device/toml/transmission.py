@@ -10,8 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.device import DistributionLaw, Joint, Motor, TorqueRows
 from haptid.device.geometry import Reader
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.newton import NewtonClosure
+from haptid.device.loops.formula import AnyClosure
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import MotorTable, TransmissionTable
 from haptid.errors import DeviceFileError
@@ -26,7 +25,7 @@ def read_drives(
     tables: Sequence[MotorTable],
     joints: Sequence[Joint],
     active: tuple[int, ...],
-    closure: Closure | NewtonClosure,
+    closure: AnyClosure,
     reader: Reader,
     place: Place,
 ) -> tuple[Motor, ...]:
@@ -130,7 +129,7 @@ def _motor(table: MotorTable, joints: list[str], reader: Reader, place: Place) -
     return Motor(table.name, settings["gear_ratio"], settings["torque_constant"], table.command_unit, row)
 
 
-def _check(rows: Array, closure: Closure | NewtonClosure, motors: int, place: Place) -> None:
+def _check(rows: Array, closure: AnyClosure, motors: int, place: Place) -> None:
     """Raise unless the drives determine the active joints, at some pose at least."""
     B = rows @ closure.constant
     if (np.abs(rows) @ closure.varying).any():

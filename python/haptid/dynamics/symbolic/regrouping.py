@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import NewtonClosure
+from haptid.device import FormulaClosure, NewtonClosure
 from haptid.device.expressions import CustomColumn
 from haptid.device.toml.reader import read_tables
 from haptid.dynamics.base_parameters import preference, random_regressor
@@ -139,11 +139,17 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
     at many sets of lengths (`spatial`).
 
     Raises:
-        RegroupingError: a loop closes at the device's own lengths only; a loop that is not linear has relations, or
-            terms may act on its cut; too many angles are no quarter turns; a coefficient is no ratio of polynomials of
-            low degree; a column of accelerations depends on other parameters; or the numeric base parameters differ,
-            because the device's lengths are a special case.
+        RegroupingError: a joint follows by a polynomial; a loop closes at the device's own lengths only; a loop that is
+            not linear has relations, or terms may act on its cut; too many angles are no quarter turns; a coefficient is
+            no ratio of polynomials of low degree; a column of accelerations depends on other parameters; or the numeric
+            base parameters differ, because the device's lengths are a special case.
     """
+    if isinstance(model.device.closure, FormulaClosure):
+        raise RegroupingError(
+            f"{model.device.name}: joints follow by polynomials, for which there are no regroupings with symbols.",
+            where=model.device.name,
+            advice="Use the numeric regroupings of its base parameters.",
+        )
     if not isinstance(model.device.closure, NewtonClosure):
         made = chain_regroupings(model, symbolic_chain(model.device), seed)
     elif (chain := _planar_chain(model, seed)) is not None:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import factorial
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
 from haptid._internal.escaping import printable
-from haptid.device import Closure, Cut, Frame, NewtonClosure
+from haptid.device import Cut, FormulaClosure, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.compensation.hands import HandModel
 from haptid.errors import ExportError, IncompleteDeviceError
@@ -29,6 +30,8 @@ STIFF = "0.9999 0.9999 0.001 0.5 2"
 HINGE = 0.1
 # Radius of a link's capsule, relative to the mechanism's size.
 THIN = 0.02
+# Highest degree of MuJoCo's equality between two joints.
+_HIGHEST = 4
 HANDLE, PAYLOAD, HAND = "handle", "payload", "hand"
 
 
@@ -267,9 +270,11 @@ def _coordinates(root: Element, model: DynamicModel, acts: Sequence[Effect], phy
     for act in acts:
         if act.name.startswith(("cut ", "coordinate ", "elastic ")):
             _fixed(tendons, model, act.name, act.joints, _effect(act, physics, "springlength"))
-    if isinstance(model.device.closure, Closure) and not cut_sites(model):
+    if not isinstance(model.device.closure, NewtonClosure) and not cut_sites(model):
         for j in _passive(model):
-            shares = -model.device.closure.G[j] @ np.eye(len(model.device.joints))[list(model.device.active)]
+            if model.device.closure.varying[j].any():
+                continue
+            shares = -model.device.closure.constant[j] @ np.eye(len(model.device.joints))[list(model.device.active)]
             shares[j] += 1.0
             _fixed(tendons, model, f"relation {model.device.joints[j].name}", shares, {})
 
@@ -301,10 +306,47 @@ def _loops(root: Element, model: DynamicModel, physics: Physics) -> None:
     for one, other in cut_sites(model):
         SubElement(equality, "connect", {"site1": one, "site2": other, **stiff})
     if not cut_sites(model):
+        zero = np.zeros(len(model.device.joints))
         for j in _passive(model):
+            if model.device.closure.varying[j].any():
+                SubElement(equality, "joint", polynomial_equality(model, j, zero) | stiff)
+                continue
             constant = numbers([model.device.closure.offset[j], 0, 0, 0, 0])
             name = f"relation {model.device.joints[j].name}"
             SubElement(equality, "tendon", {"tendon1": name, "polycoef": constant, **stiff})
+
+
+def polynomial_equality(model: DynamicModel, j: int, ref: Array) -> dict[str, str]:
+    """Attributes of MuJoCo's equality for a joint that follows one other by a polynomial, about reference positions.
+
+    Args:
+        j: index of the joint.
+        ref: reference positions of all joints, (joints,), rad or m.
+
+    Raises:
+        ExportError: it follows several joints, or its degree is above four.
+    """
+    closure, device = model.device.closure, model.device
+    assert isinstance(closure, FormulaClosure)
+    polynomial = closure.polynomials[j]
+    degree = max(map(len, polynomial.terms))
+    if len(polynomial.symbols) > 1 or degree > _HIGHEST:
+        raise ExportError(
+            f"{device.name}: joint {device.joints[j].name} follows {len(polynomial.symbols)} joints by a polynomial of "
+            f"degree {degree}; MuJoCo has those of one joint up to degree {_HIGHEST}.",
+            where=device.joints[j].name,
+            found=degree,
+            limit=_HIGHEST,
+            advice="Describe it by a relation of that kind to simulate the device.",
+        )
+    (symbol,) = polynomial.symbols
+    k = device.active[closure.symbols.index(symbol)]
+    about, factors = polynomial, []
+    for power in range(_HIGHEST + 1):
+        factors.append(float(about.value({symbol: ref[k]})) / factorial(power))
+        about = about.slope(symbol)
+    names = {"name": f"relation {device.joints[j].name}", "joint1": device.joints[j].name}
+    return {**names, "joint2": device.joints[k].name, "polycoef": numbers([factors[0] - ref[j], *factors[1:]])}
 
 
 def _hand(world: Element, actuators: Element, hand: HandModel, start: Array) -> None:

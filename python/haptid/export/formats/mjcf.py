@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from haptid._internal.arrays import Array
+from haptid.device import FormulaClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
-from haptid.experiment.bench.mjcf import Physics, mjcf, numbers
+from haptid.experiment.bench.mjcf import Physics, mjcf, numbers, polynomial_equality
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, Simulator, default_name, write
 from haptid.export.provenance import ExportSource, provenance
@@ -98,6 +99,11 @@ def _close(root: Element, model: DynamicModel) -> None:
         moved.set("ref", repr(float(q)))
     for relation in root.findall("./equality/tendon"):
         relation.set("polycoef", numbers([0.0] * 5))  # of the change of length since this pose
+    closure = model.device.closure
+    for j in closure.polynomials if isinstance(closure, FormulaClosure) else ():
+        found = root.find(f"./equality/joint[@name='relation {model.device.joints[j].name}']")
+        assert found is not None
+        found.attrib |= polynomial_equality(model, j, start)
 
 
 def _closed_pose(model: DynamicModel) -> Array | None:

@@ -15,13 +15,15 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Cut
+from haptid.device.loops.formula import FormulaClosure
+from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import Expr, Graph
 from haptid.export.expressions.rewriting import derivatives_along, replaced, values_of
 from haptid.export.expressions.solving import Orthogonal
-from haptid.export.expressions.vectors import Vector, cross, dot
+from haptid.export.expressions.vectors import Vector, combined, cross, dot
 from haptid.export.model.frames import FrameExpressions, frame_expressions
 from haptid.export.model.tree import Tree
 
@@ -74,9 +76,14 @@ class LoopExpressions:
     def of(model: DynamicModel, tree: Tree, x: list[Expr], xd: list[Expr]) -> LoopExpressions:
         """The cuts between whose frames there are passive positions."""
         closure = model.device.closure
-        gaps, jacobian, units = [], [], model.device.closure.offset[:0]
-        if isinstance(closure, NewtonClosure):
-            units = closure.chain.units[list(tree.passive)]
+        gaps: list[Expr] = []
+        jacobian: list[list[Expr]] = []
+        units = closure.offset[:0]
+        if not isinstance(closure, Closure):
+            units = closure.units[list(tree.passive)]
+        if isinstance(closure, FormulaClosure):
+            gaps, jacobian = _formulas(model, closure, tree, x)
+        elif isinstance(closure, NewtonClosure):
             for cuts, _ in closure.chain.independent(closure.unknown):
                 for cut in cuts:
                     equations = _effective(_equations(tree, cut, x, closure.chain.size), x, closure.chain.size)
@@ -171,6 +178,22 @@ class LoopExpressions:
         """Squared length of a step, in its units."""
         scaled = [value * (1.0 / float(unit)) for value, unit in zip(step, self.units, strict=True)]
         return dot(scaled, scaled)
+
+
+def _formulas(
+    model: DynamicModel, closure: FormulaClosure, tree: Tree, x: list[Expr]
+) -> tuple[list[Expr], list[list[Expr]]]:
+    """Gaps of passive positions from their polynomials, and the Jacobian: closing them takes one Newton step."""
+    graph, n, to_joints = x[0].graph, tree.active, np.linalg.inv(model.device.row_map)
+    at = {symbol: combined(row, x[:n]) for symbol, row in zip(closure.symbols, to_joints, strict=True)}
+    gaps, jacobian = [], []
+    for i, j in enumerate(tree.passive):
+        polynomial = closure.polynomials[j]
+        gaps.append(x[n + i] - polynomial.value(at))
+        slopes = [graph.lift(polynomial.slope(symbol).value(at)) for symbol in closure.symbols]
+        others = [graph.number(float(k == i)) for k in range(len(tree.passive))]
+        jacobian.append([*(-combined(column, slopes) for column in to_joints.T), *others])
+    return gaps, jacobian
 
 
 # A gap and its row of the Jacobian.

@@ -14,6 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.loops.from_toml import nearest
+from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.dynamics.model import DynamicModel
 
@@ -49,17 +50,17 @@ class PassiveJoints:
 
 @lru_cache(maxsize=8)
 def passive_joints(model: DynamicModel) -> PassiveJoints:
-    """The passive joints of a device's loops; none where all loops are linear."""
+    """The passive joints of a device's loops that follow at varying rates; none where all loops are linear."""
     device, closure = model.device, model.device.closure
     active = len(device.active)
-    if not isinstance(closure, NewtonClosure):
+    if isinstance(closure, Closure):
         return PassiveJoints((), (), np.zeros((0, active)), np.zeros(0))
     qa = closure.draw(np.random.default_rng(0), _POSES * (active + len(closure.unknown)))
     q, known = closure.positions(qa), device.row_map @ qa
     found: list[int] = []
     rows: list[tuple[Array, float]] = []
     for j in closure.unknown:
-        relation = _relation(known, q[j], float(closure.chain.units[j]))
+        relation = _relation(known, q[j], float(closure.units[j]))
         if relation is None:
             found.append(j)
             known = np.vstack([known, q[j]])

@@ -166,7 +166,7 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
-    """Plain arrays with their full names; arrays of structs, objects and sparse matrices are left out."""
+    """Plain arrays with their full names, `out.signals[2].values` in an array of structs; objects are left out."""
     if type(value) is not np.ndarray:
         return
     if value.dtype.names is None:
@@ -174,8 +174,14 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
     elif value.size == 1:
         for field in value.dtype.names:
             yield from _leaves(f"{name}.{field}", value.flat[0][field])
+    elif value.size <= _MOST_STRUCTS:  # as the signals of a structure with time
+        for k, one in enumerate(value.flat, 1):
+            for field in value.dtype.names:
+                yield from _leaves(f"{name}[{k}].{field}", one[field])
 
 
+# Longest array of structs whose fields are channels.
+_MOST_STRUCTS = 200
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
 _NESTED, _LAST_CLASS = (1, 2, 3, 16, 17), 18

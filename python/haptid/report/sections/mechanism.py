@@ -10,7 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Frame, NewtonClosure
-from haptid.device.loops.linear import Closure
+from haptid.device.loops.formula import AnyClosure, FormulaClosure
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
@@ -73,7 +73,7 @@ class MechanismSection(Section):
         return cls(
             charts=(scene(model, beta, qa, sliders),),
             joints=sliders,
-            relations=list(model.device.closure.relations) if isinstance(model.device.closure, Closure) else [],
+            relations=[] if isinstance(model.device.closure, NewtonClosure) else list(model.device.closure.relations),
             source_of_geometry=model.device.source,
             apparent_mass=beta is not None and model.device.handle is not None and model.device.handle.link >= 0,
         )
@@ -163,11 +163,16 @@ def _frame(frame: Frame) -> dict[str, Any]:
     return {"link": frame.link, "R": frame.rotation.ravel().tolist(), "p": frame.translation.tolist()}
 
 
-def _closure(closure: Closure | NewtonClosure) -> dict[str, Any]:
-    """Loop closure for the page's script: constant rates, or Newton's method from a closed pose."""
-    base = {"G": closure.constant.ravel().tolist(), "offset": closure.offset.tolist()}
+def _closure(closure: AnyClosure) -> dict[str, Any]:
+    """Loop closure for the page's script: constant rates and polynomials, or Newton's method from a closed pose."""
+    base: dict[str, Any] = {"G": closure.constant.ravel().tolist(), "offset": closure.offset.tolist()}
+    if isinstance(closure, FormulaClosure):
+        base["polynomials"] = [
+            [j, [[factor, [closure.symbols.index(x) for x in product]] for product, factor in polynomial.terms.items()]]
+            for j, polynomial in closure.polynomials.items()
+        ]
     if not isinstance(closure, NewtonClosure):
-        return {"way": "linear", **base}
+        return {"way": "direct", **base}
     start = {"at": closure.at.tolist(), "start": closure.start.tolist()}
     return {"way": "newton", **base, **start, "unknown": list(closure.unknown), "size": closure.chain.size}
 

@@ -46,17 +46,27 @@ class Mechanism {
     this.handle = drawing.handle;
     this.mass = drawing.mass;
     this.qa = drawing.sliders.map((s) => s.start);
-    this.q = this.closure.way === "linear" ? this.linear(this.qa) : this.walked([...this.closure.start], this.closure.at, this.qa);
+    this.q = this.closure.way === "direct" ? this.direct(this.qa) : this.walked([...this.closure.start], this.closure.at, this.qa);
   }
 
-  linear(qa) {
+  // Joints that follow the active ones directly: at constant rates, or by polynomials.
+  direct(qa) {
     const n = qa.length;
-    return this.joints.map((_, j) => this.closure.offset[j] + dot(this.closure.G.slice(n * j, n * (j + 1)), qa));
+    const made = this.joints.map((_, j) => this.closure.offset[j] + dot(this.closure.G.slice(n * j, n * (j + 1)), qa));
+    for (const [j, terms] of this.closure.polynomials ?? [])
+      made[j] = terms.reduce((sum, [factor, product]) => sum + product.reduce((x, a) => x * qa[a], factor), 0);
+    return made;
+  }
+
+  // Derivative of a polynomial by one active joint.
+  slope(terms, by) {
+    return terms.reduce((sum, [factor, product]) => sum + product.reduce((x, a, i) =>
+      a === by ? x + product.reduce((y, b, k) => (k === i ? y : y * this.qa[b]), factor) : x, 0), 0);
   }
 
   // Moves the active joints; false, without motion, where the loops cannot be closed.
   move(qa) {
-    const q = this.closure.way === "linear" ? this.linear(qa) : this.walked(this.q, this.qa, qa);
+    const q = this.closure.way === "direct" ? this.direct(qa) : this.walked(this.q, this.qa, qa);
     if (q === null) return false;
     [this.qa, this.q] = [qa, q];
     return true;
@@ -70,7 +80,7 @@ class Mechanism {
   }
 
   closed(q, qa) {
-    const { unknown, size } = this.closure, known = this.linear(qa);
+    const { unknown, size } = this.closure, known = this.direct(qa);
     const made = known.map((v, j) => (unknown.includes(j) ? q[j] : v));
     for (let k = 0; k < 12; k++) {
       const r = this.gaps(made), J = this.slopes(made, unknown, r);
@@ -121,7 +131,8 @@ class Mechanism {
   // dq/dqa, a list of rows by joint.
   rates() {
     const n = this.qa.length, G = this.joints.map((_, j) => this.closure.G.slice(n * j, n * (j + 1)));
-    if (this.closure.way === "linear") return G;
+    for (const [j, terms] of this.closure.polynomials ?? []) G[j] = this.qa.map((_, k) => this.slope(terms, k));
+    if (this.closure.way === "direct") return G;
     const { unknown } = this.closure, r = this.gaps(this.q), J = this.slopes(this.q, this.joints.map((_, j) => j), r);
     const N = unknown.map((a) => unknown.map((b) => dot(J[a], J[b]) + (a === b ? 1e-12 * dot(J[a], J[a]) : 0)));
     const B = unknown.map((a) => this.qa.map((_, k) => -this.joints.reduce((sum, _, j) => sum + dot(J[a], J[j]) * (unknown.includes(j) ? 0 : G[j][k]), 0)));
