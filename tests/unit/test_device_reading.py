@@ -144,7 +144,7 @@ BROKEN = [
     ("DeviceFileError", add("[prior]\nM1 = { valeu = 1 }"), ["prior.M1.valeu", 'Did you mean "value"']),
     ("DeviceFileError", swap('["1", "2"]', '["1", "4"]'), ["terms[1].joints[1]", '"4"', "Known: 1, 2, 3"]),
     ("DeviceFileError", swap('"viscous"', '"viscouse"'), ["terms[0].kind", 'Did you mean "viscous"']),
-    ("DeviceFileError", swap('"d3"', '"d4"'), ["joints[2].d", '"d4"', "Known: d3, pi"]),
+    ("DeviceFileError", swap('"d3"', '"d4"'), ["joints[2].d", '"d4"', "Known: abs", "d3, hypot, pi"]),
     (
         "DeviceFileError",
         add('[[terms]]\nkind = "offset"\nmotors = ["m6"]'),

@@ -140,9 +140,9 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
 
     Raises:
         RegroupingError: a joint follows by a polynomial; a loop closes at the device's own lengths only; a loop that is
-            not linear has relations, or terms may act on its cut; too many angles are no quarter turns; a coefficient is
-            no ratio of polynomials of low degree; a column of accelerations depends on other parameters; or the numeric
-            base parameters differ, because the device's lengths are a special case.
+            not linear has relations, or terms may act on its cut; too many angles are no quarter turns; a coefficient
+            is no ratio of polynomials of low degree; a column of accelerations depends on other parameters; or the
+            numeric base parameters differ, because the device's lengths are a special case.
     """
     if isinstance(model.device.closure, FormulaClosure):
         raise RegroupingError(
