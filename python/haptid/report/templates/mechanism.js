@@ -58,12 +58,6 @@ class Mechanism {
     return made;
   }
 
-  // Derivative of a polynomial by one active joint.
-  slope(terms, by) {
-    return terms.reduce((sum, [factor, product]) => sum + product.reduce((x, a, i) =>
-      a === by ? x + product.reduce((y, b, k) => (k === i ? y : y * this.qa[b]), factor) : x, 0), 0);
-  }
-
   // Moves the active joints; false, without motion, where the loops cannot be closed.
   move(qa) {
     const q = this.closure.way === "direct" ? this.direct(qa) : this.walked(this.q, this.qa, qa);
@@ -131,7 +125,8 @@ class Mechanism {
   // dq/dqa, a list of rows by joint.
   rates() {
     const n = this.qa.length, G = this.joints.map((_, j) => this.closure.G.slice(n * j, n * (j + 1)));
-    for (const [j, terms] of this.closure.polynomials ?? []) G[j] = this.qa.map((_, k) => this.slope(terms, k));
+    const beside = (k, step) => this.direct(this.qa.map((v, i) => (i === k ? v + step : v)));
+    for (const [j] of this.closure.polynomials ?? []) G[j] = this.qa.map((_, k) => (beside(k, 1e-6)[j] - beside(k, -1e-6)[j]) / 2e-6);
     if (this.closure.way === "direct") return G;
     const { unknown } = this.closure, r = this.gaps(this.q), J = this.slopes(this.q, this.joints.map((_, j) => j), r);
     const N = unknown.map((a) => unknown.map((b) => dot(J[a], J[b]) + (a === b ? 1e-12 * dot(J[a], J[a]) : 0)));
