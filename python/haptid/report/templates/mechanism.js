@@ -51,8 +51,7 @@ class Mechanism {
 
   // Joints that follow the active ones directly: at constant rates, or by polynomials.
   direct(qa) {
-    const n = qa.length;
-    const made = this.joints.map((_, j) => this.closure.offset[j] + dot(this.closure.G.slice(n * j, n * (j + 1)), qa));
+    const n = qa.length, made = this.joints.map((_, j) => this.closure.offset[j] + dot(this.closure.G.slice(n * j, n * (j + 1)), qa));
     for (const [j, terms] of this.closure.polynomials ?? [])
       made[j] = terms.reduce((sum, [factor, product]) => sum + product.reduce((x, a) => x * qa[a], factor), 0);
     return made;
