@@ -47,11 +47,10 @@ def test_pages_fit_and_are_accessible(bench, tab, path):
     assert tab.ask("document.querySelectorAll('nav a[aria-current]').length") == 1
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_pages_are_accessible_in_light_and_dark(bench, tab, theme):
+def test_pages_are_accessible_in_dark_colours_too(bench, tab):
     for path in STAGES:
         tab.go(bench.origin + path, LAPTOP)
-        while tab.ask("document.getElementById('theme').value") != theme:
+        while tab.ask("document.getElementById('theme').value") != "dark":
             tab.ask("document.getElementById('theme').click()")
         assert tab.accessibility() == []
 
