@@ -10,6 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.plan import Interface
 from haptid.demos.recordings import BenchRecording
+from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation import Characterisation, GivenParameters, IdentifiedModel, characterise
 from haptid.estimation import Estimate, TorqueNoise, estimate
@@ -72,16 +73,28 @@ class IdentifiedInterface:
     @cached_property
     def at_posture(self) -> dict[str, Characterisation]:
         """The handle there: of its point, of its rotation with the point free to move, and of both."""
-        return self._handle(self.estimate)
+        return self._handle(self.estimate, self.pose)
+
+    @cached_property
+    def over_workspace(self) -> dict[str, Characterisation]:
+        """The same at random poses of the workspace."""
+        poses = self.model.device.closure.draw(np.random.default_rng(0), self.plan.map_poses)
+        return self._handle(self.estimate, poses)
+
+    @cached_property
+    def tilt(self) -> Array:
+        """Angle of the handle's own axis from upright at these poses, (poses,), degrees."""
+        up = handle_motion(self.model, self.over_workspace["linear"].handle.qa).rotation[:, 1, 2]
+        return np.asarray(np.degrees(np.arccos(np.clip(np.abs(up), 0.0, 1.0))))
 
     @cached_property
     def truly(self) -> dict[str, Characterisation]:
         """The same with the true parameters."""
-        return self._handle(GivenParameters(self.model, self.beta))
+        return self._handle(GivenParameters(self.model, self.beta), self.pose)
 
-    def _handle(self, identified: IdentifiedModel) -> dict[str, Characterisation]:
+    def _handle(self, identified: IdentifiedModel, poses: Array) -> dict[str, Characterisation]:
         rows = {"linear": _LINEAR, "angular": _ANGULAR, "both": _BOTH}
-        return {name: characterise(identified, self.pose, some) for name, some in rows.items()}
+        return {name: characterise(identified, poses, some) for name, some in rows.items()}
 
 
 def identified_interface(plan: Interface, recording: BenchRecording, unseen: BenchRecording) -> IdentifiedInterface:

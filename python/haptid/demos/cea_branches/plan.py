@@ -127,6 +127,7 @@ class Interface(Part):
     validate_: _Pair = Field(alias="validate", description="the same of the other log")
     posture: dict[str, float] = Field(description="of the active joints, degrees")
     limits: dict[str, float] = Field(description="torque of the motors, assumed, N m")
+    map_poses: int = Field(description="random poses of the workspace, for the maps of the handle")
 
 
 class CeaDemo(Demo):

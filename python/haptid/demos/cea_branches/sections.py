@@ -11,7 +11,15 @@ from haptid.demos.cea_branches.compensation_section import compensation_section
 from haptid.demos.cea_branches.interface import IdentifiedInterface
 from haptid.demos.cea_branches.plan import Drawn, Sweep
 from haptid.demos.cea_branches.results import Identified, Results
-from haptid.demos.cea_branches.tables import friction, handle_of_interface, parameters, posture, ranged, sweeps
+from haptid.demos.cea_branches.tables import (
+    friction,
+    handle_of_interface,
+    map_of_interface,
+    parameters,
+    posture,
+    ranged,
+    sweeps,
+)
 from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
@@ -237,12 +245,17 @@ def _posture(found: Results) -> DocumentSection:
 def _interface(one: IdentifiedInterface) -> DocumentSection:
     """Both branches on one handle."""
     device, base, rows = one.model.device, one.model.base, one.estimate.observation
+    regroupings = one.model.regroupings
+    apart = np.abs(regroupings.values - base.regrouping).max() / np.abs(base.regrouping).max()
     text = (
         f"{device.name}: {len(device.joints)} joints, {len(device.active)} degrees of freedom, {len(device.motors)} "
         "motors. Published are the branches alone; the device file says what is assumed of how they stand and hold the "
         f"handle. Torque rows are those of the {len(device.active)} coordinates, B' times the motors' torques; their "
         "covariance varies with the pose.",
-        f"{len(base)} base parameters of {len(base.standard)}, from {rows.rows} rows of "
+        f"{len(base)} base parameters of {len(base.standard)}. Numeric regroupings and exact ones in the lengths differ "
+        f"by {apart:.0e} of the largest coefficient. MXUBR is "
+        f"{regroupings.formulas[base.names.index('MXUBR')]}.",
+        f"They are identified from {rows.rows} rows of "
         f"{one.plan.identify[1] - one.plan.identify[0]:g} s; {len(one.inside)} of their 95 % intervals contain the "
         f"true value. Treatment: {' '.join(one.proposal.reasons)}",
     )
@@ -253,6 +266,9 @@ def _interface(one: IdentifiedInterface) -> DocumentSection:
     tables = (
         TextTable("100 norm(measured - predicted) / norm(measured) of the treated torque, per cent", errors),
         TextTable("Handle at a posture, 95 % intervals", handle_of_interface(one)),
+        TextTable(
+            "Handle over the workspace: median (least .. greatest) of its greatest masses", map_of_interface(one)
+        ),
     )
     made = predict(one.estimate, one.unseen)
     residual = np.where(made.used, made.measured - made.predicted, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,41 @@ def handle_of_interface(one: IdentifiedInterface) -> _Cells:
     return [["figure", "unit", "found", "true"], *([*key, text, true[key]] for key, text in found)]
 
 
+# Heights of the handle, as shares of the poses, and tilts, degrees, by which the map is divided.
+_HEIGHTS, _TILTS = (0.0, 1 / 3, 2 / 3, 1.0), (0.0, 15.0, 30.0, 90.0)
+
+
+def map_of_interface(one: IdentifiedInterface) -> _Cells:
+    """Median and range of the handle's figures over the workspace, by height and by tilt from upright."""
+    at, limits = one.over_workspace, one.plan.limits
+    height = at["linear"].handle.position[:, 1]
+    heights = np.quantile(height, _HEIGHTS)
+    parts = {"all poses": np.ones(len(height), dtype=bool)}
+    for low, high in pairwise(heights):
+        parts[f"{1e3 * low:.0f} to {1e3 * high:.0f} mm high"] = (low <= height) & (height <= high)
+    for low, high in pairwise(_TILTS):
+        parts[f"tilted by {low:.0f} to {high:.0f} degrees"] = (low <= one.tilt) & (one.tilt < high)
+    figures = {
+        "effective mass, kg": at["linear"].apparent_mass.values[:, 0],
+        "effective inertia, kg m^2": at["angular"].apparent_mass.values[:, 0],
+        "Coulomb friction up, N": np.abs(at["both"].coulomb_friction(np.eye(6)[1]).values[:, 1]),
+        "peak force, N": at["linear"].greatest_force(limits)[0].values,
+        "peak moment, N m": at["angular"].greatest_force(limits)[0].values,
+    }
+    cells = [["poses", "number", *figures]]
+    for name, chosen in parts.items():
+        values = [x[chosen] for x in figures.values()]
+        cells.append([name, str(np.count_nonzero(chosen)), *(_spread(x[np.isfinite(x)]) for x in values)])
+    return cells
+
+
+def _spread(values: Array) -> str:
+    """Median, least and greatest."""
+    if not len(values):
+        return ""
+    return f"{np.median(values):.3g} ({values.min():.3g} .. {values.max():.3g})"
+
+
 def _at_interface(
     at: Mapping[str, Characterisation], limits: Mapping[str, float]
 ) -> Iterator[tuple[tuple[str, str], str]]:
@@ -204,6 +240,7 @@ def _interface(one: IdentifiedInterface) -> dict[str, Any]:
             for name, unit, value, se, true in every
         },
         "posture": {f"{what}, {unit}": text for what, unit, text, _ in handle_of_interface(one)[1:]},
+        "workspace": map_of_interface(one),
     }
 
 
