@@ -252,8 +252,8 @@ def _interface(one: IdentifiedInterface) -> DocumentSection:
         "motors. Published are the branches alone; the device file says what is assumed of how they stand and hold the "
         f"handle. Torque rows are those of the {len(device.active)} coordinates, B' times the motors' torques; their "
         "covariance varies with the pose.",
-        f"{len(base)} base parameters of {len(base.standard)}. Numeric regroupings and exact ones in the lengths differ "
-        f"by {apart:.0e} of the largest coefficient. MXUBR is "
+        f"{len(base)} base parameters of {len(base.standard)}. Numeric and exact regroupings differ by {apart:.0e} "
+        f"of the largest coefficient. MXUBR is "
         f"{regroupings.formulas[base.names.index('MXUBR')]}.",
         f"They are identified from {rows.rows} rows of "
         f"{one.plan.identify[1] - one.plan.identify[0]:g} s; {len(one.inside)} of their 95 % intervals contain the "
