@@ -24,9 +24,10 @@ from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 
 POSES = 1_000_000
-DEVICES = {
-    "CEA branch": ("cea_medical_branch", (-0.5, -0.9, 4.0)),
-    "PHANToM": ("phantom_premium_15", (0.0, 0.3, 0.4)),
+DEVICES: dict[str, tuple[str, tuple[float, ...], float]] = {
+    "CEA branch": ("cea_medical_branch", (-0.5, -0.9, 4.0), 0.5),
+    "PHANToM": ("phantom_premium_15", (0.0, 0.3, 0.4), 0.5),
+    "CEA interface": ("cea_medical_interface", (0.0, -1.0, 4.0, 0.0, -1.0, 4.0), 0.15),
 }
 
 
@@ -43,9 +44,10 @@ def model_of(name: str) -> GivenParameters:
     return GivenParameters(model, beta, L @ L.T)
 
 
-def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
-    """Positions of the active joints, (active, poses), rad."""
-    return np.array(centre)[:, None] + np.random.default_rng(1).uniform(-0.5, 0.5, (len(centre), count))
+def poses_of(centre: tuple[float, ...], spread: float, count: int) -> np.ndarray:
+    """Positions of the active joints, (active, poses), rad; neighbours are near each other, as cells of a map are."""
+    phase = np.linspace(0, 2 * np.pi, count) * (101.0 * np.arange(1, len(centre) + 1))[:, None] ** 0.5
+    return np.array(centre)[:, None] + spread * np.sin(phase + np.random.default_rng(1).uniform(0, 6, (len(centre), 1)))
 
 
 def best_of(work: Callable[[], object], times: int = 3) -> float:
@@ -70,10 +72,10 @@ def check(identified: GivenParameters, qa: np.ndarray) -> None:
 def timed() -> dict[str, float]:
     """Seconds for a million poses, with the threads this process has."""
     made = {}
-    for label, (name, centre) in DEVICES.items():
+    for label, (name, *about) in DEVICES.items():
         identified = model_of(name)
-        check(identified, poses_of(centre, 2000))
-        qa = poses_of(centre, POSES)
+        check(identified, poses_of(*about, 2000))
+        qa = poses_of(*about, POSES)
         at = core_arguments(identified, qa)
         made[f"{label}: Jacobian and mass matrix"] = best_of(
             lambda at=at: _core.end_effector_dynamics(*at, rows=[0, 1, 2])
@@ -90,9 +92,9 @@ def run() -> dict[str, float]:
         out = subprocess.run([sys.executable, __file__], capture_output=True, text=True, check=True, env=environment)
         for what, seconds in json.loads(out.stdout).items():
             found[f"{what}, {threads} thread{'s' * (threads != '1')}, s per million"] = seconds
-    for label, (name, centre) in DEVICES.items():
+    for label, (name, *about) in DEVICES.items():
         identified, few = model_of(name), 20_000
-        qa = poses_of(centre, few)
+        qa = poses_of(*about, few)
         plain = best_of(
             lambda m=identified, qa=qa: (mass_matrix(m.model, m.beta, qa), handle_motion(m.model, qa).row_jacobian)
         )

@@ -19,6 +19,8 @@ from haptid.uncertainty.quantities import Field
 
 # Number of poses over which the least degrees of freedom are taken.
 DOF_POSES = 6
+# Poses computed together: rates of loops that are not linear take a kilobyte and more for each.
+_TOGETHER = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +81,9 @@ def apparent_mass(
     moving, columns = model.measured_rows, covariance_factor(identified)
     none = np.zeros((len(identified.beta), 0))
     raw = core_spread(identified, none if columns is None else columns)
-    found = _core.apparent_mass(
-        *core_arguments(identified, qa), rows=rows, moving=moving, worst=worst_condition, spread=raw
-    )
+    settings: dict[str, Any] = {"rows": rows, "moving": moving, "worst": worst_condition, "spread": raw}
+    parts = [qa[:, k : k + _TOGETHER] for k in range(0, max(qa.shape[1], 1), _TOGETHER)]
+    found = np.concatenate([_core.apparent_mass(*core_arguments(identified, part), **settings) for part in parts])
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
