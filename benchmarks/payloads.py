@@ -21,8 +21,7 @@ import haptid
 from bench_identification import CASES, ENDS, truth_of
 from haptid.device.priors import PriorBody
 from haptid.experiment import bench
-from haptid.inference.payload_body import AttachedBody
-from haptid.inference.payloads import PayloadIdentification, identify_payloads
+from haptid.inference.payloads import AttachedBody, PayloadIdentification, identify_payloads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from held_poses import held_log, rigid_beta

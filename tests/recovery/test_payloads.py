@@ -9,8 +9,8 @@ from scipy import stats
 import haptid
 from haptid import errors
 from haptid.device.priors import PriorBody
-from haptid.inference.payload_body import FIGURES, body_figures
-from haptid.inference.payload_fit import rank_revealing
+from haptid.inference.payloads.body import FIGURES, body_figures
+from haptid.inference.payloads.fit import rank_revealing
 from haptid.observation.observation import MotorRows
 from motions import motion
 

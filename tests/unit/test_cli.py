@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.results.result import treatment
+from haptid.results.tables import treatment
 from haptid.uncertainty.figures import short_percent, with_digits
 
 

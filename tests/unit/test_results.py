@@ -13,7 +13,8 @@ from haptid.device.toml.reader import checked_tables, device_of
 from haptid.end_effector import apparent_mass
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultFileError
-from haptid.results.result import Result, device_file, result_schema
+from haptid.results.result import Result, result_schema
+from haptid.results.tables import device_file
 from haptid.study import read_study
 from haptid.study.identify import identify
 

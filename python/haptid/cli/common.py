@@ -104,7 +104,7 @@ def command(text: str, name: str | None = None) -> Callable[[_Command], _Command
 def print_json(values: Mapping[str, Any] | Sequence[Any]) -> None:
     """Print values as JSON, null where a number is not finite."""
     from haptid._internal.escaping import json_text
-    from haptid.results.result import finite
+    from haptid.results.tables import finite
 
     sys.stdout.write(json_text(finite(values)))
 

@@ -48,7 +48,8 @@ def compare(
     from haptid.inference.comparison import compare as compared
     from haptid.inference.drift import drift
     from haptid.report.compared import names_of
-    from haptid.results.result import Result, finite
+    from haptid.results.result import Result
+    from haptid.results.tables import finite
 
     with errors_shown():
         when = None if times is None else [_time(part) for part in times.split(",")]

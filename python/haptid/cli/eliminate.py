@@ -108,7 +108,7 @@ def _unseen(found: Identification) -> Any:
 
 def elimination_values(found: Elimination) -> dict[str, Any]:
     """An elimination as JSON values."""
-    from haptid.results.result import finite
+    from haptid.results.tables import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}
     free = list(found.reduced.free_parameters)

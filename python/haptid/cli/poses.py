@@ -36,7 +36,7 @@ def poses(
     as_json: AsJson = False,
 ) -> None:
     from haptid._internal.escaping import json_text, write_csv
-    from haptid.results.result import finite
+    from haptid.results.tables import finite
     from haptid.study import read_study
     from haptid.study.payloads import study_poses
 

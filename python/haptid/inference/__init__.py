@@ -15,8 +15,7 @@ from haptid.inference.elimination import (
     eliminate,
     eliminate_by_motor,
 )
-from haptid.inference.payload_body import AttachedBody
-from haptid.inference.payloads import identify_payloads
+from haptid.inference.payloads import AttachedBody, identify_payloads
 from haptid.inference.static_poses import GravityVerdict, StaticIdentification, identify_poses
 from haptid.inference.targets import Targets, target_map, targets
 

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from haptid.estimation import OLS, PhysicallyConsistent
 from haptid.report.source import ReportSource
-from haptid.results.result import weighting
+from haptid.results.tables import weighting
 
 
 def bibtex(source: ReportSource) -> str:

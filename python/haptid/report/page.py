@@ -14,7 +14,7 @@ from markupsafe import Markup
 from haptid.report.chart import Chart
 from haptid.report.mathml import formula_markup
 from haptid.report.section import PageSection
-from haptid.results.result import finite
+from haptid.results.tables import finite
 
 # The script's parts, in the order of their dependencies.
 SCRIPTS = (

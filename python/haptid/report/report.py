@@ -22,7 +22,7 @@ from haptid.report.page import page
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import HandForceData, ReportSource
-from haptid.results.result import finite
+from haptid.results.tables import finite
 from haptid.study.identify import Identification
 
 _SCHEMA = 2

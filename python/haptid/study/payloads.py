@@ -11,8 +11,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, ClusterRobust
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
-from haptid.inference.payload_body import AttachedBody
-from haptid.inference.payloads import PayloadIdentification, Recorded, identify_payloads
+from haptid.inference.payloads import AttachedBody, PayloadIdentification, Recorded, identify_payloads
 from haptid.inference.static_poses import StaticIdentification, identify_poses
 from haptid.log import read_log
 from haptid.motion.holds import Poses, find_poses, join_poses, read_poses

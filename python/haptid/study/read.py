@@ -12,7 +12,7 @@ from haptid.device.priors import PriorBody, tensor
 from haptid.errors import LogError, SettingError, StudyFileError, TreatmentError
 from haptid.estimation import Method
 from haptid.estimation.method import only_weights_rows
-from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import AttachedBody
 from haptid.log import Channels, Merge, Signal
 from haptid.log.registers import Register
 from haptid.motion.filters import SHAPES, Causal, HighPass

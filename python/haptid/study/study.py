@@ -10,7 +10,7 @@ from typing import Any
 from haptid._internal.display import Overview, displayed
 from haptid.device import Device
 from haptid.estimation import ClusterRobust, Intervals, Method, TorqueNoise
-from haptid.inference.payload_body import AttachedBody
+from haptid.inference.payloads import AttachedBody
 from haptid.log import Channels
 from haptid.motion.holds import HoldDetection
 from haptid.observation.known_payload import Payload

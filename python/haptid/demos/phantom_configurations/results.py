@@ -20,8 +20,7 @@ from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.estimation import Estimate, FeasibleParameters, feasible_parameters
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
-from haptid.inference.payload_body import AttachedBody
-from haptid.inference.payloads import PayloadEstimate, identify_payloads
+from haptid.inference.payloads import AttachedBody, PayloadEstimate, identify_payloads
 from haptid.inference.targets import Targets, target_map
 
 # Fits whose mass matrix and bodies are evaluated.

@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import feasible_parameters
 from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import ExportSource, Provenance, provenance
-from haptid.results.result import device_file, finite
+from haptid.results.tables import device_file, finite
 from haptid.validation.validation import Validation
 
 # Version of the format.

@@ -12,7 +12,7 @@ from haptid.estimation import PhysicallyConsistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
-from haptid.results.result import interval, treatment, weighting
+from haptid.results.tables import interval, treatment, weighting
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,16 @@ IEEE/RSJ IROS.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from functools import reduce
 from operator import add
-from typing import Any
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import INERTIAL
 from haptid.device.device import Joint
-from haptid.device.parameters import INERTIAL_UNITS, standard_parameters
+from haptid.device.parameters import INERTIAL_UNITS
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.static import StaticModel, static_model
 from haptid.errors import (
@@ -30,24 +28,23 @@ from haptid.errors import (
     SettingError,
     SharedRowsError,
     UnknownNameError,
-    index_of,
     listed,
     suggestion,
 )
-from haptid.inference.payload_body import (
+from haptid.inference.payloads.body import (
     FIGURE_UNITS,
     FIGURES,
     AttachedBody,
-    ConsistentPayload,
     body_figures,
     nearest_body,
 )
-from haptid.inference.payload_fit import JointFit, LoadedRows, joint_fit
+from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
+from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
+from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
 from haptid.motion.holds import Poses
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.observation.static import observe_poses
-from haptid.uncertainty.figures import with_digits
 from haptid.uncertainty.quantities import Quantities
 
 # Largest relative standard error of a gain: a motor that the payload loads less is left out.
@@ -56,179 +53,8 @@ LARGEST_GAIN_SE = 0.2
 _STEP = 1e-6
 # Share of a gradient along undetermined directions up to which a figure counts as determined.
 _BLIND = 1e-5
-# Terms that a payload changes or wear moves: their parameters are estimated once for each load.
-VARYING = ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck", "offset", "external")
 
 Recorded = Motion | Poses
-
-
-@dataclass(frozen=True, eq=False)
-class PayloadEstimate:
-    """An identified payload.
-
-    Attributes:
-        payload: what was known.
-        parameters: the inertial parameters that the logs determine, in the frame of the link (`MX3`, `M3`).
-        body: mass, centre of mass and inertia about it, in the link frame of the device file's convention, as far as
-            they are determined; standard errors to first order.
-        left_out: sentences on what the logs do not determine.
-        consistent: the nearest rigid body; None where the logs do not determine the mass.
-    """
-
-    payload: AttachedBody
-    parameters: Quantities
-    body: Quantities
-    left_out: tuple[str, ...]
-    consistent: ConsistentPayload | None
-
-    @property
-    def name(self) -> str:
-        return self.payload.name
-
-    @property
-    def link(self) -> str:
-        return self.payload.link
-
-    def __getitem__(self, name: str) -> float:
-        """A figure of the body by name, such as "mass" or "com x"."""
-        return float(self.body.values[index_of(name, self.body.names, "figure of the body")])
-
-    def summary(self) -> str:
-        """Table of the body, or of the parameters where no mass is determined; then the sentences."""
-        shown = self.body if len(self.body) else self.parameters
-        lines = [f"Payload {self.name} on link {self.link}:", shown.table()]
-        if self.consistent is not None and self.consistent.changed:
-            figures = dict(zip(FIGURES, self.consistent.body, strict=True))
-            values = ", ".join(f"{name} {figures[name]:.4g}" for name in self.body.names)
-            lines.append(
-                f"No rigid body has exactly these figures. The nearest: {values} (SI), with a residual larger by "
-                f"{self.consistent.worse:.2g} %."
-            )
-        return "\n".join([*lines, *self.left_out])
-
-    def to_json(self) -> dict[str, Any]:
-        """As JSON values."""
-        consistent = self.consistent
-        return {
-            "name": self.name,
-            "link": self.link,
-            "known": {
-                "mass": self.payload.mass,
-                "com": None if self.payload.com is None else self.payload.com.tolist(),
-                "inertia": None if self.payload.inertia is None else self.payload.inertia.tolist(),
-            },
-            "body": self.body.to_json(),
-            "parameters": self.parameters.to_json(),
-            "left_out": list(self.left_out),
-            "consistent": None
-            if consistent is None
-            else {
-                "changed": consistent.changed,
-                "residual_increase_percent": consistent.worse,
-                "body": [
-                    {"name": name, "unit": unit, "value": None if np.isnan(value) else float(value)}
-                    for name, unit, value in zip(FIGURES, FIGURE_UNITS, consistent.body, strict=True)
-                ],
-            },
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class DriveGains:
-    """True gain of motors over that of the device file.
-
-    Attributes:
-        labels: of the motors whose gain the known masses determine, (gains,).
-        quantities: their factors, with covariance and degrees of freedom.
-        left_out: sentences on the other motors.
-    """
-
-    labels: tuple[str, ...]
-    quantities: Quantities
-    left_out: tuple[str, ...]
-
-    @property
-    def values(self) -> Array:
-        """True gain over the file's, (gains,)."""
-        return self.quantities.values
-
-    @property
-    def se(self) -> Array:
-        """Standard errors, (gains,)."""
-        return self.quantities.se
-
-    @property
-    def dof(self) -> Array:
-        """Degrees of freedom, (gains,)."""
-        return self.quantities.dof
-
-    def conf_int(self, level: float = 0.95) -> Array:
-        """Confidence intervals, (gains, 2)."""
-        return self.quantities.conf_int(level)
-
-    def summary(self) -> str:
-        """A line for each motor."""
-        lines = [
-            f"{label}: {with_digits(value, se)} of the file's gain, "
-            f"95 % interval {with_digits(low, se)} .. {with_digits(high, se)}"
-            for label, value, se, (low, high) in zip(self.labels, self.values, self.se, self.conf_int(), strict=True)
-        ]
-        return "\n".join([*lines, *self.left_out])
-
-
-@dataclass(frozen=True, eq=False)
-class PayloadIdentification:
-    """Payloads, and drive gains where asked for, from logs of the bare device and logs with payloads.
-
-    Attributes:
-        payloads: one for each, in the order given.
-        gains: None where the file's were taken as right.
-        base: base parameters of the bare device, as far as the logs determine them, at the gains found; friction is
-            that of the bare logs.
-        residual: root mean square residual of each motor used, at its file's gain, by label, N m or N.
-        notes: sentences for the user.
-    """
-
-    model: DynamicModel
-    payloads: tuple[PayloadEstimate, ...]
-    gains: DriveGains | None
-    base: Quantities
-    residual: Mapping[str, float]
-    notes: tuple[str, ...]
-
-    def __getitem__(self, name: str) -> PayloadEstimate:
-        return self.payloads[index_of(name, [payload.name for payload in self.payloads], "payload")]
-
-    def summary(self) -> str:
-        """All payloads, gains and notes as text."""
-        parts = [payload.summary() for payload in self.payloads]
-        if self.gains is not None:
-            parts.append("Drive gains:\n" + self.gains.summary())
-        return "\n\n".join(parts + (["\n".join(self.notes)] if self.notes else []))
-
-    def table(self) -> list[list[str | float]]:
-        """Rows of a table: payload or motor, figure, unit, value, standard error, 95 % interval; a header first."""
-        made: list[list[str | float]] = [["of", "name", "unit", "value", "se", "low95", "high95"]]
-        groups = [(one.name, one.body) for one in self.payloads] + [(one.name, one.parameters) for one in self.payloads]
-        groups += [] if self.gains is None else [("gain", self.gains.quantities)]
-        for of, q in groups:
-            numbers = zip(q.names, q.units, q.values, q.se, q.conf_int(), strict=True)
-            made += [[of, name, unit, float(x), float(se), *map(float, ends)] for name, unit, x, se, ends in numbers]
-        return made
-
-    def to_json(self) -> dict[str, Any]:
-        """As JSON values."""
-        gains = self.gains
-        return {
-            "device": self.model.device.name,
-            "payloads": [payload.to_json() for payload in self.payloads],
-            "gains": None
-            if gains is None
-            else {"motors": gains.quantities.to_json(), "left_out": list(gains.left_out)},
-            "base_parameters": self.base.to_json(),
-            "residual_rms": dict(self.residual),
-            "notes": list(self.notes),
-        }
 
 
 def identify_payloads(
@@ -269,10 +95,10 @@ def identify_payloads(
     own = static_model(model) if static else model
     wide = payload_model(model, sorted({body.link for body in bodies}, key=model.device.joint_names.index))
     wide = static_model(wide) if static else wide
-    to_wide = _embedding(own, wide)
+    to_wide = embedding(own, wide)
     observations = [_observed(wide, data) for data in (bare_data, *(data for _, data in load_data))]
     _check_shared(observations)
-    layout = _Layout.of(own, wide, to_wide, bodies, shared_friction)
+    layout = Layout.of(own, wide, to_wide, bodies, shared_friction)
     rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(observations)]
     fit, left_out = _fitted(rows, observations[0], gains)
     found = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
@@ -286,7 +112,7 @@ def identify_payloads(
         gains=_gains(fit, observations[0], left_out) if gains else None,
         base=_base(own, fit, layout),
         residual={label: float(value) for label, value in zip(labels, rms, strict=True)},
-        notes=() if wide is own or not _removed(model, bodies) else (_removed(model, bodies),),
+        notes=() if wide is own or not removed(model, bodies) else (removed(model, bodies),),
     )
 
 
@@ -355,122 +181,6 @@ def _check_shared(observations: Sequence[Observation]) -> None:
                 )
 
 
-def payload_model(model: DynamicModel, links: Sequence[str]) -> DynamicModel:
-    """The model in which some links have all ten inertial parameters, whatever symmetries their bare bodies have."""
-    device, parameters = model.device, model.device.parameters
-    wanted = {kind + link for link in links for kind in INERTIAL}
-    if all(name in parameters.index and parameters.members[parameters.index[name]] == (name,) for name in wanted):
-        return model
-    symmetries = [rule.among(set(parameters.raw) - wanted) for rule in device.symmetry]
-    massive = [joint.body or joint.name in links for joint in device.joints]
-    free = standard_parameters(device.joint_names, massive, device.terms, symmetries)
-    joints = tuple(replace(joint, body=body) for joint, body in zip(device.joints, massive, strict=True))
-    wider = replace(device, joints=joints, parameters=free, targets=())
-    return DynamicModel(wider, model.terms)
-
-
-def _removed(model: DynamicModel, bodies: Sequence[AttachedBody]) -> str:
-    """A note on the parameters that the device file removes from a link, and a payload has all the same."""
-    index = model.device.parameters.index
-    lost = [
-        kind + link for link in dict.fromkeys(b.link for b in bodies) for kind in INERTIAL if kind + link not in index
-    ]
-    return (
-        f"The device file has {listed(lost)} zero for the bare link; for the payload they were estimated."
-        if lost
-        else ""
-    )
-
-
-def _embedding(own: DynamicModel, wide: DynamicModel) -> Array:
-    """Base parameters of the wider model from those of the device's own, (wide p, p)."""
-    if wide is own:
-        return np.eye(len(own.base))
-    narrow, free = own.device.parameters, wide.device.parameters
-    E = np.zeros((len(free), len(narrow)))
-    for k, members in enumerate(narrow.members):
-        for name in members:
-            E[free.index[name], k] = free.sign[name] * narrow.sign[name]
-    return np.asarray(wide.base.regrouping @ E[:, list(own.base.independent_columns)])
-
-
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """Where the unknowns are: parameters of the bodies; of friction, once or for each load; of each payload.
-
-    Attributes:
-        embedding: base parameters of the payload model from those of the device, (wide p, p).
-        varying: which of these vary with the load, (p,), bool.
-        loads: number of loads, the bare device counted.
-        shared: whether friction is the same for all.
-        offsets, bases: of each payload, its effect on the base parameters as offset + basis u.
-        maps: the ten parameters of each as offset + basis u.
-    """
-
-    embedding: Array
-    varying: np.ndarray
-    shared: bool
-    offsets: tuple[Array, ...]
-    bases: tuple[Array, ...]
-    maps: tuple[tuple[Array, Array], ...]
-
-    @staticmethod
-    def of(
-        own: DynamicModel, wide: DynamicModel, embedding: Array, bodies: Sequence[AttachedBody], shared: bool
-    ) -> _Layout:
-        varying = np.array([_varies(own, k) for k in own.base.independent_columns])
-        offsets, bases, maps = [], [], []
-        for body in bodies:
-            joint = wide.device.joints[wide.device.joint_names.index(body.link)]
-            index = [wide.device.parameters.index[kind + body.link] for kind in INERTIAL]
-            effect = wide.base.regrouping[:, index]
-            offset, basis = body.unknowns(joint)
-            offsets.append(effect @ offset)
-            bases.append(effect @ basis)
-            maps.append((offset, basis))
-        return _Layout(embedding, varying, shared, tuple(offsets), tuple(bases), tuple(maps))
-
-    @property
-    def _friction(self) -> int:
-        return int(self.varying.sum())
-
-    @property
-    def _start(self) -> int:
-        """Index of the first payload's first unknown."""
-        copies = 0 if self.shared else len(self.bases)
-        return len(self.varying) + copies * self._friction
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self._start + sum(int(basis.shape[1]) for basis in self.bases)
-
-    def columns(self, payload: int) -> tuple[np.ndarray, Array, Array]:
-        """Indices of a payload's unknowns, and offset and basis of its ten parameters."""
-        before = self._start + sum(basis.shape[1] for basis in self.bases[:payload])
-        return np.arange(before, before + self.bases[payload].shape[1]), *self.maps[payload]
-
-    def affine(self, load: int) -> tuple[Array, Array]:
-        """M and m of a load; 0 is the bare device."""
-        M, m = np.zeros((len(self.embedding), self.size)), np.zeros(len(self.embedding))
-        p = len(self.varying)
-        M[:, :p] = self.embedding
-        if load and not self.shared and self._friction:
-            begin = p + (load - 1) * self._friction
-            M[:, begin : begin + self._friction] = M[:, :p][:, self.varying]
-            M[:, :p][:, self.varying] = 0.0
-        if load:
-            M[:, self.columns(load - 1)[0]] += self.bases[load - 1]
-            m = self.offsets[load - 1]
-        return M, m
-
-
-def _varies(model: DynamicModel, column: int) -> bool:
-    """Whether a standard parameter is one of friction or offset."""
-    raw = int(np.argmax(model.device.parameters.S[:, column])) - 10 * len(model.device.joints)
-    return raw >= 0 and model.terms[raw].kind in VARYING
-
-
 def _fitted(rows: Sequence[LoadedRows], like: Observation, gains: bool) -> tuple[JointFit, tuple[str, ...]]:
     """The fit, and sentences on motors left out because their gain is not determined."""
     motors = [k for k in range(len(like.motors)) if all(load.observation.motors[k].rows.sum() for load in rows)]
@@ -532,7 +242,7 @@ def _padded(rows: Array, fit: JointFit, columns: np.ndarray) -> Array:
     return made
 
 
-def _base(own: DynamicModel, fit: JointFit, layout: _Layout) -> Quantities:
+def _base(own: DynamicModel, fit: JointFit, layout: Layout) -> Quantities:
     """Base parameters of the bare device that the rows determine."""
     p = len(layout.varying)
     rows = np.eye(len(fit.scale))[:p]

@@ -13,7 +13,7 @@ from haptid.device.priors import TENSOR
 from haptid.errors import ConvergenceError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
-from haptid.inference.payload_fit import RANK_TOLERANCE, JointFit
+from haptid.inference.payloads.fit import RANK_TOLERANCE, JointFit
 
 # Figures of a body, in the order of `PayloadEstimate.body`.
 FIGURES = ("mass", "com x", "com y", "com z", "XX", "YY", "ZZ", "XY", "XZ", "YZ")
