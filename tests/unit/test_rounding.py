@@ -73,8 +73,19 @@ def test_a_fine_encoder_costs_nothing(model):
     assert effect(model, log(model, beta, 1, FINE))[2] is None
 
 
-def test_only_what_no_scatter_shows_is_added():
+def test_only_what_no_scatter_shows_is_added_and_shifts_stay_together():
     shifts = np.array([[3.0, 1.0, 0.0], [4.0, -1.0, 0.0]])
-    rounding = Rounding(shifts, np.array([2.5, 1.0, 0.0]))
-    assert np.allclose(np.sum(rounding.beyond() ** 2, axis=0), [12.5 - 2.5, 0.0, 0.0])
-    assert np.allclose(np.sum(rounding.beyond(np.array([4.0, 1.0, 1.0])) ** 2, axis=0), [6.0, 0.0, 0.0])
+    rounding = Rounding(shifts, np.array([2.5, 1.0, 0.0]), np.array([1.0, 1.0, 0.0]))
+    share = 1 - (2.5 + 1.0) / (12.5 + 1.0)
+    assert np.allclose(rounding.beyond(), shifts * np.sqrt(share / 2))
+    share = 1 - (2.5 + 4.0 + 1.0 + 1.0) / (12.5 + 1.0)
+    assert np.allclose(rounding.beyond(np.array([4.0, 1.0, 1.0])), shifts * np.sqrt(share / 2))
+    assert not rounding.beyond(100.0).any()
+
+
+def test_what_cancels_in_the_torque_still_does():
+    """Of two columns that are nearly alike only the sum is known; rounding moves the parameters against each other."""
+    shifts = np.array([[1.0, -1.0], [-1.1, 1.1], [0.9, -0.9]])
+    added = Rounding(shifts, np.array([0.2, 0.9]), np.array([1.0, 1.0])).beyond()
+    assert added.any()
+    assert np.allclose(added.sum(axis=1), 0.0)

@@ -43,20 +43,28 @@ class Rounding:
         shifts: of the base parameters and of the delays that were estimated with them, by the errors of each lattice,
             (lattices, p + delays), SI.
         shown: variance of each in the scatter of the blocks, (p + delays,), SI.
+        se: standard errors of parameters and delays without it, (p + delays,), SI.
     """
 
     shifts: Array
     shown: Array
+    se: Array
 
     def beyond(self, known: Array | float = 0.0) -> Array:
         """One standard error's shifts with the variance that is in no scatter, (lattices, p + delays), SI.
 
+        The share of the variance is one for all: shares of their own would take the shifts apart, and with them the
+        torque, in which shifts of correlated parameters cancel.
+
         Args:
             known: variance of the parameters and delays by errors that repeat, as the residual shows it, SI.
         """
-        whole = np.mean(self.shifts**2, axis=0)
-        left = np.maximum(whole - self.shown - known, 0.0)
-        share = np.divide(left, whole, out=np.zeros_like(whole), where=whole > 0)
+        sure = self.se > 0
+        whole, seen = (
+            float(np.sum(np.broadcast_to(variance, self.se.shape)[sure] / self.se[sure] ** 2))
+            for variance in (np.mean(self.shifts**2, axis=0), self.shown + known)
+        )
+        share = max(0.0, 1.0 - seen / whole) if whole > 0 else 0.0
         return np.asarray(self.shifts * np.sqrt(share / len(self.shifts)))
 
 
@@ -100,7 +108,7 @@ def rounding_effect(
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return None
     made = np.array(parts)
-    return Rounding(made.sum(axis=1), np.mean(np.sum(made**2, axis=1), axis=0))
+    return Rounding(made.sum(axis=1), np.mean(np.sum(made**2, axis=1), axis=0), refit.se)
 
 
 def _rounded(q: Array, steps: Array, place: Array) -> Array:
