@@ -223,7 +223,12 @@ def criterion(found: Identification) -> str:
     text = f"Relative torque error on unseen motion: {worst.comparable.relative:.2g} %"
     if len(motors) > 1:
         largest = max(motors, key=lambda motor: motor.relative)
-        text += f" of all motors together, {largest.relative:.2g} % of {largest.label}, the largest"
+        whole = (
+            "of all motors (RMS of their errors, as units differ)"
+            if worst.comparable.mixed
+            else "of all motors together"
+        )
+        text += f" {whole}, {largest.relative:.2g} % of {largest.label}, the largest"
     text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
     if found.meets_criteria is None:
         return text

@@ -19,6 +19,9 @@ from haptid.treatment_choice.calibration import Calibration
 from haptid.uncertainty.figures import short_percent, with_digits
 from haptid.validation.validation import Validation
 
+# Relative standard errors of parameters shown in grey, per cent.
+_GREY = 50.0
+
 
 def show_identification(console: Console, found: Identification) -> None:
     """Print parameters, errors and notes of an identification."""
@@ -38,8 +41,10 @@ def show_identification(console: Console, found: Identification) -> None:
         console.print(parameter_table("Targets", targets(found.estimate).parameters))
     if found.projection:
         console.print(searched_table(found.projection))
+    grey = any(p.relative_se > _GREY for p in found.estimate.parameters)
     console.print(
-        "Grey rows: the standard error exceeds half the value. Regroupings: result.json, or `haptid model`.",
+        f"{'Grey rows: the standard error exceeds half the value. ' if grey else ''}"
+        "Regroupings: result.json, or `haptid model`.",
         style="dim",
     )
     if found.calibration:
@@ -103,7 +108,7 @@ def searched_table(projection: VariableProjection) -> Table:
 def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
     """Parameters with their 95 % intervals, relative standard errors and classical ones."""
     headings = ("", "value", "95 % interval", "std err %", "classical %", "prior", "unit")
-    return table(title, headings, [(parameter_cells(p), p.relative_se > 50) for p in parameters], left=("unit",))
+    return table(title, headings, [(parameter_cells(p), p.relative_se > _GREY) for p in parameters], left=("unit",))
 
 
 def calibration_table(calibration: Calibration) -> Table:

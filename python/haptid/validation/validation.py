@@ -66,9 +66,19 @@ class Validation:
         return self.reference or self
 
     @property
+    def mixed(self) -> bool:
+        """Whether the motors' torques have different units."""
+        return len({m.unit for m in self.motors}) > 1
+
+    @property
+    def together(self) -> str:
+        """What `relative` is of, as text."""
+        return "of all motors (RMS of their errors, as units differ)" if self.mixed else "over all motors"
+
+    @property
     def relative(self) -> float:
         """Relative error of all rows together, per cent; where units differ, the RMS of the motors' relative errors."""
-        if len({m.unit for m in self.motors}) > 1:
+        if self.mixed:
             return float(np.sqrt(np.mean([m.relative**2 for m in self.motors])))
         return percent(
             float(np.linalg.norm([m.residual for m in self.motors])),
@@ -79,7 +89,7 @@ class Validation:
         """Text table: motor, relative error, RMSE, rows."""
         kind = "rows of the fit" if self.seen else "unseen rows"
         lines = (f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows" for m in self.motors)
-        made = "\n".join([f"{self.relative:.2f} % relative error over all motors, on {kind}", *lines])
+        made = "\n".join([f"{self.relative:.2f} % relative error {self.together}, on {kind}", *lines])
         if self.reference is None:
             return made
         each = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
@@ -92,7 +102,7 @@ class Validation:
             [m.label, f"{m.relative:.2f}", whole.get(m.motor, ""), f"{m.rmse:.4g} {m.unit}", str(m.rows)]
             for m in self.motors
         ]
-        title = f"Validation: {self.relative:.2f} % relative error over all motors, on {kind}"
+        title = f"Validation: {self.relative:.2f} % relative error {self.together}, on {kind}"
         return Overview(title, ("", "error, %", "in motion, %", "RMSE", "rows"), rows)
 
 
