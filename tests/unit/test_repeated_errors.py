@@ -1,5 +1,8 @@
 """Errors that repeat with a periodic motion: its period is found, and intervals hold what time blocks do not see."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -90,3 +93,21 @@ def test_noise_that_does_not_repeat_changes_little(model):
     without, together, found = held(model, 0.0)
     assert found < 0.2 * DRAWS
     assert together - without < 0.03
+
+
+def test_each_part_of_a_log_between_gaps_has_rows_of_its_own(model):
+    """Two parts of one name, the earlier one last: errors that repeat move the parameters as those of two logs do."""
+    beta = model.base.of(true_parameters(model))
+    channels = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("u1", "u2"), "N m"), time="t")
+    parts = []
+    for seed, t0 in ((1, 4000.0), (2, 0.0)):
+        made = motion(model, beta, seed, 0.01)
+        t = t0 + DT * np.arange(len(made))
+        log = haptid.Log(Path("log"), "one file", t, made.q, made.tau, channels)
+        parts.append(replace(made, t0=t0, log=log))
+    both = haptid.estimate(haptid.observe(model, *parts), haptid.WLS())
+    alone = [haptid.estimate(haptid.observe(model, part), haptid.WLS()) for part in parts]
+    sizes = [np.sqrt(np.sum(np.square(repeated_errors(one, None)), axis=0)) for one in (both, *alone)]
+    # Two independent errors, each in half of the rows.
+    assert np.all(sizes[0] < np.maximum(sizes[1], sizes[2]))
+    assert np.median(sizes[0] / np.hypot(sizes[1], sizes[2])) == pytest.approx(0.5, abs=0.15)

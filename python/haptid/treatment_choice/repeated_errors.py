@@ -114,7 +114,12 @@ def _scores(estimate: Estimate, motion: Motion, length: float, delays: int) -> _
     groups = max(1, min(_GROUPS, int(seconds / length)))
     k = estimate.fit.solution.root.shape[1] + delays
     observation = estimate.observation
-    blocks = np.array([j for j, block in enumerate(observation.blocks) if block.log == motion.name])
+    # Parts of a log between gaps have one name.
+    end = float(motion.times(np.array([len(motion) - 1]))[0])
+    middles = [(block.log, 0.5 * (block.start + block.stop)) for block in observation.blocks]
+    blocks = np.array([j for j, (log, middle) in enumerate(middles) if log == motion.name and start <= middle <= end])
+    if not blocks.size:
+        return None
     numbers = k * sum(int(motor.rows[blocks].sum()) for motor in observation.motors)
     some = blocks[: max(1, int(len(blocks) * min(1.0, _ENOUGH / max(numbers, 1))))]
     s, G = np.zeros((phases, groups, k)), np.zeros((phases, k, k))
