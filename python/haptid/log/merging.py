@@ -55,6 +55,8 @@ def common_rows(
         notes: appended to.
     """
     there = {name: ~np.isnan(column) for name, column in columns.items() if column.dtype.kind == "f"}
+    if time in there and not there[time].all():  # times that are missing are a defect, whoever wrote the row
+        return dict(columns)
     streams: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name in (*first, *(name for name in columns if name not in first and name != time)):
         present = there.get(name, np.ones(columns[name].size, bool))
@@ -66,19 +68,16 @@ def common_rows(
         else:
             same.append(name)
     base, base_names = streams[0]
-    base = base & there.get(time, np.ones(base.size, bool))
     if (base.all() and len(streams) == 1) or not base.any():
         return dict(columns)
-    seconds = (columns[time] - columns[time][base][0]) * scale
-    stamps = np.rint(np.nan_to_num(seconds) * 1e9).astype(np.int64)
+    stamps = np.rint((columns[time] - columns[time][base][0]) * scale * 1e9).astype(np.int64)
     out = {name: columns[name][base] for name in (time, *base_names)}
     keep = np.ones(int(base.sum()), bool)
     if not base.all():
         notes.append(
             f"{int(base.sum())} of {base.size} rows have {channel_list(base_names, 8)}: the others are left out"
         )
-    for rows, names in streams[1:]:
-        own = rows & there.get(time, np.ones(base.size, bool))
+    for own, names in streams[1:]:
         stream = Stream("", stamps[own], None, {name: columns[name][own] for name in names})
         found, usable, sentence = at_stamps(merge, stamps[base], stream.receive, stream)
         out |= found
