@@ -12,8 +12,7 @@ const column = (R, k) => [R[k], R[3 + k], R[6 + k]];
 function solved(A, B) {
   const n = A.length, W = A.map((row, k) => [...row, ...B[k]]);
   for (let i = 0; i < n; i++) {
-    let best = i;
-    for (let r = i + 1; r < n; r++) if (Math.abs(W[r][i]) > Math.abs(W[best][i])) best = r;
+    const best = W.reduce((b, row, r) => (r > i && Math.abs(row[i]) > Math.abs(W[b][i]) ? r : b), i);
     [W[i], W[best]] = [W[best], W[i]];
     if (W[i][i] === 0) return null;
     for (let r = 0; r < n; r++)
