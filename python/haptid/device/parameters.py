@@ -174,13 +174,14 @@ def _classes(size: int, groups: list[list[tuple[int, int]]]) -> tuple[list[int],
             k, total = first[k], total * sign[k]
         return k, total
 
-    for group in groups:
-        (root, its), *others = sorted((of, s * given) for k, given in group for of, s in (find(k),))
-        for other, other_sign in others:
-            if other != root:
-                first[other], sign[other] = root, its * other_sign
-            elif other_sign != its:
-                opposite.append(root)
+    for (base, base_sign), *others in groups:
+        for k, given in others:
+            (one, one_sign), (other, other_sign) = sorted((find(base), find(k)))
+            relative = base_sign * one_sign * given * other_sign
+            if one != other:
+                first[other], sign[other] = one, relative
+            elif relative < 0:
+                opposite.append(one)
     found = [find(k) for k in range(size)]
     return [k for k, _ in found], [s for _, s in found], {find(k)[0] for k in opposite}
 
