@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from haptid.device import INERTIAL, Counterbalance, Device, read_device
@@ -24,6 +24,7 @@ GROUPS = st.lists(st.lists(st.sampled_from(SIGNED), min_size=2, max_size=4).map(
 
 
 @settings(max_examples=60)
+@example((("XX1", "XY1", "-XY1"),), (), [True, False, False])
 @given(
     GROUPS,
     st.lists(st.sampled_from(NAMES), max_size=4).map(tuple),

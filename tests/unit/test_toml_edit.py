@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from haptid._internal.toml_edit import TomlEditError, rewritten, with_value
@@ -60,6 +60,7 @@ VALUES = st.one_of(
 
 
 @settings(max_examples=100, deadline=None)
+@example([(("channels", "position"), {}), (("channels", "position", "unit"), {})])
 @given(st.lists(st.tuples(st.sampled_from(PATHS), VALUES), min_size=1, max_size=4))
 def test_only_this_value_changes(edits):
     text = TEXT

@@ -121,7 +121,7 @@ def _item(value: Any, top: bool) -> Item:
         for one in value:
             made.append(_table(one))
         return made
-    plain: Item = tomlkit.item(value)
+    plain: Item = _inline(value) if isinstance(value, Mapping) else tomlkit.item(value)
     return plain
 
 
@@ -135,7 +135,8 @@ def _table(value: Mapping[str, Any]) -> Table:
 
 def _inline(value: Mapping[str, Any]) -> InlineTable:
     made = tomlkit.inline_table()
-    made.update(value)
+    for key, one in value.items():
+        made[key] = _inline(one) if isinstance(one, Mapping) else one
     return made
 
 
