@@ -123,7 +123,7 @@ def measured(arguments: list[str], folder: Path) -> dict[str, float]:
     """Seconds of a command by stage, of the fastest of three runs."""
     taken: list[dict[str, float]] = []
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # every run would compile the package anew
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it each run compiles the package
     for _ in range(3):
         out = folder / "seconds.json"
         call = [sys.executable, str(Path(__file__).resolve()), "--child", str(out), *arguments]

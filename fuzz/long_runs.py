@@ -1,6 +1,6 @@
 """Threads, processes and long runs: `python -m fuzz.long_runs --calls 10000 --interrupts 100`.
 
-`identify` in eight threads, in a forked and in a spawned process gives the numbers of one call; so many calls in one
+`identify` in eight threads, in a forked and in a spawned process gives the numbers of one call; --calls of them in one
 process take no more memory and no more descriptors; Ctrl-C at random moments of the command, its start included, ends
 it with status 130 (or 0, where it was done) and without a traceback. Exit status 1 if anything differs.
 """

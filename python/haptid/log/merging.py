@@ -18,6 +18,8 @@ from haptid.log.request import Merge
 
 # Longest gap over which another topic is merged, in its own usual steps.
 _LARGEST_GAP = 4.0
+# Times beyond this are no nanoseconds in 64 bits, s.
+_LATEST = 9e9
 # Least share of a table's rows without a channel, between its first and last value: fewer empty cells are a defect.
 _SPARSE = 0.02
 
@@ -55,7 +57,7 @@ def common_rows(
         notes: appended to.
     """
     there = {name: ~np.isnan(column) for name, column in columns.items() if column.dtype.kind == "f"}
-    if time in there and not there[time].all():  # times that are missing are a defect, whoever wrote the row
+    if not (np.abs(columns[time] * scale) < _LATEST).all():  # a defect, for which another check is there
         return dict(columns)
     streams: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name in (*first, *(name for name in columns if name not in first and name != time)):

@@ -397,7 +397,7 @@ class _Search:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
 
     def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, most: int) -> tuple[float, _Start]:
-        """Quasi-Newton descent of so many evaluations at most: the penalised cost where it ends, and that point."""
+        """Quasi-Newton descent with a limit on evaluations: the penalised cost where it ends, and that point."""
         settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": CONVERGED}
         found = optimize.minimize(
             self._gradient,
