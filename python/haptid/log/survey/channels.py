@@ -1,0 +1,120 @@
+"""What was found in a log: its channels, topics and the whole of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from haptid.log.registers import Register
+
+Quantity = Literal["time", "position", "velocity", "torque", "other"]
+
+
+@dataclass(frozen=True)
+class ChannelSurvey:
+    """One channel.
+
+    Attributes:
+        name: in the file.
+        count: samples that have it.
+        missing: messages without it (empty, of other joints), and samples that are NaN.
+        low, high: range of the others; NaN where there are none.
+        whole: whether all are whole numbers.
+        quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
+        register: how it seems to write its sign, where it is a word of a drive; its range is that with the sign.
+    """
+
+    name: str
+    count: int
+    missing: int
+    low: float
+    high: float
+    whole: bool
+    quantity: Quantity = "other"
+    unit: str = ""
+    reason: str = ""
+    register: Register = field(default_factory=Register)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it holds numbers that change."""
+        return self.count > 0 and self.high > self.low
+
+
+@dataclass(frozen=True)
+class TopicSurvey:
+    """One topic of a log of messages, or the table that a file is.
+
+    Attributes:
+        name: of the topic; empty for a table.
+        kind: type of the messages; of a table its format.
+        count: messages or rows.
+        rate_hz: of the messages; 0 where not known.
+        joints: names of the elements, in order of appearance.
+        empty: arrays without elements, and in how many messages.
+        channels: in order of appearance.
+        header: the stamp of the messages; empty where they have none.
+        late_ms: median of receive stamp minus header stamp, ms; NaN where there is no header.
+        why_not: why it is not decoded; empty where it is.
+        by_rates_hz: rate at which velocities are the rates of positions, of a table without times; 0 where not known.
+    """
+
+    name: str
+    kind: str
+    count: int
+    rate_hz: float = 0.0
+    joints: tuple[str, ...] = ()
+    empty: dict[str, int] = field(default_factory=dict)
+    channels: tuple[ChannelSurvey, ...] = ()
+    header: str = ""
+    late_ms: float = math.nan
+    why_not: str = ""
+    by_rates_hz: float = 0.0
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A log's contents.
+
+    Attributes:
+        path: of the file or folder.
+        format: name.
+        notes: dialect, repairs, losses.
+        topics: those of a log of messages, or one for a table.
+        table: `[channels]` in TOML, units and choices marked as guesses; empty where no positions were found.
+    """
+
+    path: Path
+    format: str
+    notes: tuple[str, ...]
+    topics: tuple[TopicSurvey, ...]
+    table: str
+
+    @property
+    def lacking(self) -> tuple[Quantity, ...]:
+        """Signals that the table has not: positions or torques that were not recognised."""
+        named = tomllib.loads(self.table).get("channels", {}) if self.table else {}
+        wanted: tuple[Quantity, ...] = ("position", "torque")
+        return tuple(key for key in wanted if key not in named)
+
+    @property
+    def quantities(self) -> frozenset[Quantity]:
+        """What its channels seem to be."""
+        return frozenset(channel.quantity for topic in self.topics for channel in topic.channels)
+
+    def to_json(self) -> str:
+        """The same as JSON; NaN is null."""
+        told = asdict(replace(self, path=Path(self.path.name)))
+        return json.dumps(_plain(told | {"path": str(self.path)}), indent=2) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,251 @@
+"""The `[channels]` table of a study that a log suggests: families of channels, one for each quantity."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from haptid._internal.toml_text import basic_string
+from haptid.log.read import LEROBOT, MESSAGES, Format
+from haptid.log.registers import Register
+from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.guesses import ARRAY_ELEMENT, COMMAND_WORDS, QUANTITY_WORDS, words_of
+
+# Less likely to be measured: the wanted value, and not the motion.
+_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
+# More likely than a command, where both are there.
+_MEASURED = frozenset({"measured", "meas", "actual", "act", "present", "feedback", "fb"})
+# Counts of a turn of most hobby servos; their angle is zero in the middle.
+_TWELVE_BITS = 4096
+# Positions beyond this, m, of a prismatic joint are in mm.
+_METRES = 5.0
+# Torques on fewer rows than this share of the positions' are commands that are held until the next.
+_FEW = 0.2
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Channels of one quantity that belong together, in order."""
+
+    topic: TopicSurvey
+    array: str
+    channels: tuple[ChannelSurvey, ...]
+
+    @property
+    def rank(self) -> tuple[bool, bool, bool, int, int]:
+        """Usable ones first, then not those that are wanted, then measured ones, then many, then long ones."""
+        words = words_of(f"{self.topic.name} {self.array}")
+        usable = sum(channel.usable for channel in self.channels)
+        return (
+            usable > 0,
+            not words & _WANTED,
+            bool(words & _MEASURED),
+            usable,
+            min(channel.count for channel in self.channels),
+        )
+
+    @property
+    def prefix(self) -> str:
+        """Name before the last point."""
+        return self.array.rpartition(".")[0]
+
+    def of(self, joints: Sequence[tuple[str, ...]]) -> _Family:
+        """The channels of these joints, in their order; all channels where not every joint is found by a name."""
+        if not joints:
+            return self
+        heads = [_joint_words(c.name, self.channels) for c in self.channels]
+        found = [[c for c, head in zip(self.channels, heads, strict=True) if head in names] for names in joints]
+        return replace(self, channels=tuple(c for (c,) in found)) if all(len(x) == 1 for x in found) else self
+
+    def ordered(self, other: _Family) -> _Family:
+        """The channels in the order of another family that has the same elements."""
+        own = {m["element"]: c for c in self.channels if (m := ARRAY_ELEMENT.match(c.name))}
+        wanted = [m["element"] for c in other.channels if (m := ARRAY_ELEMENT.match(c.name))]
+        if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels):
+            return replace(self, channels=tuple(own[element] for element in wanted))
+        return self
+
+
+def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
+    """Order of pairs: both usable, equally many, of one group or topic, then their own ranks."""
+    same = position.topic is torque.topic and position.prefix == torque.prefix
+    equal = len(position.channels) == len(torque.channels)
+    return position.rank[0], torque.rank[0], equal, position.rank[1], torque.rank[1], same, position.rank, torque.rank
+
+
+def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
+    """The part of a channel's name that differs between the channels of its family: the joint's name."""
+    names = [c.name.rpartition("[")[2].rstrip("]") if ARRAY_ELEMENT.match(c.name) else c.name for c in family]
+    own = name.rpartition("[")[2].rstrip("]") if ARRAY_ELEMENT.match(name) else name
+    words = re.split(r"([./ ])", own)
+    alike = [re.split(r"([./ ])", one) for one in names]
+    while len(words) > 1 and all(one[-1] == words[-1] for one in alike if one):
+        words, alike = words[:-1], [one[:-1] for one in alike]
+    while len(words) > 1 and all(one[0] == words[0] for one in alike if one):
+        words, alike = words[1:], [one[1:] for one in alike]
+    return "".join(words)
+
+
+def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family]:
+    found: list[_Family] = []
+    for topic in topics:
+        arrays: dict[str, list[ChannelSurvey]] = {}
+        for channel in topic.channels:
+            if channel.quantity == quantity:
+                element = ARRAY_ELEMENT.match(channel.name)
+                array = element["array"] if element and not UNIT_LIKE.search(channel.name) else ""
+                arrays.setdefault(array or _pattern(channel.name), []).append(channel)
+        found.extend(_Family(topic, array, tuple(channels)) for array, channels in arrays.items())
+    return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _pattern(name: str) -> str:
+    """A channel's name without what tells it from those of other joints: numbers, or the joint's name in a path."""
+    parts = re.split(r"([/.])", name)
+    numbered = any(re.search(r"\d", part) for part in parts[-3:])
+    side = len(parts) > 2 and words_of(parts[-3]) & (_WANTED | _MEASURED | {"motor", "joint"})
+    if (
+        len(parts) > 2
+        and not numbered
+        and not side
+        and any(words_of(parts[-1]) <= known for _, known in QUANTITY_WORDS)
+    ):
+        parts[-3] = "#"
+    return re.sub(r"\d+", "#", "".join(parts))
+
+
+UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
+
+
+def channels_table(
+    topics: Sequence[TopicSurvey],
+    kind: Format,
+    joints: Sequence[tuple[str, ...]],
+    motors: Sequence[tuple[str, ...]],
+    straight: Sequence[bool],
+) -> str:
+    """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
+    positions = [family.of(joints) for family in _families(topics, "position")]
+    torques = [family.of(motors) for family in _families(topics, "torque")]
+    if joints and any(len(family.channels) == len(joints) for family in positions):
+        positions = [family for family in positions if len(family.channels) == len(joints)]
+    if not positions:
+        return ""
+    pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
+    position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
+    lines = ["[channels]  # units and choices are guesses: check each of them"]
+    lines.append(_time_line(position, torque, kind))
+    if len(straight) == len(position.channels):
+        position = replace(position, channels=tuple(map(_of_joint, position.channels, straight)))
+        if torque is not None and len(torque.channels) == len(straight):
+            torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
+    lines.append(_signal_line("position", position))
+    if torque is None:
+        lines.append("# torque = ...  # no channel of torques, currents or commands was found")
+    else:
+        lines.append(_signal_line("torque", torque))
+        lines += _instead(torques, torque)
+        lines += _merge_line(position, torque, kind)
+    return "\n".join(lines) + "\n"
+
+
+def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
+    """A channel of a prismatic joint whose unit was guessed as that of an angle or a moment."""
+    if straight and channel.unit in ("rad", "deg"):
+        largest = max(abs(channel.low), abs(channel.high))
+        unit = "mm" if largest > _METRES else "m"
+        return replace(channel, unit=unit, reason=f"its joint is prismatic, and it reaches {largest:.3g}")
+    if straight and channel.unit == "N m":
+        return replace(channel, unit="N", reason="its joint is prismatic")
+    return channel
+
+
+def _merge_line(position: _Family, torque: _Family, kind: Format) -> list[str]:
+    """How torques come to the rows of the positions, where they have rows of their own."""
+    if torque.topic is not position.topic:
+        return ['merge = { onto = "position", method = "linear" }  # two topics, merged by time']
+    samples, own = (min(c.count for c in family.channels) for family in (position, torque))
+    if kind in (MESSAGES, LEROBOT) or own == 0 or max(samples, own) == position.topic.count:
+        return []
+    words = words_of(torque.array)
+    if own < _FEW * samples and position.topic.rate_hz:
+        seconds = math.ceil(position.topic.count / position.topic.rate_hz)
+        return [f'merge = {{ method = "hold", largest_gap = {seconds} }}  # guess: {own} commands, each held']
+    method = "hold" if words & (COMMAND_WORDS | _WANTED | {"control"}) else "linear"
+    return [f'merge = {{ method = "{method}" }}  # rows of several sources, merged by time']
+
+
+def _instead(families: Sequence[_Family], chosen: _Family) -> list[str]:
+    """Other channels that may be meant, as comments."""
+    taken = {(chosen.topic.name, channel.name) for channel in chosen.channels}
+    rest = [
+        f
+        for f in families
+        if len(f.channels) == len(taken) and f.rank[0] and {(f.topic.name, c.name) for c in f.channels} != taken
+    ]
+    return [f"# also there: {', '.join(c.name for c in family.channels)}" for family in rest[:3]]
+
+
+def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
+    if kind is MESSAGES:
+        headers = all(f.topic.header for f in (position, torque) if f is not None)
+        stamp = "header" if headers else "receive"
+        why = "" if headers else "  # not every topic has stamps in its messages"
+        return f"time = {{ topic = {basic_string(position.topic.name)}, stamp = {basic_string(stamp)} }}{why}"
+    if kind is LEROBOT:
+        return f'time = "time"  # frames at {position.topic.rate_hz:g} Hz, a pause between episodes'
+    times = [channel for channel in position.topic.channels if channel.quantity == "time"]
+    if not times:
+        if own := position.topic.by_rates_hz:
+            return (
+                f"rate_hz = {own:g}  # guess: no channel of times was found; at this rate velocities fit the positions"
+            )
+        return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
+    time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
+    return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
+
+
+def _signal_line(key: str, family: _Family) -> str:
+    units = dict.fromkeys(channel.unit for channel in family.channels)
+    reasons = dict.fromkeys(channel.reason for channel in family.channels)
+    elements = [m["element"] for channel in family.channels if (m := ARRAY_ELEMENT.match(channel.name))]
+    if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
+        topic = f"topic = {basic_string(family.topic.name)}, " if family.topic.name else ""
+        joints = ", ".join(e if e.isdecimal() else basic_string(e) for e in elements)
+        where = f"{topic}field = {basic_string(family.array)}, joints = [{joints}]"
+    else:
+        prefix = f"{family.topic.name}." if family.topic.name else ""
+        where = "channels = [" + ", ".join(basic_string(prefix + channel.name) for channel in family.channels) + "]"
+    reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 and not _mixed(units) else "")
+    still = [channel.name for channel in family.channels if not channel.usable]
+    constant = ""
+    if still:
+        reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
+        constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
+    unit = next(iter(units))
+    mixed = _mixed(units)
+    stated = (
+        "[" + ", ".join(basic_string(channel.unit) for channel in family.channels) + "]"
+        if mixed
+        else basic_string(unit)
+    )
+    commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or words_of(family.array) <= COMMAND_WORDS)
+    side = ', side = "motor"' if commanded else ""
+    if key == "torque" and len(family.channels) > 1 and all(c.low >= 0 for c in family.channels):
+        reason += "; never negative: is it a magnitude without a sign?"
+    register = next((c.register for c in family.channels if c.register), Register())
+    if register:
+        reason += f"; their sign is written as of {register}"
+    counted, more = "", f", {register}" if register else ""
+    if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
+        counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
+        reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
+    return f"{key} = {{ {where}, unit = {stated}{counted}{more}{side}{constant} }}  # guess: {reason}"
+
+
+def _mixed(found: Iterable[str]) -> bool:
+    """Whether units are of angles and of lengths, or of moments and of forces."""
+    kinds = set(found)
+    return any(kinds & one and kinds - one for one in ({"m", "mm", "um"}, {"N"}))

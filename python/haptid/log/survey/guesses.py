@@ -1,0 +1,158 @@
+"""Guesses from names: what a channel is, and its unit by name, type and range, each with its reason."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from haptid.log.formats.sniff import RawChannel
+from haptid.log.survey.channels import ChannelSurvey, Quantity
+from haptid.log.units import known_unit
+
+# Words of channels' names, after the last point and without digits and units.
+QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
+    ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
+    ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "eff", "u", "current", "currents", "moment",
+                          "load", "force", "i", "amps", "iq"})),
+    ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
+                            "encoder", "phi"})),
+)  # fmt: skip
+# Settings, and differences from what is wanted.
+_NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err"})
+# Names of joints and not only of their positions.
+_JOINT = frozenset({"joint"})
+# A command of nothing in particular stands for a torque.
+COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
+_CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
+# Before one of these words "current" means the present value.
+_PRESENT = re.compile(r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state))", re.I)
+_SPLIT = re.compile(r"[^a-z]+")
+# Rates in names of positions: `D_Theta`, `theta_dot`; `q_d` is what is desired.
+_RATE = re.compile(r"^d(?P<second>d)?_|(?P<second_dot>d)?dot(?=[^a-z]|$)", re.I)
+ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
+# Positions beyond this, rad, and counts beyond that, are not radians.
+_RADIANS, _COUNTS = 4 * math.pi, 2000.0
+# Below this, rad, a joint may have turned, as a pendulum or a wheel.
+_FEW_TURNS = 20 * math.pi
+_UNSTATED = "no unit is stated"
+MAY_TURN = "a joint that turns so far is in rad"
+# Currents beyond this are in mA.
+_AMPERES = 200.0
+# Torques that are whole numbers, and reach more than this, are in a driver's unit.
+_WHOLE = 10.0
+
+
+def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[ChannelSurvey, float]:
+    """A channel that is called a time, with its unit, and the rate; no time where it does not grow."""
+    own = column[~np.isnan(column)] if column.dtype.kind == "f" else column  # rows of other topics have none
+    steps = np.diff(own[: 2**16].astype(np.float64) if own.dtype.kind == "f" else own[: 2**16])
+    step = float(np.median(steps)) if steps.size else 0.0
+    if not (steps.size and np.isfinite(steps).all() and step > 0 and (steps >= 0).mean() > 0.99):
+        return channel, 0.0
+    scales = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    known = known_unit(stated) if stated else None
+    suffix = channel.name.rpartition("_")[2]
+    if known is not None and known[0] == "time":
+        unit, reason = known[1], f"the file states {stated}"
+    elif suffix in scales and "_" in channel.name:
+        unit, reason = suffix, "by its name"
+    elif channel.name.endswith("@time"):
+        unit, reason = "ns", "as stamps of a waveform are read"
+    elif column.dtype.kind in "iu" and channel.low > 1e17:
+        unit, reason = "ns", "whole numbers of that size are nanoseconds since 1970"
+    else:
+        fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2] or ["s"]
+        unit, reason = fits[0], f"its usual step is {step:.4g}"
+    return replace(channel, quantity="time", unit=unit, reason=reason), 1.0 / (step * scales[unit])
+
+
+def guessed(
+    channel: ChannelSurvey, name: str, source: str, stated: str, topic: frozenset[str] = frozenset()
+) -> ChannelSurvey:
+    """What a channel is, by its name and that of its topic, its stated unit and its range."""
+    base = (m["array"] if (m := ARRAY_ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
+    base = _PRESENT.sub("", base)
+    words = words_of(base) or words_of(name)
+    quantity = _quantity(words_of(last_part(base)), words)
+    if quantity == "position" and (rate := _RATE.search(base.rpartition(".")[2])):
+        quantity = "other" if rate["second"] or rate["second_dot"] else "velocity"
+    if words and words <= COMMAND_WORDS:
+        quantity = "torque"
+    if quantity == "other" and "state" in words and ARRAY_ELEMENT.match(name):  # an array, and no state of a switch
+        quantity = "position"
+    if quantity == "other" and topic and base == "data":
+        words, quantity = topic, next((q for q, known in QUANTITY_WORDS if topic & known), "other")
+    elif quantity == "other" and (m := ARRAY_ELEMENT.match(name)):
+        words = words_of(m["element"])
+        quantity = next((q for q, known in QUANTITY_WORDS if words & known), "other")
+    elif source == "lerobot" and (m := ARRAY_ELEMENT.match(name)):  # joint.pos, joint.torque in one list
+        inner = words_of(m["element"].rpartition(".")[2])
+        quantity = next((q for q, known in QUANTITY_WORDS if inner & known), quantity)
+    known = known_unit(stated) if stated else None
+    if known is not None and known[0] != "time":
+        if quantity == "other" and known[0] in ("position", "torque"):
+            quantity = known[0]
+        return replace(channel, quantity=quantity, unit=known[1], reason=f"the file states {stated}")
+    suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
+    if suffix is not None and suffix[0] == quantity and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
+        return replace(channel, quantity=quantity, unit=suffix[1], reason="by its name")
+    largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
+    unit, reason = unit_of(quantity, words | topic, largest, channel, source)
+    return replace(channel, quantity=quantity, unit=unit, reason=reason)
+
+
+def unit_of(
+    quantity: Quantity, words: frozenset[str], largest: float, channel: ChannelSurvey, source: str
+) -> tuple[str, str]:
+    if quantity == "position":
+        if channel.whole and largest > _COUNTS:
+            return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
+        if largest > _RADIANS and not (source == "rosjoint" and channel.high - channel.low < _RADIANS):
+            more = (
+                "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
+            )
+            few = f"; {MAY_TURN}" if largest < _FEW_TURNS and not more else ""
+            whole = "; whole numbers: degrees, or counts" if channel.whole else ""
+            return "deg", f"it reaches {largest:.4g}, more than two turns in rad{more}{whole or few}"
+        more = "as ROS prescribes" if source == "rosjoint" else _UNSTATED
+        return "rad", f"{more}, and its range of {largest:.3g} fits"
+    if quantity == "torque":
+        counted = channel.whole and largest > _WHOLE
+        if words & _CURRENT and (largest > _AMPERES or not counted):
+            own = "; whole numbers: mA, or the driver's own unit (a servo's 2.69 or 6.5 mA)" if counted else ""
+            return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}{own}"
+        if counted:
+            return "counts", f"whole numbers up to {largest:.4g}, of a driver, a servo's load or a PWM; not N m"
+        more = "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else _UNSTATED
+        return "N m", f"{more}; up to {largest:.4g}"
+    return "", ""
+
+
+def last_part(name: str) -> str:
+    """The last part of a path, as of a field of a topic."""
+    return re.split(r"[/.]", name)[-1]
+
+
+def _quantity(last: frozenset[str], words: frozenset[str]) -> Quantity:
+    """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
+    if last & _NEITHER:
+        return "other"
+    for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
+        for quantity, known in QUANTITY_WORDS:
+            if known_words & known:
+                return quantity
+    return "other"
+
+
+def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
+    """A torque of no stated unit in that of the device's motors."""
+    if channel.quantity != "torque" or not channel.reason.startswith(_UNSTATED) or channel.unit == unit:
+        return channel
+    return replace(channel, unit=unit, reason=f"{_UNSTATED}; that of the device's motors")
+
+
+def words_of(name: str) -> frozenset[str]:
+    return frozenset(_SPLIT.split(name.lower())) - {""}

@@ -1,0 +1,277 @@
+"""What a log contains: topics, rates, joints, empty fields, stamps, and a `[channels]` table to begin with.
+
+Quantities and units are guessed from names, stated units, types and ranges. A guess is printed with its reason, for a
+person to check; nothing is read by it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid.errors import LogFileError
+from haptid.log.by_content import Content
+from haptid.log.formats.messages.containers import Topic, containers
+from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
+from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
+from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
+from haptid.log.registers import register_of
+from haptid.log.request import Request
+from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
+from haptid.log.survey.draft import UNIT_LIKE, channels_table
+from haptid.log.survey.guesses import ARRAY_ELEMENT, MAY_TURN, commanded, guessed, last_part, timed, unit_of, words_of
+from haptid.log.turns import turning_unit
+
+# Channels of a topic or table that are looked at, and columns of a table that are read together.
+_MOST, _TOGETHER = 400, 16
+# Numbers of a table that is read as a whole, to recognise channels by how they move.
+_NUMBERS = 20_000_000
+# Usual sampling rates, Hz, times powers of ten; one within this share is meant.
+_RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
+_TIME = re.compile(
+    r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
+)
+
+
+def survey(
+    path: str | Path,
+    joints: Sequence[tuple[str, ...]] = (),
+    motors: Sequence[tuple[str, ...]] = (),
+    command_unit: str = "",
+    straight: Sequence[bool] = (),
+) -> Survey:
+    """Look through a log.
+
+    Args:
+        path: of the file or folder.
+        joints: names of every joint that is wanted, in order: positions are chosen and ordered by them.
+        motors: the same of torques; those of the joints where left out.
+        command_unit: of the motors, for torques whose unit is not stated; empty where not known.
+        straight: whether each joint is prismatic; none is where left out.
+
+    Raises:
+        LogFileError: it cannot be read.
+    """
+    path = Path(path)
+    kind, notes = format_of(path), list[str]()
+    topics = _messages(path, notes) if kind is MESSAGES else [_tabulated(path, kind, notes)]
+    if command_unit:
+        topics = [
+            replace(topic, channels=tuple(commanded(c, command_unit) for c in topic.channels)) for topic in topics
+        ]
+    return Survey(
+        path, kind.name, tuple(notes), tuple(topics), channels_table(topics, kind, joints, motors or joints, straight)
+    )
+
+
+@dataclass
+class _Range:
+    """Running count and range of a channel."""
+
+    count: int = 0
+    nan: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+    whole: bool = True
+
+    def add(self, values: RawChannel) -> None:
+        if values.dtype.kind == "f":
+            good = values[np.isfinite(values)]
+            self.whole = self.whole and bool(np.array_equal(good, np.rint(good)))
+        else:
+            good = values
+        self.count += good.size
+        self.nan += values.size - good.size
+        if good.size:
+            self.low, self.high = min(self.low, float(good.min())), max(self.high, float(good.max()))
+
+    def channel(self, name: str, rows: int) -> ChannelSurvey:
+        low, high = (self.low, self.high) if self.count else (math.nan, math.nan)
+        return ChannelSurvey(name, self.count, rows - self.count, low, high, self.whole)
+
+
+def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
+    ranges: dict[str, dict[str, _Range]] = {}
+    rows: dict[str, TopicRows] = {}
+    stamps: dict[str, list[NDArray[np.int64]]] = {}
+    late: dict[str, list[NDArray[np.int64]]] = {}
+    with opened_file(path, "message"):
+        opened = containers(path)
+        for topic, batch, receive in batches(opened, None):
+            own = rows.setdefault(topic.name, TopicRows(topic, receive[:0]))
+            own.stamps |= batch.stamps
+            own.other += batch.other
+            for array, count in batch.empty.items():
+                own.empty[array] = own.empty.get(array, 0) + count
+            stamps.setdefault(topic.name, []).append(receive)
+            found = ranges.setdefault(topic.name, {})
+            for name, values in batch.values.items():
+                if name in found or len(found) < _MOST:
+                    found.setdefault(name, _Range()).add(values[batch.present[name]])
+            header = own.header()
+            if header is not None and header in batch.values:
+                there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
+                late.setdefault(topic.name, []).append(receive[there] - batch.values[header][there])
+        refuse_unreadable(opened)
+        counted: dict[str, tuple[Topic, int]] = {}
+        for container in opened:
+            notes.extend(container.notes)
+            for channel, topic in container.topics.items():
+                before = counted.get(topic.name, (topic, 0))[1]
+                counted[topic.name] = topic, before + container.counts.get(channel, 0)
+    return [
+        _topic(topic, count, rows.get(name), ranges.get(name, {}), stamps.get(name, []), late.get(name, []))
+        for name, (topic, count) in sorted(counted.items())
+    ]
+
+
+def _topic(
+    topic: Topic,
+    count: int,
+    rows: TopicRows | None,
+    ranges: dict[str, _Range],
+    stamps: Sequence[NDArray[np.int64]],
+    late: Sequence[NDArray[np.int64]],
+) -> TopicSurvey:
+    if rows is None:
+        why = "no messages" if not count else f"{topic.encoding} {topic.schema} is not decoded"
+        return TopicSurvey(topic.name, topic.kind, count, why_not=why)
+    received = np.sort(np.concatenate(stamps))
+    span = float(received[-1] - received[0]) * 1e-9
+    behind = np.concatenate([np.empty(0, np.int64), *late])
+    header = (rows.header() or "") if behind.size else ""
+    ros = topic.kind.endswith("/JointState")
+    channels = [
+        guessed(found.channel(name, received.size), name, "rosjoint" if ros else "", "", words_of(topic.name))
+        for name, found in ranges.items()
+        if name not in rows.stamps
+    ]
+    joints = dict.fromkeys(m["element"] for name in ranges if (m := ARRAY_ELEMENT.match(name)))
+    delay = float(np.median(behind)) * 1e-6 if behind.size else math.nan
+    rate = (received.size - 1) / span if span > 0 else 0.0
+    empty = dict(rows.empty)
+    return TopicSurvey(
+        topic.name, topic.kind, received.size, rate, tuple(joints), empty, tuple(channels), header, delay
+    )
+
+
+def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
+    names, stated = kind.names(path), kind.units(path)
+    if not names:
+        raise LogFileError(
+            f"{path}: nothing in it is an array of numbers.",
+            where=path,
+            limit=kind.name,
+            advice="Cell arrays and objects such as Simulink's data sets are not read: save plain arrays, a struct of "
+            "arrays or a timetable, one file for each run.",
+        )
+    channels: list[ChannelSurvey] = []
+    count, rate = 0, 0.0
+    for k in range(0, len(names[:_MOST]), _TOGETHER):
+        request = Request()
+        columns = _columns(path, kind, names[k : min(k + _TOGETHER, _MOST)], request)
+        notes.extend(request.notes if k == 0 else (note for note in request.notes if note not in notes))
+        for name, column in columns.items():
+            count = max(count, column.size)
+            found, register = _Range(), register_of(column)
+            found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
+            channel = replace(found.channel(name, column.size), register=register)
+            if _TIME.fullmatch(last_part(name.split(" [")[0].split(" (")[0])) or name.endswith("@time"):
+                channel, own = timed(channel, column, stated.get(name, ""))
+                rate = rate or own
+            else:
+                source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
+                channel = guessed(channel, name, source, stated.get(name, ""))
+            channels.append(channel)
+    by_rates = 0.0
+    if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
+        content = Content.of(_columns(path, kind, names[:_MOST], Request()))
+        if not any(channel.quantity == "position" for channel in channels):
+            channels, own = _recognised(channels, content, path, kind)
+            rate = rate or own
+        by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
+    channels = _turning(channels, path, kind)
+    named = (m["element"] for c in channels if (m := ARRAY_ELEMENT.match(c.name)) and not UNIT_LIKE.search(c.name))
+    joints = dict.fromkeys(element for element in named if not element.isdecimal())
+    if kind is LEROBOT:
+        from haptid.log.formats import lerobot  # needs pyarrow
+
+        rate = lerobot.describe(path).fps
+    return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
+
+
+def _recognised(
+    channels: Sequence[ChannelSurvey], content: Content, path: Path, kind: Format
+) -> tuple[list[ChannelSurvey], float]:
+    """Channels without telling names by how they move, and the rate that their times have; 0 where there are none."""
+    made, rate = [], 0.0
+    rates = dict(zip(content.positions, content.rates, strict=False))
+    for channel in channels:
+        largest = max(abs(channel.low), abs(channel.high))
+        if channel.name == content.time:
+            channel, rate = timed(channel, _columns(path, kind, [channel.name], Request())[channel.name], "")
+        elif channel.name in content.positions:
+            unit, reason = unit_of("position", frozenset(), largest, channel, "")
+            reason = f"their rates are in {rates.get(channel.name, 'no column')} and on; {reason}"
+            channel = replace(channel, quantity="position", unit=unit, reason=reason)
+        elif channel.name in content.rates:
+            channel = replace(channel, quantity="velocity")
+        elif channel.name in content.torques:
+            unit, reason = unit_of("torque", frozenset(), largest, channel, "")
+            others = " or ".join(f"{group[0]} to {group[-1]}" for group in content.others)
+            reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
+            channel = replace(channel, quantity="torque", unit=unit, reason=reason)
+        made.append(channel)
+    return made, rate
+
+
+def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
+    """Positions that may be several turns or some degrees in the unit that their torques tell."""
+    torques = [c.name for c in channels if c.quantity == "torque" and c.usable][:_TOGETHER]
+    doubtful = [c for c in channels if MAY_TURN in c.reason]
+    if not doubtful or kind is LEROBOT:
+        return list(channels)
+    loads = list(_columns(path, kind, torques, Request()).values()) if torques else []
+    made = []
+    for channel in channels:
+        meant = ""
+        if channel in doubtful:
+            meant = turning_unit(_columns(path, kind, [channel.name], Request())[channel.name], loads)
+        if meant:
+            largest = max(abs(channel.low), abs(channel.high))
+            moves = "turns several times" if meant == "rad" else "moves by degrees"
+            reason = f"it reaches {largest:.4g}, and its torque or its swing is that of a joint that {moves}"
+            channel = replace(channel, unit=meant, reason=reason)
+        made.append(channel)
+    return made
+
+
+def _usual(rate: float) -> float:
+    """The usual sampling rate that is meant, Hz, or this one to three digits."""
+    scale = 10.0 ** math.floor(math.log10(rate))
+    nearest = min((x * k * scale for x in _RATES for k in (1.0, 10.0)), key=lambda x: abs(x - rate))
+    return nearest if abs(nearest - rate) < _ROUNDED * rate else float(f"{rate:.3g}")
+
+
+def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -> dict[str, RawChannel]:
+    """Columns of numbers; those that are none are noted."""
+    try:
+        return kind.columns(path, names, request)
+    except LogFileError as error:
+        if not isinstance(error.where, tuple) or len(names) == 1:
+            raise
+    found: dict[str, RawChannel] = {}
+    for name in names:
+        try:
+            found |= kind.columns(path, [name])
+        except LogFileError as error:
+            request.notes.append(f"{name} is not a channel: {str(error).partition(': ')[2].partition('. ')[0]}")
+    if not found:
+        raise corrupt(path, kind.name, request.notes[-1])
+    return found
