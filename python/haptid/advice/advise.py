@@ -37,7 +37,7 @@ from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
-from haptid.treatment_choice.propose import HIGHEST_PARALLEL
+from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
