@@ -10,15 +10,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import (
-    index_of,
-)
-from haptid.inference.payloads.body import (
-    FIGURE_UNITS,
-    FIGURES,
-    AttachedBody,
-    ConsistentPayload,
-)
+from haptid.errors import index_of
+from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, ConsistentPayload
 from haptid.uncertainty.figures import with_digits
 from haptid.uncertainty.quantities import Quantities
 

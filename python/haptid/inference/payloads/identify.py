@@ -31,13 +31,7 @@ from haptid.errors import (
     listed,
     suggestion,
 )
-from haptid.inference.payloads.body import (
-    FIGURE_UNITS,
-    FIGURES,
-    AttachedBody,
-    body_figures,
-    nearest_body,
-)
+from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, body_figures, nearest_body
 from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
 from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed

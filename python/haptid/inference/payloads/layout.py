@@ -11,12 +11,8 @@ from haptid._internal.arrays import Array
 from haptid.device import INERTIAL
 from haptid.device.parameters import standard_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import (
-    listed,
-)
-from haptid.inference.payloads.body import (
-    AttachedBody,
-)
+from haptid.errors import listed
+from haptid.inference.payloads.body import AttachedBody
 
 # Terms that a payload changes or wear moves: their parameters are estimated once for each load.
 VARYING = ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck", "offset", "external")
