@@ -26,5 +26,8 @@ def test_the_wide_example_has_a_condition_below_fifty():
     assert loop_conditioning(model, model.device.closure.positions(made.q.T).T).min() > FLAT
 
 
-def test_one_call_is_recorded_to_come_near_it():
-    assert json.loads(RESULTS.read_text())["figures"]["cea_medical_branch, worst condition with unit columns"] < 75
+def test_a_short_search_comes_near_it():
+    """A fifth of the usual evaluations: 62 to 69 for five seeds, from 2000 and more before the search."""
+    found, _ = exciting_motion.race("cea_medical_branch", exciting_motion.TRIES // 5, seed=0)
+    assert found.before.scaled > 1000
+    assert found.after.scaled < 75
