@@ -112,10 +112,20 @@ def _information(found: Excitation, further: FurtherMotions | None) -> DocumentS
         for name, colour, x in ((heads[1], "vermillion", before), (heads[2], "blue", after))
     ]
     drawing = plot(axis("parameter, in the order of the table"), axis(label, "%", log=True), drawn, height=240)
-    caption = f"Largest: {heads[1]} {figure(float(np.max(before)))} %, {heads[2]} {figure(float(np.max(after)))} %."
+    caption = _largest(heads[1:], before, after)
     alt = f"{label} of each parameter, {heads[1]} and {heads[2]}."
     chart = Chart("information", "Information on each parameter", alt, caption, drawing)
     return DocumentSection("information", "Information", text, (TextTable("", cells),), (chart,))
+
+
+def _largest(heads: tuple[str, ...], before: Array, after: Array) -> str:
+    """The largest figures of those that are known, and how many are not: without a prior value there is no per cent."""
+    known = np.isfinite(before) & np.isfinite(after)
+    unknown = f" {np.count_nonzero(~known)} of {len(known)} are unknown." if not known.all() else ""
+    if not known.any():
+        return unknown.strip()
+    largest = (f"{head} {figure(float(x[known].max()))} %" for head, x in zip(heads, (before, after), strict=True))
+    return f"Largest: {', '.join(largest)}.{unknown}"
 
 
 def _motion(found: PlannedMotion, k: int, title: str) -> Iterator[DocumentSection]:

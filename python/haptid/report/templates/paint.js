@@ -115,8 +115,9 @@ const PAINT = {
   stack: (g, s, x, y) => svg("path", { d: areaPath(s, x, y), fill: s.ink, "fill-opacity": 0.85 }, g),
   points: (g, s, x, y) => {
     let path = "";
+    const few = s.x.length < 100;
     s.x.forEach((v, k) => { if (Number.isFinite(s.y[k])) path += `M${x.at(v).toFixed(1)} ${y.at(s.y[k]).toFixed(1)}h0`; });
-    svg("path", { d: path, stroke: s.ink, "stroke-width": 2.6, "stroke-linecap": "round", "stroke-opacity": 0.55, fill: "none" }, g);
+    svg("path", { d: path, stroke: s.ink, "stroke-width": few ? 7 : 2.6, "stroke-linecap": "round", "stroke-opacity": few ? 0.9 : 0.55, fill: "none" }, g);
   },
   interval: (g, s, x, y) => s.x.forEach((v, k) => {
     const at = x.at(v);
