@@ -110,7 +110,10 @@ def test_the_command_writes_one_plan(tmp_path):
     assert all((tmp_path / name).with_suffix(".csv").exists() for name in names)
     loaded = bench.read_experiment(tmp_path / "s-payload.toml").table.weights
     assert [(one.link, one.mass, one.com) for one in loaded] == [("a", 0.05, [0.17, 0.0, 0.0])]
-    assert all(f"<h2>{name}" in (tmp_path / "s.html").read_text() for name in ("s", "s-friction", "s-payload"))
+    page = (tmp_path / "s.html").read_text()
+    assert all(f"<h2>{name}" in page for name in ("s", "s-friction", "s-payload"))
+    assert "unknown %" not in page  # friction has no prior value, of which there could be per cent
+    assert "6 of 14 are unknown." in page
     alone = CliRunner().invoke(app, [*args, "--motions", "0", "--poses", "4"], catch_exceptions=False)
     assert alone.exit_code == 0, alone.output
     assert json.loads(alone.stdout)["experiment"].endswith("s-poses.toml")
