@@ -1,4 +1,4 @@
-"""`compare(...)`: which parameters of two or more independent estimates differ, by Welch's test with Holm's correction.
+"""Differences of parameters, of two estimates and of several, with tests and sentences.
 
 Sources: Welch (1947), Biometrika 34, eq. (28); Welch (1951), Biometrika 38, eq. (20); Holm (1979), Scandinavian Journal
 of Statistics 6.
@@ -6,65 +6,18 @@ of Statistics 6.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, overload, runtime_checkable
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
-from haptid.dynamics.base_parameters import BaseParameters
-from haptid.dynamics.model import DynamicModel
-from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
-from haptid.estimation import Estimate
-from haptid.estimation.intervals.clusters import Clusters
-from haptid.estimation.intervals.covariance import with_prior_variance
-from haptid.inference.joint_tests import DETECTION_POWER, JointTests, joint_tests
-from haptid.inference.misfit import clusters_with_misfit
-from haptid.observation.plan import Block
+from haptid.inference.joint_tests import DETECTION_POWER, JointTests
 from haptid.uncertainty.distributions import t_quantile
 from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
-from haptid.uncertainty.quantities import Quantities, aligned, half_width
-
-# Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
-SAME_MEANING = 1e-6
-# Factor on standard errors, for errors of the model, above which it is reported.
-_WIDENED = 1.2
-
-
-class Comparable(Protocol):
-    """An estimate that can be compared: `Estimate`, `Targets`, or a `Result` that was read back."""
-
-    @property
-    def unconstrained(self) -> Quantities:
-        """Its parameters: those of the unconstrained fit, to which the standard errors belong."""
-
-    @property
-    def base(self) -> BaseParameters | None:
-        """What regroups into the parameters; None where they are not base parameters."""
-
-    @property
-    def constrained(self) -> bool:
-        """Whether a constraint is active, so that the estimate differs from the unconstrained fit."""
-
-    @property
-    def blocks(self) -> tuple[Block, ...]:
-        """Time ranges of the logs that it was made from."""
-
-
-@runtime_checkable
-class Clustered(Comparable, Protocol):
-    """One with the scores of its time blocks, of which joint tests are made: `Estimate` and `Result`."""
-
-    @property
-    def model(self) -> DynamicModel:
-        """Of its device."""
-
-    @property
-    def clusters(self) -> Clusters | None:
-        """Scores of its time blocks, if they are known."""
+from haptid.uncertainty.quantities import aligned, half_width
 
 
 @displayed
@@ -333,220 +286,6 @@ class Series:
     def _shown(self) -> Overview:
         title, *lines = self.summary().splitlines()
         return Overview(title, ("",), [[line] for line in lines])
-
-
-@overload
-def compare(
-    first: Comparable, second: Comparable, /, *, confidence: float = 0.95, independent: bool = True, joint: bool = True
-) -> Comparison: ...
-@overload
-def compare(
-    *estimates: Comparable,
-    labels: Sequence[str],
-    confidence: float = 0.95,
-    independent: bool = True,
-    joint: bool = True,
-) -> Series: ...
-@overload
-def compare(
-    *estimates: Comparable, confidence: float = 0.95, independent: bool = True, joint: bool = True
-) -> Comparison | Series: ...
-
-
-def compare(
-    *estimates: Comparable,
-    labels: Sequence[str] | None = None,
-    confidence: float = 0.95,
-    independent: bool = True,
-    joint: bool = True,
-) -> Comparison | Series:
-    """Which parameters of two or more estimates differ: mountings of a device, tools, days, devices of a series.
-
-    Parameters are the same where name and unit agree; base parameters also need the same regrouping. A parameter that
-    not every estimate has is left out, and a note names it.
-
-    Args:
-        estimates: two or more: base parameters, targets or results, from logs or time ranges without common rows; the
-            devices may differ.
-        labels: one for each; "1", "2", ... where None.
-        confidence: family-wise confidence level over all parameters, between 0 and 1.
-        independent: whether common rows are an error; if not, they are noted.
-        joint: whether groups of directions are tested too, and errors of the model widen the standard errors.
-
-    Returns:
-        A `Comparison` of two estimates without labels, otherwise a `Series`.
-
-    Raises:
-        SettingError: the confidence is not between 0 and 1; there are fewer than two estimates; not one different label
-            for each.
-        SharedRowsError: two were made from the same rows.
-        ModelMismatchError: they have no parameter in common.
-    """
-    if not 0 < confidence < 1:
-        raise SettingError(
-            f"confidence is {confidence!r}.",
-            where="confidence",
-            found=confidence,
-            limit=(0, 1),
-            advice="Write a number between 0 and 1, such as 0.95.",
-        )
-    if len(estimates) < 2:
-        raise SettingError(
-            f"{len(estimates)} estimates cannot be compared; give 2 or more.",
-            where="estimates",
-            found=len(estimates),
-            limit=2,
-        )
-    pair = ("the first estimate", "the second estimate") if len(estimates) == 2 and labels is None else None
-    called = tuple(labels or pair or (str(k + 1) for k in range(len(estimates))))
-    if len(called) != len(estimates) or len(set(called)) != len(called):
-        raise SettingError(
-            f"{len(set(called))} different labels are given for {len(estimates)} estimates, {list(called)!r}; give one "
-            "for each.",
-            where="labels",
-            found=len(set(called)),
-            limit=len(estimates),
-        )
-    shared = [block for k, one in enumerate(estimates) for other in estimates[:k] if (block := _shared(other, one))]
-    if shared and independent:
-        block = shared[0]
-        raise SharedRowsError(
-            f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
-            f"{block.log[:12]}, so the standard error of their difference is not known.",
-            where=(block.log, block.start),
-            advice="Compare estimates from logs, or time ranges, without common rows.",
-        )
-    names = common_parameters(estimates)
-    picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
-    notes = list(_notes(estimates, called, names))
-    scores = [_scores(one) if joint else None for one in estimates]
-    widened = [
-        _with_misfit(one.unconstrained, own, quantities)
-        for one, own, quantities in zip(estimates, scores, picked, strict=True)
-    ]
-    for label, before, after in zip(called, picked, widened, strict=True):
-        notes += _misfit_note(label, before, after)
-    known = [own for own in scores if own is not None] if _comparable(estimates, scores, names) else []
-    tests = None
-    if known:
-        first = estimates[0]
-        assert isinstance(first, Clustered)
-        tests = joint_tests(first.model, [one.unconstrained.values for one in estimates], known, confidence)
-    if shared:
-        notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
-    made = Series(
-        labels=called,
-        names=names,
-        units=picked[0].units,
-        value=np.array([one.values for one in widened]),
-        se=np.array([one.se for one in widened]),
-        dof=np.array([one.dof for one in widened]),
-        covariance=np.array([one.covariance for one in widened]),
-        confidence=confidence,
-        notes=tuple(notes),
-        joint=tests,
-    )
-    return made.pair(*pair) if pair else made
-
-
-def _scores(estimate: Comparable) -> Clusters | None:
-    """Scores of the time blocks with the shifts by missing terms, if they are known."""
-    if isinstance(estimate, Estimate):
-        return clusters_with_misfit(estimate)
-    return estimate.clusters if isinstance(estimate, Clustered) else None
-
-
-def _with_misfit(every: Quantities, scores: Clusters | None, picked: Quantities) -> Quantities:
-    """Parameters with the covariance that errors of the model add.
-
-    Args:
-        every: all base parameters of the estimate.
-        scores: of its time blocks.
-        picked: those compared.
-    """
-    if scores is None:
-        return picked
-    shifts = scores.misfit_shifts[:, [every.names.index(name) for name in picked.names]]
-    covariance, own = scores.misfit * picked.covariance, np.eye(len(picked))
-    covariance, dof = with_prior_variance(covariance, picked.dof, own, shifts if len(shifts) else None)
-    return replace(picked, covariance=covariance, dof=dof)
-
-
-def _misfit_note(label: str, before: Quantities, after: Quantities) -> Iterator[str]:
-    """A sentence on how much errors of the model widen the standard errors, and of which parameters most."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.nan_to_num(after.se / before.se, nan=1.0, posinf=1.0)
-    if ratio.max(initial=1.0) > _WIDENED:
-        most = [after.names[k] for k in np.argsort(-ratio)[:3] if ratio[k] > _WIDENED]
-        yield (
-            f"Errors of the model count as uncertainty of {label}: its standard errors are up to {ratio.max():.2g} "
-            f"times those of noise, most of {', '.join(most)}. The diagnosis names the missing terms."
-        )
-
-
-def _comparable(estimates: Sequence[Comparable], scores: Sequence[Clusters | None], names: tuple[str, ...]) -> bool:
-    """Whether all have scores and the same base parameters, each of them excited in more than one block."""
-    same = all(one.unconstrained.names == names and not one.unconstrained.unbounded for one in estimates)
-    return same and all(own is not None and own.root.any(axis=1).all() for own in scores)
-
-
-def _shared(first: Comparable, second: Comparable) -> Block | None:
-    """A block of the first with rows of the second."""
-    return next((block for block in first.blocks if any(block.overlaps(other) for other in second.blocks)), None)
-
-
-def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
-    """Names of the parameters that all estimates have with one unit and meaning.
-
-    Raises:
-        ModelMismatchError: there is none.
-    """
-    first, *others = estimates
-    own = first.unconstrained.names
-    names = tuple(name for name in own if all(same_parameter(name, first, other) for other in others))
-    if not names:
-        fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in own))
-        found = (own, fewest.unconstrained.names)
-        raise ModelMismatchError(
-            "these estimates have no parameter of one name, unit and meaning in common: they are of "
-            f"{' and of '.join(listed(one, 6) for one in found)}.",
-            found=found,
-            advice="Compare base parameters with base parameters or targets with targets, in the same units.",
-        )
-    return names
-
-
-def same_parameter(name: str, first: Comparable, second: Comparable) -> bool:
-    """Whether a parameter of the first is in the second with the same unit and regrouping."""
-    a, b = first.unconstrained, second.unconstrained
-    if name not in b.names or a.units[a.names.index(name)] != b.units[b.names.index(name)]:
-        return False
-    if first.base is None or second.base is None:
-        return first.base is second.base
-    ours, theirs = _regrouped(first.base, name), _regrouped(second.base, name)
-    return ours.keys() == theirs.keys() and all(np.isclose(ours[n], theirs[n], rtol=SAME_MEANING) for n in ours)
-
-
-def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
-    """Factors of the standard parameters in a base parameter."""
-    row = base.regrouping[base.names.index(name)]
-    return {base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
-
-
-def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> Iterator[str]:
-    """What could not be compared, and which standard errors cannot be estimated."""
-    alone = dict.fromkeys(name for one in estimates for name in one.unconstrained.names if name not in names)
-    if alone:
-        yield f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."
-    for one, label in zip(estimates, labels, strict=True):
-        if one.constrained:
-            yield f"Constraints are active in {label}: its unconstrained fit is compared."
-        unbounded = [one.unconstrained.names[k] for k in one.unconstrained.unbounded]
-        if shown := [name for name in names if name in unbounded]:
-            yield (
-                f"{', '.join(shown)} excited in a single time block of {label}: the standard error cannot be "
-                f"estimated, and no difference can be significant."
-            )
 
 
 def detectable(se: Array, dof: Array, confidence: float) -> Array:
