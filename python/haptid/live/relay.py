@@ -43,7 +43,7 @@ def _main(address: str, port: str) -> int:
             if waiting.empty():
                 sys.stdout.buffer.flush()
         sys.stdout.buffer.flush()
-    except BrokenPipeError:  # who asked is gone
+    except BrokenPipeError:  # the parent process has ended
         os._exit(1)
     return 0
 

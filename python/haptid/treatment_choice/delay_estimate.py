@@ -130,7 +130,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         problem = _problem(model, [with_delay(motion, _setting(d)) for motion in motions], beta)
         problem = replace(problem, known_memory=memory)
         beta, step, spread = problem.solve(mean - d, prior)
-        # The prior's share in the rows: after the first step, or from a known delay on, it hardly changes.
+        # The prior's share in the rows: after the first step, or from a known delay on, its change is negligible.
         memory = problem.memory if k or start is not None else None
         # A step beyond the linear range of the columns would overshoot.
         step = np.clip(step, -COMMON * dt, COMMON * dt)

@@ -33,8 +33,8 @@ _ROWS_PER_PARAMETER = 4.0
 # Share of its root mean square speed below which a coordinate is slow, and the part of the parallel filter's half
 # length within which a row must not be near to slow motion.
 SLOW, _NEAR = 0.03, 0.3
-# Least time in which a joint that hardly moves is at rest, s and periods of the bandwidth: in a tenth of a period a
-# reversal moves on by four times as much as `SLOW` allows.
+# Least time for which a joint within the limits of `SLOW` is at rest, s and periods of the bandwidth: in a tenth of a
+# period a reversal moves on by four times as much as `SLOW` allows.
 _REST, _RESTS = 0.25, 0.1
 # Shares of a motor's rows whose filter window is clear of reversals: with this many the others are dropped, which
 # costs little; with fewer than the second, they are not; between, unseen rows decide.
@@ -61,7 +61,7 @@ class MotionFilters:
         top: highest frequency that the channels carry, Hz.
         lowest: least cut-off of the parallel filter, Hz.
         reversal_speed: of each row of torque, SI.
-        rest_speed: the same, of rows that are hardly ever faster too.
+        rest_speed: the same, of rows too whose motor is seldom faster.
         near: whether rows count whose filter window contains a reversal, if not near its middle.
         may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
@@ -126,11 +126,11 @@ class MotionFilters:
         return replace(self, position=times)
 
     def parallel(self, times: float) -> float:
-        """Cut-off of the parallel filter, so many times the bandwidth, as far as the log allows, Hz."""
+        """Cut-off of the parallel filter, a multiple of the bandwidth as far as the log allows, Hz."""
         return min(max(times * self.bandwidth, self.lowest), HIGHEST_PARALLEL / self.dt)
 
     def at(self, times: float, given: Given, all_rows: bool = False) -> Treatment:
-        """The treatment with a parallel filter so many times the bandwidth, and the given settings."""
+        """The treatment with a parallel filter at a multiple of the bandwidth, and the given settings."""
         parallel = given.get("parallel_cutoff_hz") or self.parallel(times)
         decimation = given.get("decimation") or max(1, int(1 / (ROWS_IN_PERIOD * parallel * self.dt)))
         if "decimation" in given and "parallel_cutoff_hz" not in given:
