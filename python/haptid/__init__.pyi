@@ -68,7 +68,8 @@ from haptid.inference.elimination import eliminate
 from haptid.inference.payloads import identify_payloads
 from haptid.inference.static_poses import identify_poses
 from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.batch import observe_all
 from haptid.observation.observation import Observation, observe
 from haptid.report import make_report

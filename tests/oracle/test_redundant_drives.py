@@ -15,7 +15,8 @@ from haptid.estimation import TorqueNoise
 from haptid.estimation.methods.gls import channel_variances
 from haptid.experiment.bench.mjcf import depth_first, mjcf
 from haptid.log import Channels, Log, Signal
-from haptid.motion.treatment import Motion, Treatment
+from haptid.motion.motion import Motion
+from haptid.motion.treatment import Treatment
 from haptid.observation import Payload, log_without_payload, without_payload
 from haptid.observation.rows import Rows
 from haptid.study.draft import draft_study

@@ -16,7 +16,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 from haptid.observation.plan import Plan
 
 # Cut-offs that are tried, over the one in use.

@@ -22,7 +22,7 @@ from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES
 from haptid.inference.diagnosis.verdict import QUOTABLE
 from haptid.motion.channels import coordinates
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 
 # Motions that are compared: the log's path with its strokes and its speed by these factors.
 _MOTIONS = ((1.0, 1.0), (1.0, 1.5), (1.0, 2.0), (1.0, 0.5), (1.5, 1.0))

@@ -13,7 +13,8 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.augmented import torque_of
 
 # A channel is dead if more than this share of its samples is one value while its joint moves,

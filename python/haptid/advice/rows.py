@@ -16,7 +16,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES, evenly_spaced, row_ranges
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.filtering import treated_columns
 from haptid.observation.plan import Plan

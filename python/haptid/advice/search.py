@@ -27,7 +27,7 @@ from haptid.inference.diagnosis.lack_of_fit import (
     friction_coordinates,
 )
 from haptid.motion.channels import torque_map
-from haptid.motion.treatment import Motion, with_delay
+from haptid.motion.motion import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
 
 # Least share of the unseen squared error that an action has to remove, and of its standard errors; of the latter where

@@ -22,7 +22,7 @@ from haptid.errors import HaptidError
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES
 from haptid.log.log import Log, Side
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 
 # Share of the error that has to be left at most: a wrong side is no matter of a few per cent.
 MOST_LEFT = 0.7

@@ -13,7 +13,7 @@ from haptid.cli.common import AsJson, DataFolder, DeviceName, Quiet, StudyFile, 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
     from haptid.log import Log
-    from haptid.motion.treatment import Motion
+    from haptid.motion.motion import Motion
 
 _Progress = Callable[[str, float], None]
 _Read = Callable[[_Progress], "tuple[DynamicModel, Motion]"]
@@ -125,7 +125,7 @@ def _of_log(device: str, path: Path, progress: _Progress) -> tuple[DynamicModel,
 
 
 def _treated(model: DynamicModel, log: Log, settings: dict[str, Any], progress: _Progress) -> Motion:
-    from haptid.motion.treatment import treat
+    from haptid.motion.motion import treat
     from haptid.treatment_choice.propose import propose
 
     progress("reading the log", 1.0)

@@ -21,7 +21,8 @@ from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 
 with needing("a log of the bench"):
     from pyarrow import parquet

@@ -19,7 +19,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.wrench import Lever, lever
 from haptid.errors import SettingError
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.observation.rows import chunks
 from haptid.uncertainty.quantities import LEVEL, half_width

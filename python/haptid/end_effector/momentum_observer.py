@@ -33,7 +33,7 @@ from haptid.end_effector.force import (
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import check_beta
 from haptid.motion.channels import coordinate_torque, state
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.validation.validation import Validation
 

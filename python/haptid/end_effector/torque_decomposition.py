@@ -18,7 +18,7 @@ from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import index_of
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk, chunks, gathered
 

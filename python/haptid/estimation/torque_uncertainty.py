@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.motion.channels import state
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 
 # States that are looked at, the samples that are read around each few of them, and the seed of their combination.

@@ -28,7 +28,7 @@ from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.method import Method
 from haptid.estimation.methods.constrained import FixedAtZero
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.uncertainty.distributions import f_tail
 from haptid.validation.validation import Validation, fit_errors, validate

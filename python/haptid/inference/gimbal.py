@@ -17,7 +17,7 @@ from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.motion.channels import coordinates
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 
 # Samples of each motion that are looked at, from its beginning.
 _MOST = 100_000

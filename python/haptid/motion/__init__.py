@@ -5,7 +5,8 @@ May use device and log.
 
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 from haptid.motion.holds import HoldDetection, Poses, find_poses, join_poses, read_poses
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 
 __all__ = [
     "Causal",

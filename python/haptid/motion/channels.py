@@ -11,7 +11,7 @@ from haptid.device import Device
 from haptid.device.device import DistributionLaw
 from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 
 
 def check_log(device: Device, log: Log) -> tuple[str, ...]:

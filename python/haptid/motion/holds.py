@@ -26,7 +26,8 @@ from haptid.log.formats.sniff import RawChannel
 from haptid.log.read import ChannelKind, format_of, sha256_of
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.filters import bad_setting
-from haptid.motion.treatment import Motion, Treatment
+from haptid.motion.motion import Motion
+from haptid.motion.treatment import Treatment
 
 # A channel is still where it stays within so many of its smallest steps, and within this share of its whole span.
 STEPS_HELD, SPAN_HELD = 3, 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft
 
 from haptid._internal.arrays import Array
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 
 # Mean square of what changes in a period, over twice the positions' own, below which a motion repeats itself; and above
 # which it has left where it was.

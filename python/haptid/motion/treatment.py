@@ -1,7 +1,4 @@
-"""Treatment of a log: zero-phase low-pass, central differences, and the parallel filter of torque and columns.
-
-In the momentum formulation no acceleration is computed: W is made of momenta, and the parallel filter differentiates
-them.
+"""Settings of the treatment of a log: position filter, parallel filter, rows that are dropped, and the torque's delay.
 
 Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III: position
 through a zero-phase Butterworth filter, rates by central differences, and the *same* low-pass and decimation on the
@@ -11,25 +8,18 @@ torque and on every column of the observation matrix.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Literal
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
-from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid._internal.display import Overview, displayed, tabulated
-from haptid._internal.signals import both_ways, butterworth
-from haptid.errors import LogTimeError, MissingAccelerationError, MotionTooShortError, TreatmentError
-from haptid.log import Log, OnDisk, as_array
-from haptid.log.resampling import Spans
+from haptid._internal.arrays import Array, freeze, positive, whole
+from haptid._internal.display import tabulated
+from haptid._internal.signals import butterworth
+from haptid.errors import MissingAccelerationError
 from haptid.motion.filters import (
-    DIFFERENCES,
     LOWEST,
-    SECOND_DIFFERENCES,
     Causal,
     HighPass,
     KaiserSmoother,
@@ -39,14 +29,7 @@ from haptid.motion.filters import (
     centred,
     high_cutoff,
 )
-from haptid.motion.streaming import CUBIC, SMOOTH, Delayed, delayed, filtered, lost
-
-# Tail of an impulse response after which a transient counts as over, as a share of the response.
-TRANSIENT_LEFT = 1e-3
-# Longest delay, as a share of the log: a longer one is almost certainly in another unit.
-LONGEST_DELAY = 0.1
-# Samples to either side that a central difference requires.
-SIDE = len(DIFFERENCES) // 2
+from haptid.motion.streaming import CUBIC, SMOOTH, lost
 
 
 @tabulated
@@ -121,7 +104,7 @@ class Treatment:
         """Refuse combinations of settings that contradict each other."""
         if self.velocity is not None:
             if not self.momentum:
-                raise _no_accelerations("formulation = 'acceleration'")
+                raise no_accelerations("formulation = 'acceleration'")
             self._expect("cutoff_hz", lambda v: v is None, "None: `velocity` takes positions as they are")
 
     @property
@@ -208,10 +191,6 @@ class Treatment:
         return self.parallel_filter(dt).taps
 
 
-# Filters whose positions and differences are kept of a log, and the positions in a log up to which they are.
-_FILTERS, _SHARED = 6, 1 << 19
-
-
 @lru_cache(maxsize=8)
 def low_pass(order: int, cutoff: float) -> Array:
     """Second-order sections of a Butterworth low-pass, (sections, 6); cut-off as a share of half the sampling rate."""
@@ -223,325 +202,7 @@ def _finite(value: Any) -> bool:
     return (whole(value) or isinstance(value, float)) and abs(value) < np.inf
 
 
-@displayed
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Treated signals on a uniform grid, with their treatment.
-
-    For a log opened with `open_log`, `q` and `tau` are `haptid.log.OnDisk`.
-
-    Attributes:
-        dt: step, s.
-        q: filtered positions, at the joints or at the motors as in the log, (n, coordinates), rad or m.
-        tau: torques, (n, motors), in the unit of the log's command.
-        treatment: settings.
-        log: its source; None for a motion computed from formulas.
-        t0: time of the first sample, s.
-        rates: exact velocities and accelerations where they are known, each like q; None for central differences.
-
-    Motions of one log with the same filtered positions share their central differences.
-    """
-
-    dt: float
-    q: Array
-    tau: Array
-    treatment: Treatment
-    log: Log | None = None
-    t0: float = 0.0
-    rates: tuple[Array, Array] | None = field(default=None)
-    _shared: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what is computed from its positions, which another process computes again."""
-        return {**self.__dict__, "_shared": {}}
-
-    def __post_init__(self) -> None:
-        for name in ("q", "tau"):
-            if not isinstance(getattr(self, name), OnDisk):
-                object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("q", self.q.shape, (None, None))
-        expect("tau", self.tau.shape, (len(self.q), None))
-        if self.log is None:  # a log has been checked
-            for name, array in (("q", self.q), ("tau", self.tau)):
-                if not np.isfinite(array).all():
-                    first = int(np.argmin(np.isfinite(array).all(axis=1)))
-                    raise TreatmentError(
-                        f"{name} at sample {first} is {array[first].tolist()}, not finite.",
-                        where=(name, first),
-                        found=array[first].tolist(),
-                    )
-        if self.rates is not None:
-            rates = tuple(read_only(rate) for rate in self.rates)
-            for name, rate in zip(("qd", "qdd"), rates, strict=True):
-                expect(name, rate.shape, self.q.shape)
-            object.__setattr__(self, "rates", rates)
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    @property
-    def name(self) -> str:
-        """Name of its rows' source: the SHA-256 of its log, or a name of this object for a motion without one."""
-        return self.log.sha256 if self.log else f"motion {id(self):x}"
-
-    @property
-    def t(self) -> Array:
-        """Sample times, (n,), s."""
-        return freeze(self.times(np.arange(len(self))))
-
-    @property
-    def qd(self) -> Array:
-        """Velocities, (n, coordinates); with central differences the first and last samples repeat their neighbours."""
-        start, stop = self._known
-        return freeze(self._whole(self.state(start, stop)[1]))
-
-    @property
-    def qdd(self) -> Array:
-        """Accelerations, (n, coordinates); ends as for `qd`.
-
-        Raises:
-            MissingAccelerationError: velocity is by a causal differentiator.
-        """
-        start, stop = self._known
-        return freeze(self._whole(self.kinematics(start, stop)[2]))
-
-    @property
-    def _known(self) -> tuple[int, int]:
-        """First sample and one past the last for which rates are defined."""
-        central = self.rates is None and self.treatment.velocity is None
-        return (SIDE, len(self) - SIDE) if central else (0, len(self))
-
-    def _whole(self, rate: Array) -> Array:
-        """(n, coordinates) from (coordinates, known), the ends repeated where they are not defined."""
-        missing = (len(self) - rate.shape[1]) // 2
-        return np.pad(rate, ((0, 0), (missing, missing)), mode="edge").T
-
-    @property
-    def usable(self) -> tuple[int, int]:
-        """First sample and one past the last that are outside the filters' transients."""
-        return self.usable_segments[0][0], self.usable_segments[-1][1]
-
-    @property
-    def segments(self) -> Spans:
-        """First sample and one past the last of each part without a gap in time."""
-        return self.log.segments if self.log else ((0, len(self)),)
-
-    @cached_property
-    def usable_segments(self) -> Spans:
-        """Of each segment that is longer than the filters' transients, the samples outside these.
-
-        Raises:
-            MotionTooShortError: no segment is.
-        """
-        if self.rates is not None:
-            return self.segments
-        longest = max(stop - start for start, stop in self.segments)
-        before = after = self.treatment.lost_to_delay(self.dt)
-        what = "the position filter's ends"
-        if self.treatment.velocity is not None:
-            before += self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
-            what = "the differentiator's start"
-        else:
-            sections = self.treatment.position_filter(self.dt)
-            before += SIDE + (0 if sections is None else transient_samples(sections, longest))
-            after = before
-        made = tuple((a + before, b - after) for a, b in self.segments if b - a - before - after >= 2)
-        if not made:
-            raise too_short(longest * self.dt, (before + after) * self.dt, what, self.treatment.decimation)
-        return made
-
-    def times(self, samples: NDArray[np.intp]) -> Array:
-        """Times of samples, s."""
-        if self.log and len(self.segments) > 1:
-            return np.asarray(self.log.t[samples])
-        return np.asarray(self.t0 + self.dt * samples, dtype=np.float64)
-
-    def unbroken(self, what: str) -> Motion:
-        """This motion, if it has no gap in time.
-
-        Raises:
-            LogTimeError: it has.
-        """
-        if len(self.segments) > 1:
-            assert self.log is not None
-            first = float(self.log.t[self.segments[1][0] - 1])
-            raise LogTimeError(
-                f"{self.log.path}: {what} requires a log without gaps; it has {len(self.segments) - 1}, the first at "
-                f"t = {first:.6g} s.",
-                where=first,
-                found=len(self.segments) - 1,
-                limit=0,
-                advice="Keep a part without them with `time_range`.",
-            )
-        return self
-
-    def state(self, start: int, stop: int) -> tuple[Array, Array]:
-        """Positions and velocities of samples start..stop, each (coordinates, stop - start)."""
-        if self.rates is not None:
-            return np.ascontiguousarray(self.q[start:stop].T), np.ascontiguousarray(self.rates[0][start:stop].T)
-        if self.treatment.velocity is not None:
-            begin = max(0, start - self.treatment.velocity.memory(self.dt))
-            wide = np.ascontiguousarray(self.q[begin:stop].T)
-            qd = self.treatment.velocity.velocity(wide, self.dt)
-            return np.ascontiguousarray(wide[:, start - begin :]), np.ascontiguousarray(qd[:, start - begin :])
-        return np.ascontiguousarray(self.q[start:stop].T), self._differences(start, stop, DIFFERENCES, self.dt)
-
-    def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start).
-
-        Raises:
-            MissingAccelerationError: velocity is by a causal differentiator.
-        """
-        q, qd = self.state(start, stop)
-        if self.rates is not None:
-            return q, qd, np.ascontiguousarray(self.rates[1][start:stop].T)
-        if self.treatment.velocity is not None:
-            raise _no_accelerations("this call")
-        return q, qd, self._differences(start, stop, SECOND_DIFFERENCES, self.dt**2)
-
-    def _differences(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
-        """Weighted sums of the positions around samples start..stop over a unit, (coordinates, stop - start)."""
-        if not isinstance(self.q, OnDisk) and stop - start > SIDE and self.q.size <= _SHARED:
-            order = 1 if weights is DIFFERENCES else 2
-            if order not in self._shared:
-                whole = self._computed(SIDE, len(self) - SIDE, weights, unit)
-                self._shared[order] = (self.q, freeze(whole))
-            of, whole = self._shared[order]
-            if of is self.q:
-                return np.array(whole[:, start - SIDE : stop - SIDE], order="C")
-        return self._computed(start, stop, weights, unit)
-
-    def _computed(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
-        """The same, computed."""
-        wide = self.q[start - SIDE : stop + SIDE].T
-        made = np.empty((len(wide), stop - start))
-        for channel, out in zip(wide, made, strict=True):
-            np.divide(ndimage.correlate1d(channel, weights)[SIDE:-SIDE], unit, out=out)
-        return made
-
-    def _shown(self) -> Overview:
-        settings = [f.name for f in fields(Treatment) if getattr(self.treatment, f.name) != f.default]
-        rows = [[name, str(getattr(self.treatment, name))] for name in settings]
-        source = "formulas" if self.log is None else self.log.path.name
-        title = f"Motion from {source}: {len(self)} samples, {self.dt * len(self):.4g} s, {self.q.shape[1]} positions"
-        return Overview(title, ("treatment", "value"), rows)
-
-
-def transient_samples(sections: Array, longest: int) -> int:
-    """Samples after which less than TRANSIENT_LEFT of the two-pass impulse response is left, at most `longest`."""
-    return max(_transient_samples(own.tobytes(), longest) for own in sections)
-
-
-@lru_cache(maxsize=256)
-def _transient_samples(one_pass: bytes, longest: int) -> int:
-    """The same for the filter of one channel: the bytes of its sections, (sections, 6)."""
-    sections, half = np.frombuffer(one_pass).reshape(-1, 6).copy(), 256
-    while True:
-        impulse = np.zeros(2 * half + 1)
-        impulse[half] = 1.0
-        response = np.abs(both_ways(sections, impulse[None], 0)[0])[half:]
-        reached = int(np.argmax(np.cumsum(response) > (1 - TRANSIENT_LEFT) * response.sum()))
-        if reached < half // 2:
-            return min(reached, longest)
-        if half > longest:
-            return longest
-        half *= 2
-
-
-def treat(log: Log, treatment: Treatment | None = None) -> Motion:
-    """Zero-phase filter of a log's positions; its torques are kept for the parallel filter.
-
-    Args:
-        log: the recording.
-        treatment: settings; the default where None.
-
-    Raises:
-        TreatmentError: a cut-off is at or above half the sampling rate.
-        MotionTooShortError: the log is shorter than the filter's transients.
-    """
-    treatment = treatment or Treatment()
-    dt = float(log.dt)
-    sections = treatment.position_filter(dt)
-    for name, settings, channels in (
-        ("cutoff_hz", treatment.cutoff_hz, log.position.shape[1]),
-        ("torque_delay_s", treatment.torque_delay_s, log.torque.shape[1]),
-    ):
-        if isinstance(settings, tuple) and len(settings) != channels:
-            raise bad_setting(name, settings, f"one value, or {channels}: one for each channel")
-    n = len(log.t)
-    longest = float(np.max(np.abs(treatment.torque_delay_s)))
-    if longest > LONGEST_DELAY * n * dt:
-        raise bad_setting("torque_delay_s", longest, f"at most a tenth of the log, {LONGEST_DELAY * n * dt:.3g} s")
-    if sections is not None and n <= 3 * (2 * sections.shape[1] + 1):
-        raise too_short(n * dt, 3 * (2 * sections.shape[1] + 1) * dt, "the position filter")
-    q, shared = _positions(log, sections)
-    plain = replace(treatment, torque_delay_s=0.0)
-    return _timed(Motion(dt, q, log.torque, plain, log, float(log.t[0]), _shared=shared), treatment)
-
-
-# Of each log in memory, its positions by the filter they have passed, with what is computed from them.
-_FILTERED: WeakKeyDictionary[Log, dict[bytes, tuple[Array, dict[Any, Any]]]] = WeakKeyDictionary()
-
-
-def _positions(log: Log, sections: Array | None) -> tuple[Array, dict[Any, Any]]:
-    """Filtered positions of a log, (n, coordinates), and the differences that its motions share.
-
-    The choice of a treatment returns to the same few filters again and again; the last ones are kept.
-    """
-    if isinstance(log.position, OnDisk) or log.position.size > _SHARED:
-        return (log.position if sections is None else filtered(log.position, sections, log.segments)), {}
-    kept, key = _FILTERED.setdefault(log, {}), b"" if sections is None else sections.tobytes()
-    if key not in kept:
-        while len(kept) >= _FILTERS:
-            del kept[next(iter(kept))]
-        q = log.position if sections is None else filtered(log.position, sections, log.segments)
-        kept[key] = (q, {})
-    kept[key] = kept.pop(key)  # the last one used
-    return kept[key]
-
-
-def with_delay(motion: Motion, seconds: float | tuple[float, ...]) -> Motion:
-    """The motion of a log with another `torque_delay_s`, s; positions are not filtered again.
-
-    Raises:
-        MotionTooShortError: as `treat` does.
-    """
-    assert motion.log is not None
-    return _timed(replace(motion, tau=motion.log.torque), replace(motion.treatment, torque_delay_s=seconds))
-
-
-def _timed(motion: Motion, treatment: Treatment) -> Motion:
-    """A motion with the log's own torque, and the delay compensated as a treatment has it."""
-    lead = (treatment.position_lead_s - motion.treatment.position_lead_s) / motion.dt
-    shift = treatment.torque_shift_s
-    shift = tuple(np.divide(shift, motion.dt)) if isinstance(shift, tuple) else shift / motion.dt
-    q, tau = shifted(motion.q, -lead, SMOOTH), shifted(motion.tau, shift, CUBIC)
-    made = replace(motion, q=q, tau=tau, treatment=treatment)
-    made.usable  # noqa: B018 - raises here if the log is too short for its filter
-    return made
-
-
-def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> Array:
-    """`delayed` channels in memory or on disk; as they are without a shift."""
-    if not np.any(samples):
-        return channels
-    if isinstance(channels, OnDisk):
-        return as_array(Delayed(channels, samples, half))
-    return delayed(channels, samples, half)
-
-
-def too_short(seconds: float, needed: float, what: str, decimation: int = 1) -> MotionTooShortError:
-    """Error of a motion that is shorter than the transients of its filters."""
-    return MotionTooShortError(
-        f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s.",
-        found=seconds,
-        limit=needed,
-        advice="Record a longer motion, or raise the cut-off"
-        + (f", or reduce the decimation of {decimation}." if decimation > 1 else "."),
-    )
-
-
-def _no_accelerations(what: str) -> MissingAccelerationError:
+def no_accelerations(what: str) -> MissingAccelerationError:
     """Error of accelerations that a causal differentiator does not provide."""
     return MissingAccelerationError(
         f"{what} requires accelerations, and `velocity` by a high-pass provides none.",

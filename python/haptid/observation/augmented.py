@@ -19,7 +19,7 @@ from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.motion.channels import channel_shares, channel_torque
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import MotorRows, rows_by_motor
 from haptid.observation.plan import Plan, Signals
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from haptid.dynamics.model import DynamicModel
 from haptid.executors import Executor, SerialExecutor
 from haptid.motion.channels import check_log
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.cache import CachedPart, RFactorCache
 from haptid.observation.observation import Observation, assemble
 from haptid.observation.plan import Plan, RFactors

@@ -16,8 +16,9 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import DeviceError, UnknownNameError, suggestion
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
+from haptid.motion.motion import Motion, treat
 from haptid.motion.streaming import delayed, lost
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.treatment import Treatment
 
 
 @dataclass(frozen=True, eq=False)

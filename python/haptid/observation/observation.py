@@ -21,7 +21,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
 from haptid.motion.channels import check_log
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.plan import LEAST_BLOCKS, Block, Plan, RFactors
 from haptid.observation.r_factor import conditions, triangle
 

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
 from haptid.motion.filters import ParallelFilter, bad_setting
-from haptid.motion.treatment import Motion, too_short
+from haptid.motion.motion import Motion, too_short
 from haptid.observation.r_factor import triangle
 
 # Samples passed to the core at a time: enough for all its threads, little memory compared with a log.

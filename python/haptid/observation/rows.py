@@ -16,7 +16,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import coordinate_torque
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.filtering import decimate, treated_columns, treated_torque
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block, Plan, Signals

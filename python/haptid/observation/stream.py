@@ -18,8 +18,9 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import LogDataError, SettingError
 from haptid.log import Channels, Log
 from haptid.motion.filters import ParallelFilter
+from haptid.motion.motion import SIDE, TRANSIENT_LEFT, Motion, transient_samples, treat
 from haptid.motion.streaming import memory
-from haptid.motion.treatment import SIDE, TRANSIENT_LEFT, Motion, Treatment, transient_samples, treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, rows_by_motor
 from haptid.observation.plan import OUTSIDE_GUARD, SEGMENT, Block, Plan
 

@@ -16,7 +16,7 @@ from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, SimulationError
 from haptid.motion.channels import position_map, state
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.simulation.control import PID, ControllerState, InitialState, reference
 
 # Speed at which a simulation counts as diverged, rad/s or m/s.

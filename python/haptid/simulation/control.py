@@ -12,7 +12,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError
 from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 
 _Figures = float | Sequence[float]
 

@@ -18,7 +18,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
 from haptid.errors import SimulationError
 from haptid.motion.channels import position_map
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import FASTEST, STABLE, Segments
 
 # Steps whose states are linearised together.

@@ -14,7 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import coordinates, position_map
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.simulation.driven import unloaded_joints
 
 # Poses of the motion, and frequencies up to the filter's cut-off, over which the noise is integrated.

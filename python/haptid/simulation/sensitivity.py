@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.regressor import regressor_columns
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import Steps
 from haptid.simulation.control import PID, ControllerState, InitialState
 

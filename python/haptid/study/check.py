@@ -16,7 +16,7 @@ from haptid.experiment.excitation import compare_with_plan, read_motion
 from haptid.log import Log
 from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 from haptid.observation.plan import Plan
 from haptid.study.identify import check_kind, read_entry
 from haptid.study.payloads import recorded_poses

@@ -23,7 +23,8 @@ from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, h
 from haptid.executors import Executor
 from haptid.inference.gimbal import GimbalEffect, gimbal_effect
 from haptid.log import Log, is_long, open_log, read_log
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload

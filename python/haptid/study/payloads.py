@@ -15,7 +15,7 @@ from haptid.inference.payloads import AttachedBody, PayloadIdentification, Recor
 from haptid.inference.static_poses import StaticIdentification, identify_poses
 from haptid.log import read_log
 from haptid.motion.holds import Poses, find_poses, join_poses, read_poses
-from haptid.motion.treatment import treat
+from haptid.motion.motion import treat
 from haptid.study.schema import fault
 from haptid.study.study import LogEntry, Study
 from haptid.treatment_choice.propose import propose

@@ -20,7 +20,8 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError
 from haptid.estimation import Estimate
 from haptid.log import Log, OnDisk
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.motion.motion import Motion, treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.geometry_slopes import (
     SLOPE_STEP,
     columns_of,

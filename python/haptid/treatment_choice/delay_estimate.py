@@ -21,7 +21,8 @@ from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, position_map
-from haptid.motion.treatment import Motion, Treatment, treat, with_delay
+from haptid.motion.motion import Motion, treat, with_delay
+from haptid.motion.treatment import Treatment
 from haptid.observation.augmented import CandidateColumns, ResidualContext
 from haptid.observation.observation import observe
 from haptid.treatment_choice.first_fit import least_squares, solve_excited

@@ -12,7 +12,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.methods.wls import WLS
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.rows import chunks
 

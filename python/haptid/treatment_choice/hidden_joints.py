@@ -22,7 +22,8 @@ from haptid.estimation.methods.motor_side import MotorSide
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.log import Log
 from haptid.motion.channels import position_channels
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints

@@ -16,7 +16,8 @@ from haptid.log import Log
 from haptid.log.spectrum import Spectrum, spectra, widest
 from haptid.motion.channels import state
 from haptid.motion.filters import KAISER_REACH
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Plan
 
 # Usual cut-off of the parallel filter over the motion's bandwidth.

@@ -18,7 +18,8 @@ from haptid._internal.arrays import Array
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
 

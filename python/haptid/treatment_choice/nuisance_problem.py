@@ -17,7 +17,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.methods.wls import WLS
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block

@@ -23,7 +23,8 @@ from haptid.estimation.torque_uncertainty import other_motion, torque_uncertaint
 from haptid.log import Log
 from haptid.motion.channels import check_log
 from haptid.motion.filters import bad_setting
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS
 from haptid.treatment_choice.delay_estimate import Delays, find_delays

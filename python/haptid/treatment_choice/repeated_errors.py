@@ -18,8 +18,8 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.motion.motion import Motion
 from haptid.motion.periods import motion_period
-from haptid.motion.treatment import Motion
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.rows import Chunk, chunks_of
 from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior

@@ -20,7 +20,8 @@ from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum, widest
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
 from haptid.treatment_choice.first_fit import residual_memory, solve_excited

@@ -8,7 +8,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Method, estimate
 from haptid.estimation.nonlinear import AlternateBlocks
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import observe
 from haptid.validation.model_for_use import model_for_use
 from haptid.validation.validation import Validation, pooled, validate

@@ -15,7 +15,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate
 from haptid.motion.channels import motor_torque
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.augmented import torque_of
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk, chunks, gathered

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.rows import chunks
 
 

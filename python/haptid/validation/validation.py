@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, different_models, observe
 
 

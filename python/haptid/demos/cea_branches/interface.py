@@ -14,7 +14,7 @@ from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation import Characterisation, GivenParameters, IdentifiedModel, characterise
 from haptid.estimation import Estimate, TorqueNoise, estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import observe
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.validation import Validation, validate

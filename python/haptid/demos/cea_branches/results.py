@@ -23,7 +23,8 @@ from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
 from haptid.inference.elimination import Elimination, eliminate, eliminate_by_motor
-from haptid.motion.treatment import Motion, Treatment
+from haptid.motion.motion import Motion
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.validation import Validation, validate

@@ -16,7 +16,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
 from haptid.inference.targets import Targets, target_map, targets
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import observe
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.validation import Validation, validate

@@ -15,7 +15,7 @@ from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 from haptid.validation.validation import Validation, validate
 
 

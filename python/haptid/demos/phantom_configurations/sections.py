@@ -13,7 +13,7 @@ from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.phantom_configurations.tables import beside, cells2, ours, published, table1, table2, truth
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.rows import chunks
 from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels

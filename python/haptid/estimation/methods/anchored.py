@@ -15,7 +15,7 @@ from haptid.estimation.method import Method, Wrapper, expect_weighting
 from haptid.estimation.methods.constrained import Constrained, PhysicallyConsistent
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import state
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 

@@ -15,7 +15,7 @@ from haptid.errors import IdentifiabilityError, SettingError
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, expect_whole, setting_error
 from haptid.estimation.methods.wls import WLS
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 from haptid.observation.rows import Rows, chunks_of

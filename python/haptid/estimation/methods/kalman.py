@@ -30,7 +30,7 @@ from haptid.estimation.methods.open_loop import position_noise, recorded_positio
 from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, coordinates
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 from haptid.simulation import expect_no_history, measured_state, smooth
 from haptid.simulation.closed_loop import FASTEST, runge_kutta_step

@@ -11,7 +11,7 @@ from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, by_block
 from haptid.motion.channels import coordinate_torque, position_map
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 from haptid.simulation import Segments, measured_state, open_loop, sensitivity

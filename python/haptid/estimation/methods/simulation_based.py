@@ -27,8 +27,8 @@ from haptid.estimation.method import (
 from haptid.estimation.methods.errors_in_variables import of_motions
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, position_map, state
+from haptid.motion.motion import Motion, treat
 from haptid.motion.streaming import delayed
-from haptid.motion.treatment import Motion, treat
 from haptid.observation.filtering import decimate
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Plan

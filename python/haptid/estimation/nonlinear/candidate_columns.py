@@ -15,7 +15,7 @@ from haptid.device.parameters import standard_parameters
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.observation.r_factor import triangle
 

@@ -19,7 +19,8 @@ from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.motion.treatment import Motion, Treatment
+from haptid.motion.motion import Motion
+from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, assemble
 from haptid.observation.plan import Plan
 from haptid.observation.r_factor import condition, scaled_condition

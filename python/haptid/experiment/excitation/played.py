@@ -16,7 +16,8 @@ from haptid.errors import LogFileError
 from haptid.experiment.excitation.samples import MotionSamples
 from haptid.log import Log
 from haptid.motion.channels import position_map
-from haptid.motion.treatment import Treatment, treat
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
 
 # Time scales that are tried: from a slow rehearsal to a controller that runs too fast.
 _SPEEDS = np.unique(np.concatenate([np.geomspace(0.08, 4.0, 160), [0.1, 0.2, 0.25, 0.5, 1.0, 2.0]]))

@@ -22,7 +22,7 @@ from haptid.dynamics.regressor import external
 from haptid.errors import NoRowsError, SettingError, index_of
 from haptid.estimation import Estimate
 from haptid.motion.channels import coordinate_torque, coordinates
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.uncertainty.quantities import half_width
 
 # Position bins of a joint; torque is averaged within each.

@@ -20,7 +20,7 @@ from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution
 from haptid.inference.diagnosis.subsample import log_name, row_ranges
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block

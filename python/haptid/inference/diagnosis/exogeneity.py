@@ -27,7 +27,7 @@ from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding
 from haptid.log.spectrum import bandwidth
 from haptid.motion.channels import coordinates
-from haptid.motion.treatment import Motion, treat
+from haptid.motion.motion import Motion, treat
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.simulation import PID, smooth
 from haptid.uncertainty.multiple_testing import together

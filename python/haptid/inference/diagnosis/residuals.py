@@ -14,7 +14,7 @@ from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, joined_names
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk
 from haptid.uncertainty.distributions import chi2_tail, dagostino_pearson, normal_quantile, t_tail

@@ -23,7 +23,7 @@ from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import Finding, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
 from haptid.log.spectrum import Spectrum, passed, spectra
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.uncertainty.distributions import t_tail
 from haptid.uncertainty.quantities import half_width
 

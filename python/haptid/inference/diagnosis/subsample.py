@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from haptid.estimation import Estimate
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.plan import Block, Plan
 
 # Samples in a subsample; never fewer blocks than this, since block-wise standard errors need them.

@@ -36,7 +36,7 @@ from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, Pay
 from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
 from haptid.motion.holds import Poses
-from haptid.motion.treatment import Motion
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.observation.static import observe_poses
 from haptid.uncertainty.quantities import Quantities
