@@ -235,6 +235,7 @@ def test_xacro(tmp_path: Path) -> None:
         ({"where": f"${{xacro.load_yaml('{outside}')['key']}}"}, "outside"),
         ({"where": "$(env HOME)"}, "env HOME"),
         ({"include": '<xacro:include filename="$(find elsewhere)/x"/>'}, "--package elsewhere="),
+        ({"where": "$(arg reach)"}, r"--xacro-arg reach=VALUE.*mass \(1\)"),
     ):
         path.write_text(XACRO.format(**(plain | change)))
         with pytest.raises(HaptidError, match=said):

@@ -104,6 +104,14 @@ class OutsideError(Exception):
     """The child was asked to open what it may not."""
 
 
+class MissingInputError(Exception):
+    """A package or an argument that the file requires was not stated."""
+
+    def __init__(self, what: str, advice: str) -> None:
+        super().__init__(what)
+        self.advice = advice
+
+
 def _guard(folders: Sequence[str]) -> None:
     """Refuse to open files outside these folders and Python's own, and to start processes or connections."""
     packages = [path for path in sys.path if os.path.basename(path) in ("site-packages", "dist-packages")]
@@ -135,11 +143,12 @@ def run_xacro(request: dict[str, Any]) -> dict[str, Any]:
     import xacro
     from xacro import substitution_args
 
-    packages = request["packages"]
+    packages, unknown = request["packages"], []
 
     def find(name: str, *_: object) -> str:
         if name not in packages:
-            raise ValueError(f"package {name!r} is not known: state --package {name}=FOLDER")
+            unknown.append(name)
+            raise ValueError(f"package {name!r} is not known")
         return str(packages[name])
 
     def no_environment(name: str, *_: object) -> str:
@@ -148,8 +157,31 @@ def run_xacro(request: dict[str, Any]) -> dict[str, Any]:
     substitution_args._eval_find = find
     substitution_args._eval_env = substitution_args._eval_optenv = no_environment
     os.environ.clear()
-    document = xacro.process_file(request["path"], mappings=request["arguments"])
+    try:
+        document = xacro.process_file(request["path"], mappings=request["arguments"])
+    except Exception as error:
+        if unknown:
+            advice = f"State the folder that holds it: --package {unknown[0]}=FOLDER."
+            raise MissingInputError(f"it reads files of package {unknown[0]!r}, which is not known", advice) from error
+        missing = re.search(r"Undefined substitution argument (\S+)", str(error))
+        if missing is None:
+            raise
+        raise MissingInputError(*_missing_argument(request["path"], missing[1])) from error
     return {"text": document.toprettyxml(indent=" ")}
+
+
+def _missing_argument(path: str, name: str) -> tuple[str, str]:
+    """What is wrong with a xacro file whose argument has no value, and what to do, with its other arguments."""
+    from xml.dom import minidom
+
+    nodes = [node for node in minidom.parse(path).getElementsByTagName("*") if node.localName == "arg"]
+    # Defaults that are made of others are of no use to a reader.
+    known = {a.getAttribute("name"): value for a in nodes if "$" not in (value := a.getAttribute("default") or "$")}
+    advice = f"State one: --xacro-arg {name}={known.pop(name, 'VALUE')}."
+    others = ", ".join(f"{key} ({value})" for key, value in known.items())
+    return f"its argument {name!r} is used without a value", advice + (
+        f" Others, with defaults: {others}." if others else ""
+    )
 
 
 def prepare_mjcf() -> None:
@@ -396,6 +428,8 @@ def main() -> None:
         answer = {"missing": error.name or str(error)}
     except MemoryError:
         answer = {"error": f"reading it takes more than {MEMORY_LIMIT // 2**30} GiB of memory"}
+    except MissingInputError as error:
+        answer = {"error": str(error), "advice": error.advice}
     except OutsideError as error:
         advice = "If you trust it, state a folder that holds what it reads: --package NAME=FOLDER."
         answer = {"error": str(error), "advice": advice}
