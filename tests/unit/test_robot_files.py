@@ -79,6 +79,13 @@ def test_a_weld_to_an_undeclared_world_is_the_base(tmp_path: Path) -> None:
     assert welded.check.torque < 1e-12
 
 
+def test_a_urdf_that_xacro_has_written_is_read_without_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("haptid.robot_files.read.expand_xacro", None)
+    text = ARM.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    tables = [imported(tmp_path, one).text.partition("\n\n")[2] for one in (text, ARM)]
+    assert tables[0] == tables[1]
+
+
 def test_the_file_is_read_back_as_the_same_device(tmp_path: Path) -> None:
     robot = imported(tmp_path, ARM)
     robot.save(tmp_path / "made.toml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from haptid.robot_files.xacro import expand_xacro
 from haptid.robot_files.xml import parse, read_bytes, refused
 
 _FORMATS = "URDF, xacro, MJCF, SDF, USD, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
-_XACRO = b"http://www.ros.org/wiki/xacro"
+# What xacro expands; its name space alone stands in many URDFs that it has written.
+_XACRO = re.compile(rb"<xacro:|\$\{|\$\(")
 
 
 def read_robot(
@@ -58,7 +60,7 @@ def read_robot(
         return read_mjcf(path, roots, snap)
     if root.tag == "sdf":
         return read_sdf(root, snap)
-    if root.tag == "robot" and (suffix == ".xacro" or _XACRO in content):
+    if root.tag == "robot" and (suffix == ".xacro" or _XACRO.search(content)):
         return read_urdf(expand_xacro(path, roots, xacro_arguments or {}), str(path), snap)
     if root.tag == "robot":
         return read_urdf(content, str(path), snap)
