@@ -265,6 +265,43 @@ def test_an_sdf_with_joints_beside_their_links(tmp_path: Path) -> None:
     assert torque[1, 0] == pytest.approx(-9.8 * math.sin(tilt) * math.cos(0.3) * 0.4)
 
 
+@pytest.mark.parametrize("nested", ["include", "model", "merge"])
+def test_models_within_a_model_are_the_same_as_one_model(tmp_path: Path, nested: str) -> None:
+    """The arm on a turned cart: its poses and axes are relative to where the cart has it, not to the cart's model."""
+    cart = """<sdf version="1.9"><!-- of a cart --><model name="cart">
+    <link name="plate"><inertial><mass>3</mass></inertial></link>
+    <joint name="rail" type="prismatic"><parent>world</parent><child>plate</child><axis><xyz>1 0 0</xyz></axis></joint>
+    {arm}<joint name="bolt" type="fixed"><parent>plate</parent><child>{name}a</child></joint></model></sdf>"""
+    arm = SDF.partition("</joint>")[0].partition("<joint")[0] + SDF.partition("</joint>")[2]  # without its own base
+    arm = arm.replace("<parent>a</parent>", "<parent>a</parent><pose>0 0 0.1 0.2 0 0</pose>")
+    arm = arm.replace("<xyz>1 0 0</xyz>", "<xyz expressed_in='__model__'>1 0 0</xyz>")
+    inner, place = arm.partition('name="m">')[2].partition("</model>")[0], "<pose>0.2 0 0.1 0.4 0 0.3</pose>"
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "model.sdf").write_text(arm)
+    merge = ' merge="true"' if nested == "merge" else ""
+    include = f"<include{merge}><uri>model://arm</uri><name>m</name>{place}</include>"
+    text = f'<model name="m">{place}{inner}</model>' if nested == "model" else include
+    (tmp_path / "cart.sdf").write_text(cart.format(arm=text, name="" if merge else "m::"))
+    made = import_robot(tmp_path / "cart.sdf", packages={"arm": tmp_path / "arm"})
+    by_hand = f'<frame name="f">{place}</frame>' + inner.replace("<pose>0 0 0.3", '<pose relative_to="f">0 0 0.3')
+    (tmp_path / "hand.sdf").write_text(cart.format(arm=by_hand.replace("__model__", "f"), name=""))
+    hand = import_robot(tmp_path / "hand.sdf")
+    assert made.check.torque < 1e-12
+    for one, other in zip(made.device.joints, hand.device.joints, strict=True):
+        np.testing.assert_allclose(one.translation, other.translation, atol=1e-15)
+        np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-15)
+
+
+def test_an_sdf_that_includes_itself_or_another_package_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.sdf"
+    path.write_text('<sdf><model name="m"><include><uri>m.sdf</uri></include></model></sdf>')
+    with pytest.raises(RobotFileError, match="Keep 10 levels"):
+        import_robot(path)
+    path.write_text('<sdf><model name="m"><include><uri>model://arm</uri></include></model></sdf>')
+    with pytest.raises(RobotFileError, match="--package arm=FOLDER"):
+        import_robot(path)
+
+
 def test_a_dh_table_says_its_convention(tmp_path: Path) -> None:
     """PUMA 560 by Craig's parameters, in degrees: the base parameters of the shipped device's geometry."""
     rows = ["name,alpha_deg,a,theta_deg,d", "1,0,0,0,0", "2,-90,0,0,0", "3,0,0.4318,0,0.15005", "4,-90,0.0203,0,0.4318"]

@@ -59,7 +59,7 @@ def read_robot(
     if root.tag == "mujoco":
         return read_mjcf(path, roots, snap)
     if root.tag == "sdf":
-        return read_sdf(root, snap)
+        return read_sdf(root, roots, snap)
     if root.tag == "robot" and (suffix == ".xacro" or _XACRO.search(content)):
         return read_urdf(expand_xacro(path, roots, xacro_arguments or {}), str(path), snap)
     if root.tag == "robot":

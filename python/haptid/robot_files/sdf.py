@@ -13,6 +13,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
+from haptid.robot_files.paths import Roots
+from haptid.robot_files.sdf_models import MODEL, WORLD, Models
 from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
@@ -31,7 +33,6 @@ from haptid.robot_files.tree import (
 from haptid.robot_files.xml import Element
 
 _GRAVITY = (0.0, 0.0, -9.8)
-_WORLD, _MODEL = "world", "__model__"
 _KINDS: Mapping[str, JointKind] = {
     "revolute": "revolute",
     "continuous": "revolute",
@@ -47,21 +48,25 @@ _CLOSING: Mapping[str, Literal["revolute", "prismatic", "spherical"]] = {
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def read_sdf(root: Element, snap: float = 0.0) -> RobotTree:
-    """The tree of an SDF: its first model.
+def read_sdf(root: Element, roots: Roots, snap: float = 0.0) -> RobotTree:
+    """The tree of an SDF: its first model with joints, and the models in that.
 
     Args:
         root: `<sdf>`.
+        roots: folders that included models may be in.
         snap: angles nearer than this to a quarter turn are made one, rad.
 
     Raises:
         RobotFileError: what is wrong, with the line.
     """
     world = root.first("world")
-    models = [*root.all("model"), *(model for place in root.all("world") for model in place.all("model"))]
-    if not models:
+    places = [x for place in (root, *root.all("world")) for x in place.children if x.tag in ("model", "include")]
+    if not places:
         root.refuse("has no <model>", "Give the SDF of a robot.")
-    return _Model(models[0], world, snap, len(models)).tree()
+    models = Models(roots)
+    found = [models.flat(models.resolved(place)) for place in places]
+    chosen = next((model for model in found if model.first("joint") is not None), found[0])
+    return _Model(chosen, world, snap, len(found)).tree()
 
 
 class _Model:
@@ -79,8 +84,6 @@ class _Model:
             self.gravity = gravity.numbers_of("gravity", gravity.text, 3)
         if models > 1:
             self.notes.append(Note("left out", f"{models - 1} more models"))
-        for tag in ("include", "model"):
-            self.notes += [Note("left out", f"<{tag}> within the model", x.line) for x in model.all(tag)]
         self.links = {element.name(): element for element in model.all("link")}
         if not self.links:
             model.refuse("has no <link>", "Give the SDF of a robot.")
@@ -88,11 +91,11 @@ class _Model:
             model.refuse("has two links of one name", "Rename one of them.")
         self.joints = {element.name(): element for element in model.all("joint")}
         self.frames = {element.name(): element for element in model.all("frame")}
-        self.poses: dict[str, Array] = {_MODEL: np.eye(4)}
+        self.poses: dict[str, Array] = {MODEL: np.eye(4)}
 
     def tree(self) -> RobotTree:
         """The tree."""
-        links = {_WORLD: RobotLink(_WORLD)}
+        links = {WORLD: RobotLink(WORLD)}
         links |= {
             name: RobotLink(name, self._inertial(element), line=element.line) for name, element in self.links.items()
         }
@@ -125,7 +128,7 @@ class _Model:
             file=self.model.file,
             form="sdf",
             gravity=np.array(self.gravity),
-            links={name: link for name, link in links.items() if name != _WORLD or self._has_world(joints)},
+            links={name: link for name, link in links.items() if name != WORLD or self._has_world(joints)},
             joints=tuple(joints),
             follows=tuple(follows),
             closing=tuple(closing),
@@ -134,7 +137,7 @@ class _Model:
 
     @staticmethod
     def _has_world(joints: list[TreeJoint]) -> bool:
-        return any(joint.parent == _WORLD for joint in joints)
+        return any(joint.parent == WORLD for joint in joints)
 
     @staticmethod
     def _text(element: Element | None) -> str:
@@ -169,9 +172,9 @@ class _Model:
                 above = self._text(element.first("child"))
             if not above and top in self.frames:
                 above = element.attributes.get("attached_to", "").strip()
-            above = above or _MODEL
-            if above == _WORLD:
-                above = _MODEL
+            above = above or MODEL
+            if above == WORLD:
+                above = MODEL
             if above in self.poses:
                 self.poses[top] = self.poses[above] @ self._own_pose(element)
             elif above in stack:
@@ -209,7 +212,7 @@ class _Model:
             self.notes.append(Note("approximate", text, element.line))
             kind = "fixed"
         at = self.pose_of(name)
-        base = np.eye(4) if parent == _WORLD else self.pose_of(parent)
+        base = np.eye(4) if parent == WORLD else self.pose_of(parent)
         axis, dynamics, limit = np.array([0.0, 0.0, 1.0]), None, None
         table = element.first("axis")
         if kind in ("revolute", "prismatic") and table is not None:
@@ -240,7 +243,7 @@ class _Model:
         frame = xyz.attributes.get("expressed_in", "").strip()
         old = self._text(table.first("use_parent_model_frame")) in ("1", "true")
         if frame or old:
-            R = np.eye(3) if old or frame == _MODEL else self.pose_of(frame)[:3, :3]
+            R = np.eye(3) if old or frame == MODEL else self.pose_of(frame)[:3, :3]
             axis = at[:3, :3].T @ R @ axis
         return snapped_axis(axis, self.snap)
 
@@ -250,7 +253,7 @@ class _Model:
             element.refuse("closes a loop, and is neither revolute, prismatic nor ball", "Open the loop there.")
         at = self.pose_of(joint.name)
         onto = np.eye(4) if joint.kind == "spherical" else least_turn(joint.axis)
-        ends = [np.eye(4) if link == _WORLD else self.pose_of(link) for link in (joint.parent, joint.child)]
+        ends = [np.eye(4) if link == WORLD else self.pose_of(link) for link in (joint.parent, joint.child)]
         frames = [inverse(end) @ at @ onto for end in ends]
         return ClosingJoint(
             joint.name,

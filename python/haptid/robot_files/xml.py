@@ -23,6 +23,7 @@ _SHOWN = 60
 DEEPEST = 400
 # Most elements of one file.
 MOST_ELEMENTS = 500_000
+_AHEAD = re.compile(rb"\s*(<!--.*?-->\s*)*(?=<\?xml)", re.DOTALL)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 
@@ -177,8 +178,9 @@ class _Parser:
         parser.StartDoctypeDeclHandler = self._doctype
 
     def run(self, content: bytes) -> Element:
-        # Blanks before the XML declaration are an error to expat, and to nobody else.
-        text = content.lstrip() if content.lstrip()[:5] == b"<?xml" else content
+        # Blanks and comments before the XML declaration are an error to expat, and to few others.
+        ahead = _AHEAD.match(content)
+        text = content[ahead.end() :] if ahead else content
         self.content, self.ahead = content, len(content) - len(text)
         self.lines_ahead = content[: self.ahead].count(b"\n")
         try:
