@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.geometry import least_turn
 from haptid.robot_files.paths import Roots
-from haptid.robot_files.sdf_models import MODEL, WORLD, Models
+from haptid.robot_files.sdf_models import OWN_FRAME, WORLD, Models
 from haptid.robot_files.tree import (
     ClosingJoint,
     Follows,
@@ -91,7 +91,7 @@ class _Model:
             model.refuse("has two links of one name", "Rename one of them.")
         self.joints = {element.name(): element for element in model.all("joint")}
         self.frames = {element.name(): element for element in model.all("frame")}
-        self.poses: dict[str, Array] = {MODEL: np.eye(4)}
+        self.poses: dict[str, Array] = {OWN_FRAME: np.eye(4)}
 
     def tree(self) -> RobotTree:
         """The tree."""
@@ -172,9 +172,9 @@ class _Model:
                 above = self._text(element.first("child"))
             if not above and top in self.frames:
                 above = element.attributes.get("attached_to", "").strip()
-            above = above or MODEL
+            above = above or OWN_FRAME
             if above == WORLD:
-                above = MODEL
+                above = OWN_FRAME
             if above in self.poses:
                 self.poses[top] = self.poses[above] @ self._own_pose(element)
             elif above in stack:
@@ -243,7 +243,7 @@ class _Model:
         frame = xyz.attributes.get("expressed_in", "").strip()
         old = self._text(table.first("use_parent_model_frame")) in ("1", "true")
         if frame or old:
-            R = np.eye(3) if old or frame == MODEL else self.pose_of(frame)[:3, :3]
+            R = np.eye(3) if old or frame == OWN_FRAME else self.pose_of(frame)[:3, :3]
             axis = at[:3, :3].T @ R @ axis
         return snapped_axis(axis, self.snap)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from haptid.robot_files.paths import Roots
 from haptid.robot_files.xml import Element, parse, read_bytes
 
-MODEL, WORLD = "__model__", "world"
+OWN_FRAME, WORLD = "__model__", "world"
 # Models within models that are followed, and how deeply.
 _MOST, _DEEPEST = 500, 10
 _PLACED = ("link", "frame")
@@ -89,13 +89,13 @@ def _within(place: Element, model: Element) -> Iterator[Element]:
     merged = place.attributes.get("merge", "").strip() in ("true", "1")
     named = place.first("name")
     own = named.text.strip() if named is not None else model.name()
-    frame = f"{own}::{MODEL}" if merged else own
+    frame = f"{own}::{OWN_FRAME}" if merged else own
 
     def outer(name: str) -> str:
         name = name.strip()
         if name in ("", WORLD):
             return name
-        return frame if name == MODEL else name if merged else f"{own}::{name}"
+        return frame if name == OWN_FRAME else name if merged else f"{own}::{name}"
 
     pose = place.first("pose") or model.first("pose")
     yield replace(place, tag="frame", attributes={"name": frame}, children=[] if pose is None else [pose])
