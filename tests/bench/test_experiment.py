@@ -13,6 +13,7 @@ import haptid
 from haptid import errors
 from haptid.cli import app
 from haptid.experiment import bench
+from json_outputs import valid
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 DEVICES = {"phantom": "phantom_premium_15", "cea": "cea_medical_branch"}
@@ -272,10 +273,11 @@ def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
 def test_many_logs_at_a_time_are_those_of_their_seeds(tmp_path):
     (tmp_path / "short.toml").write_text(SHORT)
     out = tmp_path / "log.parquet"
-    done = call(
-        "bench", "phantom_premium_15", tmp_path / "short.toml", "--out", out, "--count", 2, "--picture", "--workers", 1
-    )
+    many = ("--count", 2, "--picture", "--workers", 1, "--json")
+    done = call("bench", "phantom_premium_15", tmp_path / "short.toml", "--out", out, *many)
     assert done.exit_code == 0, done.output
+    first, second = valid("bench", done.stdout)
+    assert (first["log"], second["log"]) == tuple(str(tmp_path / f"log-{k}.parquet") for k in (1, 2))
     made = sorted(path.name for path in tmp_path.glob("*.parquet"))
     assert made == ["log-1.parquet", "log-2.parquet"]
     assert all((tmp_path / f"log-{k}.png").read_bytes().startswith(b"\x89PNG") for k in (1, 2))

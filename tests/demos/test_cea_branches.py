@@ -1,6 +1,5 @@
 """The demonstration with branches: its plan, a small run of one branch, and its results."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from haptid.demos.run import write_results
 from haptid.end_effector.characterisation import GivenParameters
 from haptid.estimation import feasible_parameters
 from haptid.experiment.bench import read_experiment
+from json_outputs import valid
 
 # One filter and three shares are searched, and one frequency is tried.
 SMALL = {
@@ -115,7 +115,7 @@ def test_everything_is_written(found):
     charts = ("friction-upper-0", "torque-0-0", "sweep-arm-upper", "compensation")
     for wanted in (*(claim.check for claim in results.demo.claims), *(f'id="{chart}"' for chart in charts)):
         assert wanted in page
-    values = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    values = valid("demo", (folder / "result.json").read_text(encoding="utf-8"))
     assert set(values["branches"]) == {"upper"}
     assert values["branches"]["upper"]["essential"] == list(results.found["upper"].reduction.essential)
 

@@ -1,7 +1,6 @@
 """A small version of the demonstration, with all that it writes: errors, intervals, models and the hand's force."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from haptid.demos.phantom_configurations.sections import torques
 from haptid.demos.recordings import Take, record
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.definiteness import definiteness
+from json_outputs import valid
 from phantom_study import STEP, errors_of
 
 # The mounting in which a hand pushes too.
@@ -115,7 +115,7 @@ def test_everything_is_written(results):
 
 def test_tables_and_result_have_the_same_figures(results):
     folder, found = results
-    values = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    values = valid("demo", (folder / "result.json").read_text(encoding="utf-8"))
     with (folder / "table1.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     by = {(r["mounting"], r["fit"], r["parameter"]): float(r["value"]) for r in rows}

@@ -2,7 +2,6 @@
 
 import hashlib
 import http.server
-import json
 import threading
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from haptid.demos.public_recordings import (
     public_recordings,
 )
 from haptid.errors import LogFileError, UnknownNameError
+from json_outputs import valid
 
 TABLE = b"a,b\n" + b"".join(b"%d,%d\n" % (k, 2 * k) for k in range(50))
 
@@ -114,7 +114,7 @@ def test_the_command_lists_fetches_and_refuses(server, tmp_path, monkeypatch):
     assert listed.exit_code == 0
     assert "licence" in listed.output
     got = CliRunner().invoke(app, ["fetch", "tables", "--out", str(tmp_path / "out"), "--json"])
-    assert json.loads(got.output)["files"] == [str(tmp_path / "out" / "one.csv")]
+    assert valid("fetch", got.output)["files"] == [str(tmp_path / "out" / "one.csv")]
     assert CliRunner().invoke(app, ["fetch", "table"]).exit_code == 2
 
 

@@ -1,7 +1,5 @@
 """The other motions of a campaign: within every limit by another check, and what they are for succeeds on the bench."""
 
-import json
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -19,6 +17,7 @@ from haptid.experiment.excitation import (
     write_experiment,
 )
 from haptid.experiment.excitation.writing import plain_experiment
+from json_outputs import valid
 from motions import truth
 from true_parameters import true_parameters
 
@@ -105,7 +104,7 @@ def test_the_command_writes_one_plan(tmp_path):
     load = ["--payload", "a=0.05@0.17,0,0", "--max-evaluations", "40", "--page", str(tmp_path / "s.html")]
     made = CliRunner().invoke(app, [*args, *plan, *load], catch_exceptions=False)
     assert made.exit_code == 0, made.output
-    names = [entry["experiment"].rsplit("/", 1)[1] for entry in json.loads(made.stdout)["motions"]]
+    names = [entry["experiment"].rsplit("/", 1)[1] for entry in valid("excite", made.stdout)["motions"]]
     assert names == ["s.toml", "s-friction.toml", "s-poses.toml", "s-reversals.toml", "s-payload.toml"]
     assert all((tmp_path / name).with_suffix(".csv").exists() for name in names)
     loaded = bench.read_experiment(tmp_path / "s-payload.toml").table.weights
@@ -116,7 +115,7 @@ def test_the_command_writes_one_plan(tmp_path):
     assert "6 of 14 are unknown." in page
     alone = CliRunner().invoke(app, [*args, "--motions", "0", "--poses", "4"], catch_exceptions=False)
     assert alone.exit_code == 0, alone.output
-    assert json.loads(alone.stdout)["experiment"].endswith("s-poses.toml")
+    assert valid("excite", alone.stdout)["experiment"].endswith("s-poses.toml")
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from haptid.experiment.excitation import (
 )
 from haptid.experiment.excitation.sequential import standard_errors_of
 from haptid.results.information import log_information
+from json_outputs import valid
 from small_study import DEVICE, FRICTION, HEAD, KD, KP, two_links
 from true_parameters import true_parameters
 
@@ -230,7 +231,7 @@ def test_the_command_continues_a_campaign(campaign, tmp_path):
     common = ("excite", str(folder / "device.toml"), "--after", str(folder / "first"), *options)
     done = CliRunner().invoke(app, [*common, "--accuracy", "4", "--out", str(tmp_path / "next.toml"), "--json"])
     assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
+    found = valid("excite", done.stdout)
     assert {"name", "before_percent", "after_percent"} == set(found["intervals"][0])
     assert found["seconds_needed"] > 0
     assert bench.read_experiment(tmp_path / "next.toml").kind.fundamental_hz == 0.1

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid.cli import app
 from haptid.experiment import bench
+from json_outputs import valid
 from motions import truth
 
 DEVICE = "phantom_premium_15"
@@ -129,7 +130,7 @@ def test_friction_of_a_log_is_printed_and_drawn(swept, tmp_path):
     done = call("friction", "log", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")
     assert done.exit_code == 0, done.output
     assert done.stdout.count("are sufficient") == 3
-    found = json.loads((tmp_path / "f" / "friction.json").read_text())
+    found = valid("friction", (tmp_path / "f" / "friction.json").read_text())
     assert found["viscous_and_coulomb_are_enough"] is True
     for joint in found["joints"]:
         chosen = next(other_model for other_model in joint["models"] if other_model["model"] == joint["chosen"])
@@ -164,7 +165,7 @@ def test_a_log_without_constant_velocities_is_one_line(tmp_path, request):
     assert not (tmp_path / "none").exists()
     done = call("eliminate", study, "--data", tmp_path, "--max-relative-std", 20, "--by-motor", "--out", tmp_path / "e")
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "e" / "elimination.json").read_text())
+    found = valid("eliminate", (tmp_path / "e" / "elimination.json").read_text())
     assert set(found) == {"all motors", "motor 1", "motor 2", "motor 3"}
     whole = found["all motors"]
     assert len(whole["essential"]) + len(whole["eliminated"]) == whole["parameters"] == 14
@@ -173,7 +174,7 @@ def test_a_log_without_constant_velocities_is_one_line(tmp_path, request):
 
 
 def test_a_parameter_that_is_to_be_kept_is():
-    plain = json.loads(call("model", "five_bar", "--json").stdout)
+    plain = valid("model", call("model", "five_bar", "--json").stdout)
     kept = json.loads(call("model", "five_bar", "--keep", "MX4", "--json").stdout)
     assert "MX4R" not in {p["name"] for p in plain["base_parameters"]}
     assert {p["name"] for p in kept["base_parameters"]} & {"MX4", "MX4R"}

@@ -18,6 +18,7 @@ from haptid.cli import app
 from haptid.cli.common import unwrapped
 from haptid.errors import UnknownNameError, index_of
 from haptid.report.tables import table
+from json_outputs import valid
 from small_study import columns, write_study
 
 COMMANDS = tuple(typer.main.get_command(app).commands)
@@ -44,11 +45,14 @@ def test_every_command_can_print_json(name):
 
 
 def test_lists_as_json():
-    made = json.loads(call("completion", "fish", "--json").stdout)
+    made = valid("completion", call("completion", "fish", "--json").stdout)
     assert made == {"shell": "fish", "script": call("completion", "fish").stdout}
-    assert json.loads(call("schema", "study", "--json").stdout) == json.loads(call("schema", "study").stdout)
-    assert {entry["name"] for entry in json.loads(call("devices", "--json").stdout)} >= {"phantom_premium_15", "emps"}
-    assert [entry["name"] for entry in json.loads(call("demo", "--json").stdout)] == ["medical", "phantom"]
+    assert valid("schema", call("schema", "study", "--json").stdout) == json.loads(call("schema", "study").stdout)
+    assert {entry["name"] for entry in valid("devices", call("devices", "--json").stdout)} >= {
+        "phantom_premium_15",
+        "emps",
+    }
+    assert [entry["name"] for entry in valid("demo", call("demo", "--json").stdout)] == ["medical", "phantom"]
 
 
 def completed(words: str, shell: str = "bash") -> list[str]:
@@ -89,7 +93,7 @@ def test_check_reads_all_and_says_what_would_be_done(tmp_path):
     path = write_study(tmp_path)
     done = call("check", path, "--json")
     assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
+    found = valid("check", done.stdout)
     assert [log["role"] for log in found["logs"]] == ["identify", "validate"]
     assert found["problems"] == []
     assert "10 base parameters" in found["steps"][0]

@@ -13,6 +13,7 @@ import haptid
 from haptid.cli import app
 from haptid.device.priors import PriorBody
 from held_poses import held_log, rigid_beta
+from json_outputs import valid
 from true_parameters import true_parameters
 
 HEAD = """
@@ -65,7 +66,7 @@ def test_help_says_what_goes_in_and_what_comes_out(command):
 def test_an_unknown_payload(folder):
     done, out = call(folder, "payload", loaded('name = "weight"'))
     assert done.exit_code == 0, done.output
-    (found,) = json.loads((out / "payload.json").read_text())["payloads"]
+    (found,) = valid("payload", (out / "payload.json").read_text())["payloads"]
     assert (found["name"], found["link"]) == ("weight", "3")
     mass = found["body"][0]
     assert mass["name"] == "mass"
@@ -80,7 +81,7 @@ def test_an_unknown_payload(folder):
 def test_gains_of_a_known_mass_as_json(folder):
     done, _ = call(folder, "payload", loaded("mass = 0.5"), "--gains", "--json")
     assert done.exit_code == 0, done.output
-    gains = json.loads(done.stdout)["gains"]
+    gains = valid("payload", done.stdout)["gains"]
     assert [one["name"] for one in gains["motors"]] == ["motor 2", "motor 3"]
     assert all(one["conf_int"][0] < one["value"] < one["conf_int"][1] for one in gains["motors"])
     assert "motor 1" in gains["left_out"][0]
@@ -90,7 +91,7 @@ def test_poses_and_their_table(folder):
     done, out = call(folder, "poses", HEAD + BARE)
     assert done.exit_code == 0, done.output
     assert "Gravity compensation is worth it" in done.stdout
-    first = json.loads((out / "static.json").read_text())
+    first = valid("poses", (out / "static.json").read_text())
     assert {one["motor"]: one["verdict"] for one in first["gravity"]}["motor 2"] == "worth it"
     table = HEAD.replace('time = "t"\n', "") + 'table = true\napproach = ["approach1", "approach2", "approach3"]\n'
     done, out = call(folder, "poses", table + BARE.replace("bare.csv", "out/poses.csv"), "--quiet")

@@ -14,6 +14,7 @@ from haptid.cli import app
 from haptid.dynamics.symbolic import regrouping as module
 from haptid.dynamics.symbolic import regroupings
 from haptid.dynamics.symbolic.arithmetic import UnluckyDrawError
+from json_outputs import valid
 
 FOUR_BAR = """
 name = "four-bar"
@@ -135,7 +136,7 @@ def test_model_shows_formulas_with_symbols() -> None:
     text = other_model("sr400")
     assert "ZZ2 + IA2 + ZZ8 + (M3 + M4 + M5 + M6) d3^2" in text
     assert "With d2 = 0.3, d3 = 0.45, d4 = 0.15, rl4 = 0.5, d8 = 0.2" in text
-    values = json.loads(other_model("sr400", "--json"))
+    values = valid("model", other_model("sr400", "--json"))
     row = next(p for p in values["base_parameters"] if p["name"] == "MX7R")
     assert row["formula"] == "MX7 + M8 d8 - MX8 d8/d3"
     assert row["latex"] == r"MX_{7R} = MX_{7} + M_{8} d_{8} - MX_{8} \frac{d_{8}}{d_{3}}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from importlib.resources import files
@@ -18,6 +17,7 @@ from haptid.device.geometry import angles, placed
 from haptid.errors import HaptidError, RobotFileError
 from haptid.robot_files import ImportedRobot, import_robot
 from haptid.robot_files.device_file import clean_names
+from json_outputs import valid
 
 ARM = """<?xml version="1.0"?>
 <!-- kept -->
@@ -348,7 +348,7 @@ def test_the_command_and_its_exit_status(tmp_path: Path) -> None:
     assert "approximate" in said
     assert run(str(source), "--out", str(target), "--strict")[0] == 1
     status, said = run(str(source), "--out", str(target), "--json")
-    report = json.loads(said)
+    report = valid("import", said)
     assert report["joints"]["shoulder-pan"] == "shoulder_pan"
     assert not report["exact"]
     before = target.read_text()

@@ -16,6 +16,7 @@ from haptid.inference.comparison import Series, compare
 from haptid.inference.drift import drift
 from haptid.inference.targets import targets
 from haptid.uncertainty.multiple_testing import misfit
+from json_outputs import valid
 from motions import motion
 from sampling import of_share
 from small_study import write_study
@@ -260,7 +261,9 @@ def test_the_command_prints_tables_and_json(folders):
     assert done.exit_code == 0, done.output
     for part in ("monday", "friday", "differs up to", "at 95 %", "drifts up to", "in a day"):
         assert part in done.output
-    values = json.loads(call(*folders, "--times", "0, 4", "--unit", "week", "--confidence", "0.9", "--json").stdout)
+    values = valid(
+        "compare", call(*folders, "--times", "0, 4", "--unit", "week", "--confidence", "0.9", "--json").stdout
+    )
     assert values["results"] == ["monday", "friday"]
     assert values["confidence"] == 0.9
     assert values["drift"]["unit"] == "week"
@@ -270,7 +273,7 @@ def test_the_command_prints_tables_and_json(folders):
     ):
         assert one["slope"] == pytest.approx(other["slope"], rel=1e-6)
         assert one["slope"] == pytest.approx((both["value"][1] - both["value"][0]) / 4, rel=1e-9)
-    assert "drift" not in json.loads(call(*folders, "--json").stdout)
+    assert "drift" not in valid("compare", call(*folders, "--json").stdout)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from haptid.advice import apply_advice as applied
 from haptid.cli.common import app
 from haptid.inference.diagnosis import diagnose
 from haptid.study.identify import Identification
+from json_outputs import valid
 from zoo.advised import rank
 from zoo.case import Case
 from zoo.wrong import WrongPlant, identified, written
@@ -88,7 +87,7 @@ def test_the_best_combination_is_written_and_identified_again(tmp_path: Path) ->
     given = {path: path.read_bytes() for path in tmp_path.iterdir()}
     made = CliRunner().invoke(app, ["advise", str(tmp_path / "study.toml"), "--apply", str(tmp_path / "out"), "--json"])
     assert made.exit_code == 0, made.output
-    values: dict[str, Any] = json.loads(made.stdout)
+    values = valid("advise", made.stdout)
     assert values["actions"][0]["edits"][0]["value"]["kind"] == "stribeck"
     assert values["applied"]["after"] < 0.5 * values["applied"]["before"]
     assert values["applied"]["before"] == pytest.approx(before.unseen[0].comparable.relative)

@@ -76,8 +76,47 @@ def described(name: str, command: Any) -> Iterator[str]:
             shown = p.name.upper() if p in arguments else ", ".join(p.opts)
             yield f"| `{shown}` | {_cell(p.help or '')} | {_default(p)} |"
         yield ""
+    if not inner and name != "haptid schema":
+        yield from _output(name.split()[1])
     for below, one in inner.items():
         yield from described(f"{name} {below}", one)
+
+
+def _output(command: str) -> Iterator[str]:
+    """The keys of what a command prints with --json, folded; `haptid schema` has all of it."""
+    from haptid.cli.outputs import output_schema
+
+    schema = output_schema(command)
+    yield f'??? note "Output of --json"\n\n    All of it: `haptid schema {command}`.\n'
+    for title, table in _tables(schema, schema):
+        yield f"    {title}\n\n    | key | |\n    |---|---|"
+        for key, value in table["properties"].items():
+            told = value.get("description") or _referred(value, schema).get("description", "")
+            yield f"    | `{key}` | {_cell(told)} |"
+        yield ""
+
+
+def _referred(value: dict[str, Any], whole: dict[str, Any]) -> dict[str, Any]:
+    """The object that a key holds, or a list of it; empty for numbers and texts."""
+    inner = [value, value.get("items", {}), *value.get("anyOf", ())]
+    names = [one["$ref"].rpartition("/")[2] for one in inner if "$ref" in one]
+    return whole["$defs"][names[0]] if names else {}
+
+
+def _tables(schema: dict[str, Any], whole: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The objects that an output is, or is a list or a table of."""
+    if "$ref" in schema:
+        schema = whole["$defs"][schema["$ref"].rpartition("/")[2]]
+    if "properties" in schema:
+        yield schema.get("description", ""), schema
+    elif "anyOf" in schema:
+        for one in schema["anyOf"]:
+            yield from _tables(one, whole)
+    elif schema.get("type") == "array":
+        yield from ((f"A list; each entry: {title}", table) for title, table in _tables(schema["items"], whole))
+    else:
+        inner = _tables(schema["additionalProperties"], whole)
+        yield from ((f"By name: {title}", table) for title, table in inner)
 
 
 def _place(parameter: Any) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +15,7 @@ from haptid.cli.common import (
     command,
     errors_shown,
     out,
+    print_json,
     print_lines,
     progress_bars,
     progress_callback,
@@ -65,7 +64,7 @@ def advise(
         values = made.to_dict()
         if after is not None:
             values["applied"] = {"kinds": [a.kind for a in after.actions], "before": after.before, "after": after.after}
-        sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
+        print_json("advise", values)
     elif not quiet:
         none = f"None of {made.tried} changes is proven to lower the error on unseen blocks."
         print_lines(*(made.sentences or (none,)))

@@ -64,6 +64,7 @@ def bench(
             )
     if as_json:
         print_json(
+            "bench",
             [
                 {
                     "log": str(job.out),
@@ -71,7 +72,7 @@ def bench(
                     "picture": str(job.strip) if picture else None,
                 }
                 for job in jobs
-            ]
+            ],
         )
     for job in () if quiet or as_json else jobs:
         also = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""

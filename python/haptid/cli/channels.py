@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import AsJson, command, errors_shown, out
+from haptid.cli.common import AsJson, command, errors_shown, out, print_json
 
 if TYPE_CHECKING:
     from haptid.log.survey import ChannelSurvey, Survey, TopicSurvey
@@ -57,7 +57,7 @@ def channels(
             with publishing_files(study) as new:
                 (new / study.name).write_text(draft, encoding="utf-8")
     if as_json:
-        sys.stdout.write(found.to_json())
+        print_json("channels", found.to_json())
     elif toml:
         sys.stdout.write(draft)
     else:

@@ -75,7 +75,7 @@ def characterise(
             progress("figures", 1.0)
             draw(poses, found, folder / "masses.png", progress)
     if as_json:
-        print_json(figures(found, made))
+        print_json("characterise", figures(found, made))
     elif not quiet:
         show(out, found, made)
         out.print(f"Figures in {out_folder}")

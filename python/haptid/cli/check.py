@@ -50,7 +50,7 @@ def check(
     with errors_shown(), progress_bars(quiet or as_json) as bars:
         found = check_study(study, data, progress_callback(bars), plans or ())
     if as_json:
-        print_json(found.to_json())
+        print_json("check", found.to_json())
     elif not quiet:
         print_lines(*found.summary().splitlines())
     if found.problems:

@@ -101,12 +101,11 @@ def command(text: str, name: str | None = None) -> Callable[[_Command], _Command
     return app.command(name, help=unwrapped(text))
 
 
-def print_json(values: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Print values as JSON, null where a number is not finite."""
-    from haptid._internal.escaping import json_text
-    from haptid.results.tables import finite
+def print_json(command: str, values: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Print values as the JSON of a command, null where a number is not finite."""
+    from haptid.cli.outputs import output_text
 
-    sys.stdout.write(json_text(finite(values)))
+    sys.stdout.write(output_text(command, values))
 
 
 @contextmanager

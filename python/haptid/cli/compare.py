@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import AsJson, command, errors_shown, print_lines
+from haptid.cli.common import AsJson, command, errors_shown, print_json, print_lines
 
 if TYPE_CHECKING:
     from haptid.inference.comparison import Series
@@ -44,19 +43,17 @@ def compare(
     confidence: Annotated[float, typer.Option("--confidence", help="joint confidence level for all parameters")] = 0.95,
     as_json: AsJson = False,
 ) -> None:
-    from haptid._internal.escaping import json_text
     from haptid.inference.comparison import compare as compared
     from haptid.inference.drift import drift
     from haptid.report.compared import names_of
     from haptid.results.result import Result
-    from haptid.results.tables import finite
 
     with errors_shown():
         when = None if times is None else [_time(part) for part in times.split(",")]
         series = compared(*map(Result.load, results), labels=names_of(results), confidence=confidence)
         lines = None if when is None else drift(series, when, unit)
     if as_json:
-        sys.stdout.write(json_text(finite(values(series, lines))))
+        print_json("compare", values(series, lines))
         return
     for made in (series, lines):
         if made is not None:

@@ -41,6 +41,6 @@ def completion(
             raise OptionError(f"there is no script for {shell!r}.", found=shell, limit=_SHELLS, advice=advice)
     script = get_completion_script(prog_name="haptid", complete_var=COMPLETION_VARIABLE, shell=shell) + "\n"
     if as_json:
-        print_json({"shell": shell, "script": script})
+        print_json("completion", {"shell": shell, "script": script})
     else:
         sys.stdout.write(script)

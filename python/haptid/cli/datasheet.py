@@ -82,7 +82,7 @@ def datasheet(
         sheets = [made(which) for which in devices]
         write_sheet(sheets, page)
     if as_json:
-        print_json({sheet.model.device.name: [asdict(row) for row in sheet.rows] for sheet in sheets})
+        print_json("datasheet", {sheet.model.device.name: [asdict(row) for row in sheet.rows] for sheet in sheets})
     elif not quiet:
         from haptid.report.datasheet import sheet_cells
         from haptid.report.model_tables import table

@@ -46,7 +46,7 @@ def demo(
     from haptid.demos.run import PAGE
 
     if name is None and as_json:
-        print_json([{"name": known, "title": read_demo(known).title} for known in demo_names()])
+        print_json("demo", [{"name": known, "title": read_demo(known).title} for known in demo_names()])
         return
     if name is None:
         for known in demo_names():

@@ -11,7 +11,7 @@ def devices(as_json: AsJson = False) -> None:
 
     found = {name: read_device(name).description for name in shipped_devices()}
     if as_json:
-        print_json([{"name": name, "description": description} for name, description in found.items()])
+        print_json("devices", [{"name": name, "description": description} for name, description in found.items()])
         return
     for name, description in found.items():
         out.print(f"{name:{max(map(len, found))}}  {description}", highlight=False)

@@ -57,8 +57,8 @@ def eliminate(
     as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
-    from haptid._internal.escaping import json_text
     from haptid.advice.eliminate import with_reduced
+    from haptid.cli.outputs import output_text
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
     from haptid.inference.elimination import eliminate as eliminated
@@ -87,9 +87,9 @@ def eliminate(
             Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).write_into(folder)
             progress("diagnosing", 1.0)
             values = {name: elimination_values(one) for name, one in reductions.items()}
-            (folder / "elimination.json").write_text(json_text(values), encoding="utf-8")
+            (folder / "elimination.json").write_text(output_text("eliminate", values), encoding="utf-8")
     if as_json:
-        print_json(values)
+        print_json("eliminate", values)
     elif not quiet:
         for name, one in reductions.items():
             out.print(name, style="bold")
@@ -108,12 +108,10 @@ def _unseen(found: Identification) -> Any:
 
 def elimination_values(found: Elimination) -> dict[str, Any]:
     """An elimination as JSON values."""
-    from haptid.results.tables import finite
-
     errors = {"fit": found.seen, "unseen": found.unseen}
     free = list(found.reduced.free_parameters)
     kept = [found.reduced.parameters[k] for k in free]
-    made = {
+    return {
         "parameters": len(found.full.free_parameters),
         "reason": found.reason,
         "eliminated": [
@@ -143,5 +141,3 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
             kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both
         },
     }
-    plain: dict[str, Any] = finite(made)
-    return plain

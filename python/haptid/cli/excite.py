@@ -198,7 +198,8 @@ def excite(
             _write_together(files, further, rate_hz, player, page_file)
     if as_json:
         made = [_values(found, path) for path, found in files.items()]
-        print_json(made[0] if further is None and len(made) == 1 else {"motions": made, **_predicted(further)})
+        alone = further is None and len(made) == 1
+        print_json("excite", made[0] if alone else {"motions": made, **_predicted(further)})
     elif not quiet:
         for path, found in files.items():
             _show(found, path, condition=further is None)

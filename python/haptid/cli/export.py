@@ -84,7 +84,7 @@ def export(
             for name, written in made.items()
         }
         verdict = [{"use": said.use, "grade": said.grade, "sentence": said.sentence} for said in read.verdict]
-        print_json({"formats": formats, "verdict": verdict})
+        print_json("export", {"formats": formats, "verdict": verdict})
     if quiet or as_json:
         return
     for written in made.values():

@@ -52,10 +52,11 @@ def fetch(
             written += fetch_recording(chosen[0], folder or Path("recordings", name), progress_callback(bars))
     if as_json:
         print_json(
+            "fetch",
             {
                 "recordings": [recording.model_dump(by_alias=True) for recording in chosen],
                 "files": [str(path) for path in written],
-            }
+            },
         )
     elif not quiet:
         for path in written:

@@ -76,7 +76,7 @@ def _run(
     read: _Read, tolerance: float | None, slowest: float | None, out_folder: Path, quiet: bool, as_json: bool
 ) -> None:
     """Fit the friction curves of a test, and write them."""
-    from haptid._internal.escaping import json_text
+    from haptid.cli.outputs import output_text
     from haptid.experiment.friction_test.choice import choose_friction
     from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
     from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
@@ -89,7 +89,7 @@ def _run(
         curve = friction_curve(model, motion, constant=constant)
         choice = choose_friction(curve)
         write_points(curve, folder / "friction.csv")
-        text = json_text(choice_values(choice))
+        text = output_text("friction", choice_values(choice))
         (folder / "friction.json").write_text(text, encoding="utf-8")
         plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
         progress("friction by velocity", 1.0)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, AsJson, command, complain, errors_shown, out
+from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, AsJson, command, complain, errors_shown, out, print_json
 
 HELP = """\
 Read a robot description, and write it as a device file.
@@ -70,7 +68,7 @@ def import_(
         )
         made.save(to)
     if as_json:
-        sys.stdout.write(json.dumps(made.to_dict(), indent=1) + "\n")
+        print_json("import", made.to_dict())
     else:
         joints, active = len(made.device.joints), len(made.device.active)
         what = "1 joint" if joints == 1 else f"{joints} joints"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import AsJson, DeviceName, command, err, errors_shown, out
+from haptid.cli.common import AsJson, DeviceName, command, err, errors_shown, out, print_json
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -34,7 +33,7 @@ def model(
         if latex:
             sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
         elif as_json:
-            sys.stdout.write(json.dumps(model_tables.model_values(read), indent=1) + "\n")
+            print_json("model", model_tables.model_values(read))
         else:
             model_tables.show_model(out, read)
 

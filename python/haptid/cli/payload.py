@@ -39,13 +39,14 @@ def payload(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    from haptid._internal.escaping import json_text, write_csv
+    from haptid._internal.escaping import write_csv
+    from haptid.cli.outputs import output_text
     from haptid.study import read_study
     from haptid.study.payloads import study_payloads
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
         found = study_payloads(read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress)
-        text = json_text(found.to_json())
+        text = output_text("payload", found.to_json())
         (folder / "payload.json").write_text(text, encoding="utf-8")
         write_csv(folder / "payload.csv", found.table())
         return text, found.summary()

@@ -35,14 +35,14 @@ def poses(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    from haptid._internal.escaping import json_text, write_csv
-    from haptid.results.tables import finite
+    from haptid._internal.escaping import write_csv
+    from haptid.cli.outputs import output_text
     from haptid.study import read_study
     from haptid.study.payloads import study_poses
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
         found = study_poses(read_study(study), data, progress)
-        text = json_text(finite(found.to_json()))
+        text = output_text("poses", found.to_json())
         (folder / "static.json").write_text(text, encoding="utf-8")
         head, rows = found.poses.table()
         write_csv(folder / "poses.csv", [head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])

@@ -51,7 +51,7 @@ def report(
             made = write_comparison(results, written)
             pairs = list(made.pairs)
     if as_json:
-        print_json({"page": str(written), "pairs": pairs})
+        print_json("report", {"page": str(written), "pairs": pairs})
     elif not quiet:
         sentences = (f"{pair['second']}: {line}" for pair in pairs for line in pair["sentences"])
         print_lines(*sentences, f"Report in {written}")

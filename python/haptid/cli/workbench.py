@@ -43,7 +43,7 @@ def workbench(
 
         def ready(address: str) -> None:
             if as_json:
-                print_json({"folder": str(folder.resolve()), "address": address})
+                print_json("app", {"folder": str(folder.resolve()), "address": address})
                 sys.stdout.flush()
             elif not quiet or no_browser:
                 out.print(f"Workbench of {folder.resolve()}: {address}", soft_wrap=True, highlight=False)

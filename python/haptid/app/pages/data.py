@@ -45,9 +45,10 @@ _MOST_SAMPLES, _MOST_CHANNELS = 400_000, 32
 def _look(session: Session, asked: Asked) -> Any:
     """What a log has: its channels with guessed roles, and what is noteworthy."""
     from haptid.log.survey import survey
+    from haptid.results.tables import finite
 
     path = session.workspace.inside(asked.text("path"), LOGS)
-    return json.loads(survey(path).to_json()) | {"path": asked.text("path")}
+    return finite(survey(path).to_json() | {"path": asked.text("path")})
 
 
 async def _drop(session: Session, request: HttpRequest) -> JSONResponse:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -106,15 +105,6 @@ class Survey:
         """What its channels seem to be."""
         return frozenset(channel.quantity for topic in self.topics for channel in topic.channels)
 
-    def to_json(self) -> str:
-        """The same as JSON; NaN is null."""
-        told = asdict(replace(self, path=Path(self.path.name)))
-        return json.dumps(_plain(told | {"path": str(self.path)}), indent=2) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    def to_json(self) -> dict[str, Any]:
+        """As JSON values; NaN where a number is not known."""
+        return asdict(self) | {"path": str(self.path)}

@@ -1,0 +1,230 @@
+"""`haptid check`, `advise`, `eliminate`, `payload`, `poses` and `friction`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from haptid.cli.outputs.tables import Interval, OutputTable, QuantityOutput
+from haptid.results.schema import Number
+
+# JSON has no tuples.
+_Path = Annotated[list[str | int], BeforeValidator(list)]
+
+
+class CheckedLogOutput(OutputTable):
+    path: str
+    role: str
+    summary: str = Field(description="channels, rate, duration; empty where the log cannot be read")
+    notes: list[str] = Field(description="what was mended")
+    problem: str = Field(description="what has to be changed first; empty where nothing is")
+    played: list[str] = Field(description="comparison with the motion of --plan")
+
+
+class CheckOutput(OutputTable):
+    """A study read and not fitted."""
+
+    study: str
+    device: str = Field(description="what the device has; empty where its file cannot be read")
+    logs: list[CheckedLogOutput]
+    treatment: list[str] = Field(description="settings with their reasons")
+    steps: list[str] = Field(description="what haptid identify would do")
+    problems: list[str] = Field(description="what has to be changed first; exit status 2 where there are any")
+
+
+class EditOutput(OutputTable):
+    """One change of a file."""
+
+    file: Literal["study", "device"]
+    operation: Literal["append", "set", "add", "multiply", "exchange", "exclude", "remove"]
+    path: _Path = Field(description="keys from the top of the file")
+    index: int | None = Field(description="entry of a list of numbers; null for all")
+    value: Any = Field(description="what is appended, set, added, multiplied by, or left out")
+
+
+class ActionOutput(OutputTable):
+    """A change with a proof."""
+
+    kind: str
+    places: list[str] = Field(description="joints, motors, channels or links")
+    change: str
+    proof: str = Field(description="unseen error, possible bodies or prior bodies")
+    before: Number = Field(description="measure of the proof without the change; of unseen error in per cent")
+    after: Number
+    se: Number = Field(description="paired standard error of the difference")
+    share: Number = Field(description="share of the rows that the change leaves out")
+    adds: bool = Field(description="whether it is part of the best combination")
+    blocks: int = Field(description="unseen time blocks")
+    rivals: list[str] = Field(description="changes that cannot be distinguished from it")
+    motor: str
+    sentence: str
+    edits: list[EditOutput]
+
+
+class MoreMotionOutput(OutputTable):
+    """Further motion that would make intervals narrower."""
+
+    stroke: float = Field(description="times that of the log")
+    speed: float = Field(description="times that of the log")
+    seconds: float
+    same_motion_seconds: Number = Field(description="that the same motion would take")
+    torque: Number = Field(description="largest, times that of the log")
+    parameters: list[str]
+    before_percent: list[Number] = Field(description="half width of the interval, per cent of the value")
+    after_percent: list[Number] = Field(description="the same, predicted with the motion")
+    sentence: str
+
+
+class AppliedOutput(OutputTable):
+    """What --apply wrote and confirmed."""
+
+    kinds: list[str]
+    before: Number = Field(description="error on unseen rows, per cent")
+    after: Number
+
+
+class AdviseOutput(OutputTable):
+    """Changes of a study and its device that are proven on its own logs."""
+
+    tried: int = Field(description="number of candidates")
+    unseen_error_percent: Number
+    combined_error_percent: Number = Field(description="with the best combination")
+    actions: list[ActionOutput]
+    undetermined: list[str] = Field(description="what cannot be determined from the logs")
+    more_motion: MoreMotionOutput | None
+    applied: AppliedOutput | None = Field(default=None, description="with --apply, where something was confirmed")
+
+
+class StepOutput(OutputTable):
+    name: str
+    relative_se_percent: Number
+    F: Number
+    p: Number
+    error_percent: Number = Field(description="of the model without it")
+
+
+class RefusedOutput(OutputTable):
+    name: str
+    p: Number
+
+
+class EssentialOutput(QuantityOutput):
+    change_in_se: Number = Field(description="from the full model, in its standard errors")
+
+
+class TwoErrorsOutput(OutputTable):
+    full: Number
+    reduced: Number
+
+
+class EliminationOutput(OutputTable):
+    """Backward elimination to the essential parameters."""
+
+    parameters: int = Field(description="before it")
+    reason: str = Field(description="why it stopped")
+    eliminated: list[StepOutput]
+    refused: RefusedOutput | None = Field(description="the one whose test stopped it")
+    essential: list[EssentialOutput]
+    error_percent: dict[str, TwoErrorsOutput] = Field(description="of the fit, and unseen where a log validates")
+
+
+class KnownOutput(OutputTable):
+    mass: Number = Field(description="kg; null where it was estimated")
+    com: list[float] | None = Field(description="m, in the link's frame")
+    inertia: list[list[float]] | None = Field(description="3 x 3, kg m^2")
+
+
+class NearestFigureOutput(OutputTable):
+    name: str
+    unit: str
+    value: Number
+
+
+class ConsistentOutput(OutputTable):
+    """The nearest rigid body."""
+
+    changed: bool
+    residual_increase_percent: Number
+    body: list[NearestFigureOutput]
+
+
+class OnePayloadOutput(OutputTable):
+    name: str
+    link: str
+    known: KnownOutput
+    body: list[QuantityOutput] = Field(description="mass, centre of mass, inertia")
+    parameters: list[QuantityOutput] = Field(
+        description="as estimated: mass, first moments, inertia in the link's frame"
+    )
+    left_out: list[str] = Field(description="what is not determined")
+    consistent: ConsistentOutput | None
+
+
+class GainsOutput(OutputTable):
+    motors: list[QuantityOutput] = Field(description="true gain over that of the device file")
+    left_out: list[str]
+
+
+class PayloadOutput(OutputTable):
+    """Payloads and drive gains."""
+
+    device: str
+    payloads: list[OnePayloadOutput]
+    gains: GainsOutput | None = Field(description="with --gains")
+    base_parameters: list[QuantityOutput]
+    residual_rms: dict[str, Number] = Field(description="by motor")
+    notes: list[str]
+
+
+class PoseParameterOutput(QuantityOutput):
+    grouping: str
+
+
+class GravityOutput(OutputTable):
+    """Whether a motor's holding torque is explained, at poses that were not fitted."""
+
+    motor: str
+    unit: str
+    verdict: str
+    holding_rms: Number
+    left_rms: Number
+    explained_percent: Number
+    friction_rms: Number
+    configurations: int
+    p: Number
+
+
+class PosesOutput(OutputTable):
+    """Gravity, springs and Coulomb friction from held poses."""
+
+    device: str
+    poses: int
+    configurations: int
+    parameters: list[PoseParameterOutput]
+    status: str
+    left_out: list[str]
+    gravity: list[GravityOutput]
+    notes: list[str]
+
+
+class FrictionFitOutput(OutputTable):
+    model: str
+    values: dict[str, Number]
+    conf_int: dict[str, Interval]
+    aicc: Number
+    relative_error_percent: Number
+
+
+class JointFrictionOutput(OutputTable):
+    joint: str
+    chosen: str
+    models: list[FrictionFitOutput]
+
+
+class FrictionOutput(OutputTable):
+    """Friction models compared, joint by joint."""
+
+    criterion: str
+    viscous_and_coulomb_are_enough: bool
+    joints: list[JointFrictionOutput]
