@@ -77,6 +77,14 @@ def with_motor(line: str) -> str:
     return f"{DEVICE}\n[[motors]]\nname = '1'\n{line}\n[[motors]]\nname = '2'\n"
 
 
+def chain(joints: int) -> str:
+    """A device of so many joints in a row, with friction."""
+    rows = "".join(
+        f"[[joints]]\nname = '{k}'\nalpha = {(-1) ** k * np.pi / 2}\nr = 0.1\n" for k in range(1, joints + 1)
+    )
+    return DEVICE[: DEVICE.index("[[joints]]")] + rows + DEVICE[DEVICE.index("[[terms]]") :]
+
+
 # Devices at the edge, and what is said of them; None: they have a result, finite and without a warning.
 AT_THE_EDGE = {
     **{f"d = {x}": (DEVICE.replace("d = 0.3", f"d = {x}"), r"limit 1e\+12|finite") for x in ("1e30", "-1e160", "nan")},
@@ -98,6 +106,8 @@ AT_THE_EDGE = {
     "no gear": (with_motor("gear_ratio = 0"), "not zero"),
     "huge gear": (with_motor("gear_ratio = 1e300"), r"limit 1e\+12"),
     "torque constant nan": (with_motor("torque_constant = nan"), "finite"),
+    "60 joints": (chain(60), "has 5[0-9]{2} base parameters, more than the 400"),
+    "200 joints": (chain(200), "at most 120"),
     "spring far away": (DEVICE + "[[terms]]\nkind = 'spring'\njoints = ['1']\nrest = 1e300\n", r"limit 1e\+12"),
 }
 

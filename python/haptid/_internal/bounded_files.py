@@ -73,7 +73,13 @@ LOG_UNPACKED = Limit(
 )
 LOG_MEMBERS = Limit("LOG_MEMBERS", 10_000, "columns, arrays or datasets of a log file", counted=True)
 SYMBOLIC_JOINTS = Limit("SYMBOLIC_JOINTS", 24, "joints of a device whose lengths are taken as symbols", counted=True)
-LIMITS = (DEFINITION_FILE, ROBOT_FILE, RESULT_FILE, REPORT_DATA, LOG_FILE, LOG_UNPACKED, LOG_MEMBERS, SYMBOLIC_JOINTS)
+BASE_PARAMETERS = Limit(
+    "BASE_PARAMETERS", 400, "base parameters that are identified together; the time grows with their cube", counted=True
+)
+LIMITS = (
+    *(DEFINITION_FILE, ROBOT_FILE, RESULT_FILE, REPORT_DATA, LOG_FILE, LOG_UNPACKED, LOG_MEMBERS),
+    *(SYMBOLIC_JOINTS, BASE_PARAMETERS),
+)
 
 
 def amount_text(amount: int, counted: bool = False) -> str:

@@ -33,6 +33,8 @@ INSTEAD = {
     "model_type": "Write a table",
     "dict_type": "Write a table",
 }
+# Of lists: the key of their bound in pydantic's error, and its name.
+_COUNTED = {"too_long": ("max_length", "at most"), "too_short": ("min_length", "at least")}
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class Fault:
             kind=kind,
             steps=(*steps, "kind") if kinds else tuple(steps),
             found=detail.get("ctx", {}).get("tag", detail["input"]),
-            wanted=INSTEAD.get(kind, detail["msg"].removeprefix("Value error, ")),
+            wanted=_counts(detail) or INSTEAD.get(kind, detail["msg"].removeprefix("Value error, ")),
             keys=tuple(_fields(around)) if around else (),
             kinds=kinds,
             meaning=_meaning(model, steps, data),
@@ -104,7 +106,8 @@ class Fault:
     @property
     def shown(self) -> str:
         """The value found, shortened."""
-        text = repr(self.found)
+        counted = self.kind in _COUNTED and isinstance(self.found, list)
+        text = f"{len(self.found)} entries" if counted else repr(self.found)
         return text if len(text) <= 60 else text[:57] + "..."
 
     @property
@@ -120,6 +123,12 @@ class Fault:
         meaning = f"; {self.meaning}" if self.meaning else ""
         what = "this key is missing" if self.kind == "missing" else f"{self.wanted} (found {self.shown})"
         return f"{what}{meaning}"
+
+
+def _counts(detail: Any) -> str:
+    """What to write in place of a list of too many or too few entries; empty for other errors."""
+    bound = _COUNTED.get(detail["type"])
+    return f"Write {bound[1]} {detail['ctx'][bound[0]]} entries" if bound and isinstance(detail["input"], list) else ""
 
 
 def read_checked(path: Path, model: type[Model], wrong: type[HaptidError], noun: str, advice: str = "") -> Model:

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from haptid._internal.bounded_files import BASE_PARAMETERS
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IdentifiabilityError, NoRowsError
+from haptid.errors import EstimationError, IdentifiabilityError, NoRowsError
 from haptid.estimation import Estimate, MotorSide, estimate
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
@@ -144,6 +145,7 @@ def identify(
     progress = progress or _silent
     check_kind(study)
     as_filed = DynamicModel(read_device(study.device))
+    _check_size(as_filed)
     study = study.on(as_filed.device)
     logs = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
     study, logs = _completed(study, as_filed, logs, progress)
@@ -184,6 +186,21 @@ def identify(
     return Identification(
         study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
     )
+
+
+def _check_size(model: DynamicModel) -> None:
+    """Raise EstimationError, before any log is read, for more parameters than are estimated in a bearable time."""
+    count, most = len(model.base.names), BASE_PARAMETERS.value
+    if count > most:
+        raise EstimationError(
+            f"{model.device.name} has {count} base parameters, more than the {most} that are identified together: the "
+            "time grows with their cube, and would be many minutes.",
+            where=model.device.name,
+            found=count,
+            limit=most,
+            advice="Leave joints that stand still out of the device file, or identify a part at a time; "
+            f"{BASE_PARAMETERS.variable} sets another limit.",
+        )
 
 
 @contextmanager
