@@ -223,6 +223,10 @@ XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:ar
 def test_xacro(tmp_path: Path) -> None:
     """Arguments and arithmetic work; files from elsewhere, the environment and endless arithmetic do not."""
     pytest.importorskip("xacro")
+    macros = tmp_path / "macros.xacro"
+    macros.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m" params="a"/></robot>')
+    with pytest.raises(HaptidError, match="calls these macros"):
+        import_robot(macros)
     path, outside = tmp_path / "in" / "robot.urdf.xacro", tmp_path / "secret.yaml"
     path.parent.mkdir()
     outside.write_text("key: 1")

@@ -178,7 +178,7 @@ def _missing_argument(path: str, name: str) -> tuple[str, str]:
     # Defaults that are made of others are of no use to a reader.
     known = {a.getAttribute("name"): value for a in nodes if "$" not in (value := a.getAttribute("default") or "$")}
     advice = f"State one: --xacro-arg {name}={known.pop(name, 'VALUE')}."
-    others = ", ".join(f"{key} ({value})" for key, value in known.items())
+    others = ", ".join(f"{key} ({value})" for key, value in list(known.items())[:12])
     return f"its argument {name!r} is used without a value", advice + (
         f" Others, with defaults: {others}." if others else ""
     )

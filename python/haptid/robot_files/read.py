@@ -61,7 +61,10 @@ def read_robot(
     if root.tag == "sdf":
         return read_sdf(root, roots, snap)
     if root.tag == "robot" and (suffix == ".xacro" or _XACRO.search(content)):
-        return read_urdf(expand_xacro(path, roots, xacro_arguments or {}), str(path), snap)
+        expanded = expand_xacro(path, roots, xacro_arguments or {})
+        if b"<link" not in expanded:
+            raise refused(str(path), "it expands to no <link>", "Give the file of the robot, which calls these macros.")
+        return read_urdf(expanded, f"{path}, expanded", snap)
     if root.tag == "robot":
         return read_urdf(content, str(path), snap)
     raise refused(str(path), f"its root is <{root.tag[:60]}>", f"Give {_FORMATS}.", root.line)
