@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -85,6 +86,36 @@ def test_an_opened_log_is_the_log_that_is_read(tmp_path: Path, suffix: str, kind
     np.testing.assert_array_equal(opened.busiest(9.0).position, read.busiest(9.0).position)
 
 
+@QUICK
+@given(st.lists(st.integers(1, 400), min_size=2, max_size=12), st.integers(0, 99))
+def test_a_folder_of_parquet_files_is_the_one_file(tmp_path: Path, cuts: list[int], seed: int) -> None:
+    """Files are in the order of their numbers: part 10 follows part 9. A log in one file is the oracle."""
+    data = disturbed(samples(sum(cuts) + 600, seed), "gaps", seed)
+    whole, edges = write(tmp_path, ".parquet", data), [0, *np.cumsum(cuts).tolist(), None]
+    folder = tmp_path / f"parts-{seed}-{len(cuts)}-{cuts[0]}"
+    folder.mkdir(exist_ok=True)
+    for old in folder.iterdir():
+        old.unlink()
+    for k, (start, stop) in enumerate(pairwise(edges)):
+        parquet.write_table(pa.table({n: c[start:stop] for n, c in data.items()}), folder / f"part-{k}.parquet")
+    one = read_log(whole, UNWRAPPED)
+    for log in (read_log(folder, UNWRAPPED), open_log(folder, UNWRAPPED)):
+        assert log.notes == one.notes
+        np.testing.assert_array_equal(log.t, one.t)
+        np.testing.assert_array_equal(np.asarray(log.position), one.position)
+        np.testing.assert_array_equal(log.torque[100:500], one.torque[100:500])
+    digest = one.sha256
+    assert digest != read_log(folder, UNWRAPPED).sha256 == open_log(folder, UNWRAPPED).sha256
+
+
+def test_a_folder_whose_files_differ_in_channels_is_refused(tmp_path: Path) -> None:
+    data = samples(700, 0)
+    for k, names in enumerate((("t", "q1", "q2", "u"), ("t", "q1", "u"))):
+        parquet.write_table(pa.table({name: data[name] for name in names}), tmp_path / f"{k}.parquet")
+    with pytest.raises(errors.LogFileError, match=r"1.parquet has other channels than 0.parquet.*q2"):
+        read_log(tmp_path, UNWRAPPED)
+
+
 def test_the_observation_is_the_same_to_the_last_digits(tmp_path: Path) -> None:
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     made = motion(model, truth(model), seconds=2.3 * CHUNK * 1e-3, noise=0.05)
@@ -129,7 +160,7 @@ def test_a_format_without_rows_is_rejected(tmp_path: Path) -> None:
     np.savez(path, **samples(100, 1))
     with pytest.raises(errors.LogFileError) as raised:
         open_log(path, UNWRAPPED)
-    assert raised.value.limit == ("Parquet", "HDF5")
+    assert raised.value.limit == ("Parquet", "HDF5", "folder of Parquet files")
 
 
 def test_a_file_that_changed_is_rejected(tmp_path: Path) -> None:

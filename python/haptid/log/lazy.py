@@ -15,6 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import LogFileError
 from haptid.log import checks, resampling
+from haptid.log.formats.folders import log_size
 
 if TYPE_CHECKING:
     from haptid.log.log import Signal
@@ -116,10 +117,10 @@ def _chunk(array: OnDisk, k: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LazySource:
-    """The rows of a file that a log consists of.
+    """The rows of a file, or of a folder of files, that a log consists of.
 
     Attributes:
-        path, size: of the file; size in bytes.
+        path, size: of the file or folder; size in bytes.
         kind: its format.
         first: row of the first sample.
     """
@@ -135,7 +136,7 @@ class LazySource:
         Raises:
             LogFileError: the file's size has changed.
         """
-        size = self.path.stat().st_size
+        size = log_size(self.path)
         if size != self.size:
             raise LogFileError(
                 f"{self.path} has {size} bytes, and had {self.size} when it was checked.",

@@ -21,7 +21,7 @@ from haptid._internal.extras import needing
 from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, stamps, units
 from haptid.log.channel_clocks import clock_drift
-from haptid.log.formats.folders import bag_files, data_set_files
+from haptid.log.formats.folders import bag_files, data_set_files, log_files, log_size, parquet_files
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
@@ -96,8 +96,9 @@ FORMATS = (
     Format("LeRobot data set", (), "lerobot", asks=True),
     Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
     Format("text with a channel in each row", (), "transposed"),
+    Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
 )
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED = FORMATS[0], FORMATS[5], FORMATS[7], FORMATS[9]
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES = (FORMATS[k] for k in (0, 5, 7, 9, 10))
 
 
 def read_log(
@@ -114,7 +115,8 @@ def read_log(
     defects that cannot be repaired are errors.
 
     Args:
-        path: CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, TDMS, JSON; a folder of a ROS 2 bag or LeRobot data set.
+        path: CSV, Parquet, MAT, NPZ, NPY, HDF5, MCAP, ROS bag, TDMS, JSON; a folder of a ROS 2 bag, LeRobot data set
+            or Parquet files.
         channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
         time_range: the part to keep, (from, to) in s from the file's first sample; None keeps all.
         episodes: of a data set, by number; None for all. Each is a segment of the log.
@@ -175,11 +177,11 @@ def format_of(path: Path) -> Format:
     """The format by the suffix, of a file that exists and can be read."""
     try:
         if path.is_dir():
-            for kind, files in ((LEROBOT, data_set_files(path)), (MESSAGES, bag_files(path))):
-                if files:
+            for kind, files in ((LEROBOT, data_set_files), (MESSAGES, bag_files), (_PARQUET_FILES, parquet_files)):
+                if files(path):
                     return kind
             raise LogFileError(
-                f"{path} is a folder, and neither a LeRobot data set nor a ROS 2 bag.",
+                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of Parquet files.",
                 where=path,
                 advice="Name one file in it.",
             )
@@ -201,7 +203,7 @@ def format_of(path: Path) -> Format:
     suffix = path.suffix.lower()
     if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:
         return Format(suffix[1:].upper(), (suffix,), "", extension=found)
-    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind is not TRANSPOSED]
+    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind.suffixes]
     known += [f".{name}" for name in extension_names("haptid.log_formats")]
     raise LogFileError(
         f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
@@ -232,7 +234,7 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file's bytes; of a folder, of the names and digests of the files that hold its samples."""
     if path.is_dir():
-        files = data_set_files(path) or bag_files(path)
+        files = log_files(path)
         lines = "".join(f"{sha256_of(file)}  {file.relative_to(path).as_posix()}\n" for file in files)
         return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:
@@ -399,11 +401,10 @@ def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: Ch
 
 def is_long(path: Path) -> bool:
     """Whether a file is to be opened rather than read: it is large, and its format can be read by rows."""
-    return (
-        path.is_file()
-        and path.stat().st_size > _LARGE
-        and any(kind.by_rows and path.suffix.lower() in kind.suffixes for kind in FORMATS)
-    )
+    if path.is_dir():
+        return format_of(path).by_rows and log_size(path) > _LARGE
+    suffixes = [suffix for kind in FORMATS if kind.by_rows for suffix in kind.suffixes]
+    return path.is_file() and path.suffix.lower() in suffixes and path.stat().st_size > _LARGE
 
 
 def open_log(
@@ -417,7 +418,7 @@ def open_log(
     along the samples, the only operation on them; a NumPy array made of one of them holds all of it.
 
     Args:
-        path: Parquet or HDF5.
+        path: Parquet, HDF5, or a folder of Parquet files.
         channels, time_range: as for `read_log`.
 
     Raises:
@@ -444,7 +445,7 @@ def open_log(
     reader.inspect_torques(channels.torque)
     found = reader.times.base(reader.inspection, reader.channels_of, channels)
     notes.extend(found.report.sentences)
-    source = LazySource(path, path.stat().st_size, kind, reader.times.rows.start)
+    source = LazySource(path, log_size(path), kind, reader.times.rows.start)
     position = SignalOnDisk(
         source,
         found.position,

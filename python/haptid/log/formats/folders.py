@@ -1,4 +1,4 @@
-"""Logs that are folders: the files of a ROS 2 bag, and of a LeRobot data set."""
+"""Logs that are folders: the files of a ROS 2 bag, of a LeRobot data set, and of a log in several Parquet files."""
 
 from __future__ import annotations
 
@@ -21,6 +21,24 @@ def data_set_files(folder: Path) -> list[Path]:
         return []
     tables = [file for file in (folder / "data").glob("*/*.parquet") if file.is_file()]
     return [folder / _INFO, *sorted(tables, key=lambda file: natural(file.relative_to(folder).as_posix()))]
+
+
+def parquet_files(folder: Path) -> list[Path]:
+    """Parquet files in a folder, or in folders in it, by their numbers."""
+    files = [file for pattern in ("*.parquet", "*/*.parquet") for file in folder.glob(pattern) if file.is_file()]
+    return sorted(files, key=lambda file: natural(file.relative_to(folder).as_posix()))
+
+
+def log_files(path: Path) -> list[Path]:
+    """The files that hold a log's samples: itself, or those of its folder."""
+    if not path.is_dir():
+        return [path]
+    return data_set_files(path) or bag_files(path) or parquet_files(path)
+
+
+def log_size(path: Path) -> int:
+    """Bytes of the files that hold a log's samples."""
+    return sum(file.stat().st_size for file in log_files(path))
 
 
 def natural(name: str) -> list[tuple[int, str]]:

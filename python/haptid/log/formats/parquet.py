@@ -76,6 +76,13 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
         return collect(wanted, _columns(path, file, wanted))
 
 
+def count(path: Path) -> int:
+    """Rows of a file."""
+    require(path, _KIND, "Parquet")
+    with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
+        return int(file.metadata.num_rows)
+
+
 def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of columns, each (stop - start,); their row groups are cached."""
     with opened_file(path, _KIND), parquet.ParquetFile(path) as file:
