@@ -93,6 +93,23 @@ def test_gravity_and_friction_come_back_inside_their_intervals(arm, chi):
     assert np.sum(inside) >= stats.binom.ppf(1e-4, np.size(inside), 0.95)
 
 
+def test_friction_at_rest_is_a_range_and_no_interval_of_coulomb_friction(arm, chi):
+    """Holds keep 0.6 to 1 of the Coulomb friction: the interval of the mean misses it, the range reaches to it."""
+    log = held_log(arm, rigid_beta(arm, chi), 3, scatter=0.2)
+    found = haptid.identify_poses(arm, haptid.motion.find_poses(arm.device, log))
+    assert [name for name in found.estimate.base.names if name.startswith("FC")] == ["FC1", "FC2", "FC3"]
+    assert not any(one["name"].startswith("FC") for one in found.to_json()["parameters"])
+    assert "FC1" not in found.summary()
+    assert "ranges, not intervals" in found.summary()
+    intervals = dict(zip(found.estimate.base.names, found.estimate.conf_int(), strict=True))
+    for one, name in zip(found.friction, ("FC1", "FC2", "FC3"), strict=True):
+        assert intervals[name][1] < FRICTION
+        # Both sides of a configuration are averaged; gravity errors and noise are a tenth of the friction.
+        assert 0.6 * FRICTION - 0.1 * FRICTION < one.least < one.mean < one.greatest < 1.1 * FRICTION
+        assert one.mean == pytest.approx(0.8 * FRICTION, rel=0.1)
+        assert one.greatest - one.least > 0.15 * FRICTION
+
+
 def test_a_pose_of_a_configuration_is_not_predicted_by_the_other(arm, poses):
     observation = haptid.observation.observe_poses(haptid.dynamics.static_model(arm), poses)
     assert len(observation.blocks) == poses.configurations

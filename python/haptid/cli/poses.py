@@ -11,14 +11,14 @@ import typer
 from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into
 
 HELP = """\
-Identify gravity, springs and Coulomb friction from held poses, and whether to compensate gravity.
+Identify gravity, springs and friction at rest from held poses, and whether to compensate gravity.
 
 The STUDY has a table [poses]. Its logs hold one pose after the other, each reached from both sides; the holds are found
 from the stillness of the encoders. With table = true they have one row a pose instead. Parameters that the poses do not
 determine are left out. Writes into OUT:
 
-- `static.json`: static base parameters with 95 % intervals, and for each motor how much of its holding torque is
-  explained at poses that were not fitted
+- `static.json`: static base parameters with 95 % intervals; for each motor the range of its dry friction at rest, and how
+  much of its holding torque is explained at poses that were not fitted
 - `poses.csv`: the poses that were found, averaged, in SI; one row each
 
 Exit status: 0 on success, 2 on an error; the message says what to do.

@@ -16,7 +16,7 @@ from haptid.inference.elimination import (
     eliminate_by_motor,
 )
 from haptid.inference.payloads import AttachedBody, identify_payloads
-from haptid.inference.static_poses import GravityVerdict, StaticIdentification, identify_poses
+from haptid.inference.static_poses import FrictionAtRest, GravityVerdict, StaticIdentification, identify_poses
 from haptid.inference.targets import Targets, target_map, targets
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Elimination",
     "Finding",
     "GautierRatio",
+    "FrictionAtRest",
     "GravityVerdict",
     "MaxRelativeStd",
     "ModelAlarm",

@@ -1,9 +1,10 @@
-"""Identification from held poses: gravity, springs, offsets and Coulomb friction, and whether to compensate gravity."""
+"""Identification from held poses: gravity, springs, offsets, friction at rest, and whether to compensate gravity."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +26,10 @@ from haptid.uncertainty.quantities import aligned
 MOST_FOLDS = 10
 # Significance level at which compensation is proven to take torque off.
 COMPENSATION_SIGNIFICANCE = 0.05
+_NO_INTERVAL = (
+    "These are ranges, not intervals of the Coulomb friction in motion: a joint that comes to rest keeps a part of it, "
+    "which differs from hold to hold. Record motion for Coulomb friction."
+)
 
 
 @dataclass(frozen=True)
@@ -71,13 +76,42 @@ class GravityVerdict:
         return f"{figures} Gravity compensation is unproven (p = {self.p:.2g}): record more poses, with larger moves."
 
 
+@dataclass(frozen=True)
+class FrictionAtRest:
+    """Range of the dry friction that is left of a motor's when it has come to rest, over the configurations.
+
+    It is no interval of the Coulomb friction in motion: a joint that stops under its controller keeps a part of it.
+
+    Attributes:
+        label, unit: of the motor.
+        least, mean, greatest: over configurations, N m or N.
+        configurations: that its friction was found at.
+    """
+
+    label: str
+    unit: str
+    least: float
+    mean: float
+    greatest: float
+    configurations: int
+
+    @property
+    def sentence(self) -> str:
+        """The range in words."""
+        return (
+            f"{self.label}: dry friction at rest is {self.least:.2g} to {self.greatest:.2g} {self.unit} at "
+            f"{self.configurations} configurations, {self.mean:.3g} {self.unit} in the mean."
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class StaticIdentification:
     """A device identified from held poses.
 
     Attributes:
         poses: that were used.
-        estimate: static base parameters; intervals are clustered by configuration.
+        estimate: static base parameters; intervals are clustered by configuration. Its Coulomb constants are means of
+            the friction at rest, and their intervals those of these means.
         left_out: sentences on what the poses do not determine.
         verdicts: one for each motor.
     """
@@ -102,13 +136,24 @@ class StaticIdentification:
         c = self.model.device.row_map @ np.asarray(qa, dtype=float)
         return self.model.torque(self.estimate.beta, np.ascontiguousarray(c))
 
+    @cached_property
+    def friction(self) -> tuple[FrictionAtRest, ...]:
+        """The friction at rest of each motor that has Coulomb friction in the model."""
+        return tuple(_friction_at_rest(self.poses, self.model, self.estimate.beta))
+
+    @property
+    def quoted(self) -> list[int]:
+        """Indices of the base parameters that are quoted with intervals: all but Coulomb constants."""
+        dry = {term.name for term in self.model.terms if term.kind in COULOMB}
+        return [k for k, name in enumerate(self.estimate.base.names) if name not in dry]
+
     def summary(self) -> str:
-        """Table of parameters, verdicts and notes."""
+        """Table of parameters, friction at rest, verdicts and notes."""
         base = self.estimate.base
-        groups = [[name, text] for name, text in zip(base.names, base.groupings, strict=True) if name != text]
-        parts = [self.estimate.quantities.table()]
-        if groups:
-            parts.append("\n".join(f"{name} = {text}" for name, text in groups))
+        groups = [f"{base.names[k]} = {base.groupings[k]}" for k in self.quoted if base.names[k] != base.groupings[k]]
+        parts = [self.estimate.quantities.pick(self.quoted).table(), "\n".join(groups)]
+        if self.friction:
+            parts.append("\n".join([*(one.sentence for one in self.friction), _NO_INTERVAL]))
         parts.append("\n".join([v.sentence for v in self.verdicts]))
         parts.append("\n".join([*self.left_out, *self.estimate.notes, *self.noise_notes()]))
         return "\n\n".join(part for part in parts if part)
@@ -133,14 +178,25 @@ class StaticIdentification:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON values."""
-        base = self.estimate.base
+        base, quoted = self.estimate.base, self.quoted
         return {
             "device": self.model.device.name,
             "poses": len(self.poses),
             "configurations": self.poses.configurations,
             "parameters": [
-                one | {"grouping": text}
-                for one, text in zip(self.estimate.quantities.to_json(), base.groupings, strict=True)
+                one | {"grouping": base.groupings[k]}
+                for one, k in zip(self.estimate.quantities.pick(quoted).to_json(), quoted, strict=True)
+            ],
+            "friction_at_rest": [
+                {
+                    "motor": one.label,
+                    "unit": one.unit,
+                    "least": one.least,
+                    "mean": one.mean,
+                    "greatest": one.greatest,
+                    "configurations": one.configurations,
+                }
+                for one in self.friction
             ],
             "status": self.estimate.status,
             "left_out": list(self.left_out),
@@ -158,7 +214,7 @@ class StaticIdentification:
                 }
                 for v in self.verdicts
             ],
-            "notes": [*self.estimate.notes, *self.noise_notes()],
+            "notes": [*([_NO_INTERVAL] if self.friction else []), *self.estimate.notes, *self.noise_notes()],
         }
 
     def gravity_table(self) -> str:
@@ -180,7 +236,7 @@ class StaticIdentification:
 
 
 def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = None) -> StaticIdentification:
-    """Identify gravity, springs, offsets and Coulomb friction from held poses.
+    """Identify gravity, springs, offsets and the friction at rest from held poses.
 
     The base parameters are those of the static regressor at these poses; what they do not determine is left out.
 
@@ -226,6 +282,31 @@ def _static_left_out(model: DynamicModel, whole: StaticModel, determined: Static
         advice = "reach each pose from both sides" if dry else "add poses that move other joints, and move them further"
         said.append(f"These poses do not determine {listed(lost)} separately: {advice}.")
     return tuple(said)
+
+
+def _friction_at_rest(poses: Poses, model: StaticModel, beta: Array) -> Iterator[FrictionAtRest]:
+    """The range of each motor's friction: torque less gravity, springs and offset, towards the approach.
+
+    Sides of a configuration are averaged with equal weight, so that errors of its gravity cancel.
+
+    Args:
+        beta: base parameters of the model, SI.
+    """
+    rest = poses.approach * (poses.tau - model.torque(beta, poses.c.T).T)
+    for row in np.flatnonzero(model.device.measured).tolist():
+        if not any(term.kind in COULOMB for term in model.coulomb_terms(row)):
+            continue
+        side = poses.approach[:, row]
+        known = np.abs(np.nan_to_num(side)) > 0
+        found = []
+        for k in np.unique(poses.configuration[known]):
+            here = known & (poses.configuration == k)
+            found.append(np.mean([rest[here & (side == s), row].mean() for s in np.unique(side[here])]))
+        if found:
+            yield FrictionAtRest(
+                model.device.row_labels[row], model.device.torque_units[row],
+                float(np.min(found)), float(np.mean(found)), float(np.max(found)), len(found),
+            )  # fmt: skip
 
 
 def _verdicts(poses: Poses, observation: Observation, made: Estimate, method: Method) -> Iterator[GravityVerdict]:
