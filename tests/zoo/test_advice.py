@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from haptid.advice import advise
 from haptid.advice import apply_advice as applied
 from haptid.cli.common import app
 from haptid.inference.diagnosis import diagnose
-from haptid.study.identify import Identification
+from haptid.study.identify import Identification, identify
+from haptid.study.read import read_study
 from json_outputs import valid
 from zoo.advised import rank
 from zoo.case import Case
@@ -73,6 +75,22 @@ def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: 
     after = applied(made, wrong, tmp_path / "out")
     assert after is not None
     np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
+
+
+def test_a_mounting_is_named_with_those_that_predict_as_well(tmp_path: Path) -> None:
+    """Two links in the plane of gravity, read as level: first moments turn with gravity, only inertia tells its axis."""
+    rivals = []
+    slow = replace(ARM, motion_hz=0.04, seconds=150.0, rate=20.0, noise="AR", level=0.04)
+    for case in (ARM, slow):
+        study, device = written(WrongPlant(case), tmp_path), tmp_path / "device.toml"
+        level = device.read_text().replace("gravity = [0.0, -9.81, 0.0]", "gravity = [0.0, 0.0, -9.81]")
+        device.write_text(level)
+        (action,) = advise(identify(read_study(study))).actions
+        assert action.kind == "mounting"
+        told = f"[{', '.join(f'{x:g}' for x in action.edits[0].value)}]"
+        rivals.append({told, *(one.removeprefix("gravity ") for one in action.rivals)})
+    assert rivals[0] == {"[0, -9.81, 0]"}
+    assert rivals[1] == {"[0, -9.81, 0]", "[0, 9.81, 0]", "[-9.81, 0, 0]", "[9.81, 0, 0]"}
 
 
 def test_a_gain_of_one_axis_cannot_be_told(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ _OPEN: Mapping[str, str] = {
     "unit": "whether the channel's gain or the prior bodies are wrong",
     "zero offset": "whether the sensor's zero or the device file's angle is wrong",
     "gravity direction": "whether the base is tilted or several zeros are wrong",
-    "mounting": "a tilt from that axis, and where inertia is small, up from down along it",
+    "mounting": "whether the base is tilted from that axis",
     "dead torque": "what the channel would have shown",
     "contact": "what touched it, and lighter contacts elsewhere",
     "other log": "what differs in it: a payload, a setting, another device",
@@ -127,7 +127,7 @@ class Action:
         adds: whether it belongs to the best combination.
         edits: of study and device file; empty where files cannot say it.
         blocks: unseen time blocks on which the errors are stated.
-        rivals: other changes whose gain is the same within a paired standard error.
+        rivals: other changes whose gain is the same within a paired standard error, mountings within three.
         motor: whose error is stated; empty for that of all.
     """
 
@@ -166,7 +166,7 @@ class Action:
     @property
     def _open(self) -> Iterator[str]:
         if self.rivals:
-            yield f"Not distinguishable from it, within a standard error: {joined_names(self.rivals)}."
+            yield f"Not distinguishable from it by paired block errors: {joined_names(self.rivals)}."
         if self.kind in _OPEN:
             yield f"Not known: {_OPEN[self.kind]}."
 
@@ -370,10 +370,11 @@ def _mounting(found: Identification, part: Estimate, left: float) -> Action | No
     one = other_mounting(found.model, part.observation.motions, part.beta, part.zero)
     if one is None or one.after > MOST_LEFT * left * one.before:
         return None
-    down = ", ".join(f"{x:.4g}" for x in one.gravity)
+    down, *others = (f"[{', '.join(f'{x:.4g}' for x in gravity)}]" for gravity in (one.gravity, *one.rivals))
+    rivals = tuple(f"gravity {other}" for other in others)
     return Action(
-        "mounting", ("the base",), f"set gravity to [{down}] in the device file: the base is mounted so",
-        "unseen error", one.before, one.after, one.se, one.gain.share, True, one.edits, one.blocks,
+        "mounting", ("the base",), f"set gravity to {down} in the device file: the base is mounted so",
+        "unseen error", one.before, one.after, one.se, one.gain.share, True, one.edits, one.blocks, rivals,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.edits import Edit
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import finer, large_enough, unseen_percent, weights_of
+from haptid.advice.search import LEAST_SE, finer, large_enough, unseen_percent, weights_of
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -122,7 +122,8 @@ def _tried(
     if there.used.shape != rows.used.shape:
         return None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
-    return OtherSide(position, torque, *_compared(model, (rows, there), (beta, beta), (kept, kept)))
+    _, figures = _compared(model, (rows, there), (beta, beta), (kept, kept))
+    return OtherSide(position, torque, *figures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +132,12 @@ class OtherMounting:
 
     Attributes:
         gravity: in the base frame, m/s^2, (3,).
+        rivals: other directions that predict unseen blocks as well, such as up in place of down, m/s^2, (3,) each.
         gain, before, after, se, blocks: as of another side.
     """
 
     gravity: tuple[float, ...]
+    rivals: tuple[tuple[float, ...], ...]
     gain: Gain
     before: float
     after: float
@@ -152,8 +155,8 @@ def other_mounting(
 ) -> OtherMounting | None:
     """Gravity along the axis of the base frame with the largest proven gain; None where none is proven.
 
-    Gravity along an axis and against it are told apart by inertia: first moments are in the columns of both. Where the
-    log does not tell them apart, one of them is returned.
+    Gravity along an axis and against it are told apart by the first moments in the torque of inertia alone: those in
+    the torque of gravity take any sign.
 
     Args:
         motions: treated signals of the fit.
@@ -164,7 +167,7 @@ def other_mounting(
     if not magnitude or zero or sum(map(len, motions)) > MOST_SAMPLES:
         return None
     now = tuple(finer(motion) for motion in motions)
-    rows, tried = trial_rows(model, now, beta), list[OtherMounting]()
+    rows, tried, trials = trial_rows(model, now, beta), list[OtherMounting](), list[Trial]()
     for axis in (*np.eye(3), *-np.eye(3)):
         if abs(axis @ model.device.gravity) > _SAME_AXIS * magnitude:
             continue
@@ -172,14 +175,20 @@ def other_mounting(
         start = np.zeros(len(turned.base))
         there = trial_rows(turned, now, start)
         kept = np.arange(len(beta)), np.arange(len(start))
-        gravity = tuple(float(x) + 0.0 for x in -magnitude * axis)
-        tried.append(OtherMounting(gravity, *_compared(model, (rows, there), (beta, start), kept)))
+        trial, figures = _compared(model, (rows, there), (beta, start), kept)
+        tried.append(OtherMounting(tuple((0.0 - magnitude * axis).tolist()), (), *figures))
+        trials.append(trial)
     held = [
-        one
-        for one in tried
+        k
+        for k, one in enumerate(tried)
         if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
     ]
-    return max(held, key=lambda one: one.gain.share, default=None)
+    best = max(held, key=lambda k: tried[k].gain.share, default=None)
+    if best is None:
+        return None
+    losses = {k: gain(trial, trials[best]) for k, trial in enumerate(trials) if k != best}
+    alike = tuple(tried[k].gravity for k, loss in losses.items() if loss.share <= LEAST_SE * loss.se)
+    return replace(tried[best], rivals=alike)
 
 
 def _compared(
@@ -187,8 +196,11 @@ def _compared(
     rows: tuple[TrialRows, TrialRows],
     start: tuple[Array, Array],
     kept: tuple[np.ndarray, np.ndarray],
-) -> tuple[Gain, float, float, float, int]:
-    """Gain, unseen errors before and after, their paired standard error, per cent, and blocks, on the rows of both."""
+) -> tuple[Trial, tuple[Gain, float, float, float, int]]:
+    """The second trial on the rows of both, and of these gain, unseen errors, their paired standard error and blocks.
+
+    Errors are before and after, per cent.
+    """
     both = rows[0].used & rows[1].used
     same = np.eye(len(rows[0].y))
     trials: list[Trial] = []
@@ -201,7 +213,7 @@ def _compared(
         trials.append(_relative(bench, trial))
     difference = (trials[0].errors - trials[1].errors).sum(axis=1)
     se = 1e2 * float(np.sqrt(len(difference)) * difference.std(ddof=1)) / max(sum(errors) / 100, 1e-300)
-    return gain(*trials), errors[0], errors[1], se, len(difference)
+    return trials[1], (gain(*trials), errors[0], errors[1], se, len(difference))
 
 
 def _relative(bench: Bench, trial: Trial) -> Trial:

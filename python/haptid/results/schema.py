@@ -357,7 +357,7 @@ class ResultAction(ResultTable):
     share: float = Field(description="of the weighted squared unseen error that goes away")
     adds: bool = Field(description="part of the best combination")
     blocks: int = Field(description="unseen time blocks on which the errors are stated")
-    rivals: list[str] = Field(description="changes whose gain is the same within a standard error")
+    rivals: list[str] = Field(description="changes whose gain is the same by paired block errors")
     motor: str = Field(description="whose error is stated; empty for that of all")
     sentence: str
     edits: list[ResultEdit]
