@@ -195,13 +195,25 @@ class GravityOutput(OutputTable):
     p: Number
 
 
+class FrictionAtRestOutput(OutputTable):
+    """Range of a motor's dry friction at rest over the configurations; no interval of that in motion."""
+
+    motor: str
+    unit: str
+    least: Number
+    mean: Number
+    greatest: Number
+    configurations: int
+
+
 class PosesOutput(OutputTable):
-    """Gravity, springs and Coulomb friction from held poses."""
+    """Gravity, springs and friction at rest from held poses."""
 
     device: str
     poses: int
     configurations: int
-    parameters: list[PoseParameterOutput]
+    parameters: list[PoseParameterOutput] = Field(description="without the constants of dry friction")
+    friction_at_rest: list[FrictionAtRestOutput]
     status: str
     left_out: list[str]
     gravity: list[GravityOutput]

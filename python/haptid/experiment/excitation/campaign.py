@@ -319,6 +319,6 @@ class CampaignFamily:
 # Families by the names that files have.
 CAMPAIGN_FAMILIES = {
     "friction": CampaignFamily(friction_test, "friction against velocity", "haptid friction study"),
-    "poses": CampaignFamily(held_poses, "gravity, springs and Coulomb friction", "haptid poses"),
+    "poses": CampaignFamily(held_poses, "gravity, springs and friction at rest", "haptid poses"),
     "reversals": CampaignFamily(reversals, "friction after reversals", "haptid identify"),
 }
