@@ -78,7 +78,7 @@ def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: 
 
 
 def test_a_mounting_is_named_with_those_that_predict_as_well(tmp_path: Path) -> None:
-    """Two links in the plane of gravity, read as level: first moments turn with gravity, only inertia tells its axis."""
+    """Two links in the plane of gravity, read as level: first moments turn with gravity, inertia tells its axis."""
     rivals = []
     slow = replace(ARM, motion_hz=0.04, seconds=150.0, rate=20.0, noise="AR", level=0.04)
     for case in (ARM, slow):

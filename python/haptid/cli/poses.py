@@ -17,8 +17,8 @@ The STUDY has a table [poses]. Its logs hold one pose after the other, each reac
 from the stillness of the encoders. With table = true they have one row a pose instead. Parameters that the poses do not
 determine are left out. Writes into OUT:
 
-- `static.json`: static base parameters with 95 % intervals; for each motor the range of its dry friction at rest, and how
-  much of its holding torque is explained at poses that were not fitted
+- `static.json`: static base parameters with 95 % intervals; for each motor the range of its dry friction at rest, and
+  how much of its holding torque is explained at poses that were not fitted
 - `poses.csv`: the poses that were found, averaged, in SI; one row each
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
