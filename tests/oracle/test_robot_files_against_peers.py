@@ -120,6 +120,36 @@ def test_mjcf_with_a_loop(tmp_path: Path, spatial: bool) -> None:
     agrees(robot)
 
 
+LEG = """<mujoco><compiler angle="radian"/><worldbody>
+ <body name="hip"><joint name="hip" axis="1 0 0"/><inertial pos="0.05 0 0" mass="1" diaginertia=".01 .02 .02"/>
+  <body name="rod" pos="0 0 0.05"><joint name="rod" type="ball"/>
+   <inertial pos="0.25 0 0" mass="0.2" diaginertia=".00001 .004 .004"/></body>
+  <body name="knee" pos="0 0 -0.1"><joint name="knee" axis="0 1 0" damping="0.4"/>
+   <inertial pos="0.1 0 0" mass="0.8" diaginertia=".01 .02 .02"/>
+   <body name="shin" pos="0.2 0 0"><joint name="shin" axis="0 1 0" stiffness="300" damping="0.1"/>
+    <inertial pos="0.1 0 0" mass="0.6" diaginertia=".01 .02 .02"/>
+    <body name="tarsus" pos="0.3 0 0"><joint name="tarsus" axis="0 1 0" damping="0.1"/>
+     <inertial pos="0.1 0 0.02" mass="0.5" diaginertia=".01 .02 .02"/>
+     <body name="heel" pos="0 0 0.15"><joint name="heel" axis="0.1 1 0" stiffness="200"/>
+      <inertial pos="0.02 0 0" mass="0.1" diaginertia=".001 .002 .002"/></body></body></body></body></body></worldbody>
+ <equality><connect body1="rod" body2="heel" anchor="0.5 0 0"/></equality>
+ <actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>"""
+
+
+def test_springs_beside_a_loop_move_by_themselves(tmp_path: Path) -> None:
+    """A leg with springs in series: rod and tarsus follow hip, knee and both springs; only the rod's spin is held."""
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG)
+    robot = import_robot(path, ask=True)
+    device = robot.device
+    assert [device.joints[k].name for k in device.active] == ["hip", "knee", "shin", "heel"]
+    assert not any(name.startswith("rod_z") or "rod z" in name for name in device.joint_names)
+    said = [note.text for note in robot.notes if note.grade == "exact" and "spins freely" in note.text]
+    assert len(said) == 1
+    assert robot.check.gap < 1e-12
+    agrees(robot)
+
+
 TENDONS = """<mujoco><compiler angle="radian"/><worldbody>
  <body><joint name="a" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.02 0.02 0.01"/>
   <body pos="0.3 0 0"><joint name="b" axis="0 1 0" ref="0.2"/>

@@ -76,12 +76,12 @@ def without_spin(
         the tree, and the joints whose link is symmetric about their axis.
     """
     links, notes, symmetric = dict(tree.links), list(tree.notes), set[str]()
-    axes = {joint.name: joint.axis for joint in tree.joints}
+    joints = {joint.name: joint for joint in tree.joints}
     for name in idle:
         on = [link for link, (k, _) in frames.items() if k == carried[name] and tree.links[link].inertial is not None]
-        about = axes[name]
+        about = joints[name].axis
         bodies = {link: tree.links[link].inertial.moved(frames[link][1]) for link in on}  # type: ignore[union-attr]
-        if any(not _is_symmetric(body, about) for body in bodies.values()):
+        if not joints[name].spins or any(not _is_symmetric(body, about) for body in bodies.values()):
             text = f"the rotation of joint {name} is held: nothing drives it, and its link is not symmetric about it"
             notes.append(Note("approximate", text))
             continue

@@ -25,7 +25,7 @@ _POSES, _AWAY = 6, 0.2
 class Hinge:
     """A joint as loops need it: index of its parent (-1: base), placement (4, 4), axis (3,), whether it slides.
 
-    `ball`: 1 if it is one of three hinges of a ball joint, 2 if a rod spins about it.
+    `ball`: 1 if it is one of three hinges of a ball joint, 2 if a rod spins about it. `sprung`: it has a spring.
     """
 
     name: str
@@ -36,6 +36,7 @@ class Hinge:
     actuated: bool
     reference: float
     ball: int
+    sprung: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,7 @@ def opened_loops(of: MovingTree) -> OpenLoops:
             one.joint.actuated is not False,
             one.joint.reference,
             bool(one.joint.ball) + one.joint.spins,
+            one.joint.stiffness != 0,
         )
         for one in of.moving
     ]
@@ -203,10 +205,17 @@ def _passive(hinges: Sequence[Hinge], cuts: Sequence[CutLoop], of: MovingTree) -
             found = int(np.linalg.matrix_rank(J @ F, tol=_RANK))
             if found > rank:
                 best, rank = (J @ F)[:, used], found
-    ball = [hinges[k].ball for k in used]  # spins, and otherwise the third hinge of a ball joint, come last
+    # A joint with a motor, or with a spring, moves by itself where it can: it comes after those that only loops move.
+    # Spins, and otherwise the third hinge of a ball joint, come last of those without a motor.
+    ball = [hinges[k].ball for k in used]
     order = sorted(
         range(len(used)),
-        key=lambda i: (hinges[used[i]].actuated, ball[i], int(used[i]) if ball[i] == 1 else -int(used[i])),
+        key=lambda i: (
+            hinges[used[i]].actuated,
+            hinges[used[i]].sprung,
+            ball[i],
+            int(used[i]) if ball[i] == 1 else -int(used[i]),
+        ),
     )
     passive: set[str] = set()
     idle: list[str] = []
