@@ -4,7 +4,7 @@
 everything up to `results`.
 """
 
-from haptid.export.all_formats import EXPORTERS, export_formats, export_model
+from haptid.export.all_formats import EXPORTERS, Exporter, export_formats, export_model
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c import CExport, export_c
 from haptid.export.formats.control_packages import export_chai3d, export_ros2_control
@@ -17,14 +17,16 @@ from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export, Simulator
-from haptid.export.provenance import ExportSource, Provenance, provenance
+from haptid.export.provenance import Criterion, ExportSource, Provenance, provenance
 
 __all__ = [
     "EXPORTERS",
     "CCode",
     "CExport",
+    "Criterion",
     "Export",
     "ExportSource",
+    "Exporter",
     "Operations",
     "Provenance",
     "Simulator",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,22 @@ from haptid.validation.validation import Validation
 # What can be exported: the identification of a study, a result read from its folder, an estimate, or a model with
 # base parameters of other origin.
 ExportSource = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
+
+
+class Criterion(TypedDict, total=False):
+    """Criterion that a model has to meet before any exporter writes it.
+
+    Attributes:
+        validation: of an estimate, on unseen motion; an identification and a result have their own.
+        largest_error: largest prediction error, per cent; by default that of the study or result.
+        anyway: export a model that fails its criterion or was not validated, with a note in the files.
+    """
+
+    validation: Validation | None
+    largest_error: float | None
+    anyway: bool
+
+
 # Maximum line length of a file's heading, characters.
 _WIDTH = 112
 
@@ -71,9 +88,7 @@ def provenance(
 
     Args:
         identified: the model to export.
-        validation: of an estimate; an identification and a result have their own.
-        largest_error: criterion, per cent; that of the study or result where None.
-        anyway: export a model that fails its criterion, with a note in the files.
+        validation, largest_error, anyway: see `Criterion`.
         quoted: the parameters that are quoted, and not the model for use of an identification or a result.
 
     Raises:
@@ -118,8 +133,8 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
                 limit=limit,
                 advice="Give a validation or a log with the role validate, or export it anyway (noted in the files).",
             )
-        asked = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
-        return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{asked}"
+        untested = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
+        return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{untested}"
     worst = max(validations, key=lambda found: found.comparable.relative)
     size = worst.comparable.relative
     rows = "rows of its own fit" if worst.seen else "unseen motion"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Unpack
 
 from haptid.export.expressions.dialects import DOUBLE, SINGLE
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c_source import Files
-from haptid.export.model.functions import Code, code_of
-from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import ExportSource, provenance
+from haptid.export.model.functions import Code
+from haptid.export.output import CCode, Export, write
+from haptid.export.provenance import Criterion, ExportSource, provenance
 from haptid.export.selftest import selftest
-from haptid.validation.validation import Validation
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,7 @@ class CExport(Export):
 
 
 def export_c(
-    identified: ExportSource,
-    folder: str | Path,
-    code: CCode | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
 ) -> CExport:
     """Write a model as C99 for a control loop: header, source, self-test, examples, CMakeLists.txt and README.md.
 
@@ -48,9 +42,7 @@ def export_c(
         identified: an identification, a result, an estimate, or a dynamic model and its base parameters.
         folder: output folder; existing files are replaced, atomically.
         code: names, precision and smoothing of friction.
-        validation: of an estimate, on unseen motion; an identification has its own.
-        largest_error: criterion, per cent; an identification has that of its study.
-        anyway: export a model that fails its criterion or was not validated, with a note in the header.
+        criterion: validation, largest_error, anyway; see `Criterion`.
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
@@ -58,13 +50,10 @@ def export_c(
         ShapeError: the number of base parameters is not that of the device.
         OutputFolderError: the folder cannot be written.
     """
-    code = code or CCode()
-    source = provenance(identified, validation, largest_error, anyway)
-    made = code_of(source.model, code.reversal_speed, source.zero)
-    name = code.name or default_name(source.model.device.name)
-    files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
-    written = write(folder, _texts(files), source.verdict)
-    return CExport(written.folder, written.files, written.verdict, made.operations)
+    single = code is not None and code.precision == "single"
+    files = Files.of(provenance(identified, **criterion), code, SINGLE if single else DOUBLE)
+    written = write(folder, _texts(files), files.source.verdict)
+    return CExport(written.folder, written.files, written.verdict, files.code.operations)
 
 
 def _texts(files: Files) -> dict[str, str]:

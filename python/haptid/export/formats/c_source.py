@@ -16,8 +16,9 @@ from haptid._internal.escaping import c_comment
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
-from haptid.export.model.functions import Code
+from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
+from haptid.export.output import CCode
 from haptid.export.provenance import Provenance, about, coordinate_lines
 
 # Maximum line length of a comment or a declaration, characters.
@@ -66,6 +67,12 @@ class Files:
     code: Code
     dialect: C
     name: str
+
+    @staticmethod
+    def of(source: Provenance, settings: CCode | None, dialect: C) -> Files:
+        """The files of a model, by the settings of its code."""
+        code, name = code_for(source, settings)
+        return Files(source, code, dialect, name)
 
     @property
     def model(self) -> DynamicModel:

@@ -7,24 +7,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Unpack
 
 from haptid.errors import ExportError
 from haptid.export.expressions.dialects import DOUBLE
 from haptid.export.formats.c_source import Files
-from haptid.export.model.functions import code_of
-from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import ExportSource, provenance
-from haptid.validation.validation import Validation
+from haptid.export.output import CCode, Export, write
+from haptid.export.provenance import Criterion, ExportSource, provenance
 
 
 def export_ros2_control(
-    identified: ExportSource,
-    folder: str | Path,
-    code: CCode | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
 ) -> Export:
     """Write an ament package with a controller plugin of ros2_control: gravity and friction compensation.
 
@@ -32,7 +25,7 @@ def export_ros2_control(
     to be filled in, and the controller is not configured without it.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of the package.
         code: names, and smoothing of friction; the precision is double.
 
@@ -40,7 +33,7 @@ def export_ros2_control(
         UnvalidatedModelError, ExportError, ShapeError, OutputFolderError: as in `export_c`.
         ExportError: the device has loops that are not linear.
     """
-    files = _files(identified, code, validation, largest_error, anyway)
+    files = _files(identified, code, criterion)
     texts = {
         "package.xml": files.filled("ros2/package.xml"),
         "CMakeLists.txt": files.filled("ros2/CMakeLists.txt"),
@@ -52,18 +45,12 @@ def export_ros2_control(
 
 
 def export_chai3d(
-    identified: ExportSource,
-    folder: str | Path,
-    code: CCode | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
 ) -> Export:
     """Write a C++ header for CHAI3D: a haptic device around another one, whose forces carry its weight and friction.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of NAME_chai3d.h, NAME.h and NAME.c.
         code: names, and smoothing of friction; the precision is double.
 
@@ -72,7 +59,7 @@ def export_chai3d(
         ExportError: the device has loops that are not linear.
         ExportError: the device has no handle, or one that cannot move in all directions.
     """
-    files = _files(identified, code, validation, largest_error, anyway)
+    files = _files(identified, code, criterion)
     if "handle_force" not in files.code:
         raise ExportError(
             f"{files.model.device.name} has no handle that moves in all directions, and CHAI3D's forces act there.",
@@ -86,23 +73,20 @@ def export_chai3d(
 def _files(
     identified: ExportSource,
     code: CCode | None,
-    validation: Validation | None,
-    largest_error: float | None,
-    anyway: bool,
+    criterion: Criterion,
 ) -> Files:
-    code = code or CCode()
-    source = provenance(identified, validation, largest_error, anyway)
-    made = code_of(source.model, code.reversal_speed, source.zero)
-    if made.passive:
-        passive = [source.model.device.joint_names[j] for j in made.passive]
+    files = Files.of(provenance(identified, **criterion), code, DOUBLE)
+    device = files.model.device
+    if files.code.passive:
+        passive = [device.joint_names[j] for j in files.code.passive]
         raise ExportError(
-            f"{source.model.device.name} has loops that are not linear: the positions of {', '.join(passive)} are "
+            f"{device.name} has loops that are not linear: the positions of {', '.join(passive)} are "
             "found at every sample, which these packages do not do.",
-            where=source.model.device.name,
+            where=device.name,
             found=passive,
             advice="Export it as c, and call its loops_update in the controller before all other functions.",
         )
-    return Files(source, made, DOUBLE, code.name or default_name(source.model.device.name))
+    return files
 
 
 def _model(files: Files) -> dict[str, str]:

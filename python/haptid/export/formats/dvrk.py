@@ -12,6 +12,7 @@ Compensation Control Strategy for dVRK Robotic Arms With Nonlinear Disturbance F
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -21,8 +22,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportSource, Provenance, about, provenance
-from haptid.validation.validation import Validation
+from haptid.export.provenance import Criterion, ExportSource, Provenance, about, provenance
 
 # Joints of the arm; those with terms; terms of gravity; gravity in the law, m/s^2.
 _JOINTS, _WITH_TERMS, _TERMS, _GRAVITY = 7, 6, 10, 9.81
@@ -38,26 +38,18 @@ _DEAD_BAND, _SATURATION, _SHARE = 0.01, 0.1, 0.5
 _POSES = 400
 
 
-def export_dvrk(
-    identified: ExportSource,
-    folder: str | Path,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
-) -> Export:
+def export_dvrk(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
     """Write gravity compensation of a Master Tool Manipulator for the dVRK console.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of gc-NAME.json.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
+        UnvalidatedModelError, OutputFolderError: as in `export_c`.
         ExportError: the device is no such arm, or a torque limit of its joints is not known.
-        OutputFolderError: the folder cannot be written.
     """
-    source = provenance(identified, validation, largest_error, anyway)
+    source = provenance(identified, **criterion)
     name = f"gc-{default_name(source.model.device.name)}.json"
     return write(folder, {name: json_text(_values(source))}, source.verdict)
 

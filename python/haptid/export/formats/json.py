@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,9 +13,8 @@ from haptid._internal.escaping import json_text
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import feasible_parameters
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportSource, Provenance, provenance
+from haptid.export.provenance import Criterion, ExportSource, Provenance, provenance
 from haptid.results.tables import device_file, finite
-from haptid.validation.validation import Validation
 
 # Version of the format.
 _SCHEMA = 1
@@ -24,25 +23,17 @@ NOTE = (
 )
 
 
-def export_json(
-    identified: ExportSource,
-    folder: str | Path,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
-) -> Export:
+def export_json(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
     """Write a model as JSON: device file, coordinates, base parameters, regroupings, covariance.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of NAME.json.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
-        OutputFolderError: the folder cannot be written.
+        UnvalidatedModelError, OutputFolderError: as in `export_c`.
     """
-    source = provenance(identified, validation, largest_error, anyway)
+    source = provenance(identified, **criterion)
     text = json_text(finite(_model_values(source)))
     return write(folder, {f"{default_name(source.model.device.name)}.json": text}, source.verdict)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Unpack
 
 from haptid._internal.escaping import latex_text
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportSource, Provenance, about, provenance
-from haptid.validation.validation import Validation
+from haptid.export.provenance import Criterion, ExportSource, Provenance, about, provenance
 
 # Significant digits.
 DIGITS = 5
@@ -28,28 +28,20 @@ DOCUMENT = r"""\documentclass{article}
 """
 
 
-def export_latex(
-    identified: ExportSource,
-    folder: str | Path,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
-) -> Export:
+def export_latex(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
     """Write parameters and groupings as LaTeX tables, and a document that includes them.
 
     The tables need the packages amsmath, booktabs and longtable. Groupings have symbolic lengths where the exact
     regroupings exist, else numbers.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of NAME.tex, NAME_parameters.tex and NAME_groupings.tex.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
-        OutputFolderError: the folder cannot be written.
+        UnvalidatedModelError, OutputFolderError: as in `export_c`.
     """
-    source = provenance(identified, validation, largest_error, anyway, quoted=True)
+    source = provenance(identified, quoted=True, **criterion)
     name = default_name(source.model.device.name)
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
     document = DOCUMENT.replace("@title", latex_text(source.model.device.name)).replace("@name", name)

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Unpack
 
 from haptid._internal.escaping import one_line
 from haptid.export.expressions.dialects import Matlab
 from haptid.export.expressions.emit import Function, straight
-from haptid.export.model.functions import Code, code_of
+from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
-from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
-from haptid.validation.validation import Validation
+from haptid.export.output import CCode, Export, write
+from haptid.export.provenance import Criterion, ExportSource, Provenance, about, coordinate_lines, provenance
 
 
 def export_matlab(
-    identified: ExportSource,
-    folder: str | Path,
-    code: CCode | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
 ) -> Export:
     """Write a model as MATLAB functions, which Octave reads too: the same operations as in `export_c`.
 
@@ -30,19 +24,15 @@ def export_matlab(
     ones. The sign of a velocity is smoothed as in the C code.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         code: names and smoothing of friction; MATLAB code is in double precision.
         folder: output folder of NAME_parameters.m, NAME_inverse_dynamics.m and so on.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
-        ExportError: a term that code cannot compute.
-        OutputFolderError: the folder cannot be written.
+        UnvalidatedModelError, ExportError, OutputFolderError: as in `export_c`.
     """
-    source = provenance(identified, validation, largest_error, anyway)
-    code = code or CCode()
-    made = code_of(source.model, code.reversal_speed, source.zero)
-    name = code.name or default_name(source.model.device.name)
+    source = provenance(identified, **criterion)
+    made, name = code_for(source, code)
     texts = {f"{name}_parameters.m": _parameters(source, name)}
     texts |= {f"{name}_{function.name}.m": _function(made, function, name) for function in made.functions}
     if made.passive:

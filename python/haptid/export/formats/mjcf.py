@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
 import numpy as np
@@ -15,18 +16,11 @@ from haptid.errors import HaptidError
 from haptid.experiment.bench.mjcf import Physics, mjcf, numbers, polynomial_equality
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, Simulator, default_name, write
-from haptid.export.provenance import ExportSource, provenance
-from haptid.validation.validation import Validation
+from haptid.export.provenance import Criterion, ExportSource, provenance
 
 
 def export_mjcf(
-    identified: ExportSource,
-    folder: str | Path,
-    simulator: Simulator | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, simulator: Simulator | None = None, **criterion: Unpack[Criterion]
 ) -> Export:
     """Write a model as MJCF: bodies with the identified base parameters, loops, rotors, friction, springs, motors.
 
@@ -35,17 +29,16 @@ def export_mjcf(
     `haptid.experiment.bench.mjcf`.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of NAME.xml.
         simulator: time step, and whether there are contacts; the default where None.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
+        UnvalidatedModelError, OutputFolderError: as in `export_c`.
         PhysicalConsistencyError: the base parameters are not physically consistent.
         ExportError: a term or loop without counterpart in MuJoCo.
-        OutputFolderError: the folder cannot be written.
     """
-    source = provenance(identified, validation, largest_error, anyway)
+    source = provenance(identified, **criterion)
     model = source.model
     chi = standard_parameters_of(model, source.beta)
     settings = simulator or Simulator()
@@ -81,7 +74,7 @@ def _limit(root: Element, model: DynamicModel) -> None:
 
 
 def _close(root: Element, model: DynamicModel) -> None:
-    """Begin at a pose with closed loops: bodies are placed as there, and `ref` says where their joints are."""
+    """Begin at a pose with closed loops: bodies are placed as there, and `ref` holds the positions of the joints."""
     start = _closed_pose(model)
     if start is None or not np.any(start):
         return

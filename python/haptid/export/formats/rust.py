@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from pathlib import Path
+from typing import Unpack
 
 from haptid.export.expressions.dialects import Rust
 from haptid.export.expressions.emit import Emitted, Function, emitted
-from haptid.export.model.functions import Code, code_of
+from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
-from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import ExportSource, Provenance, about, coordinate_lines, provenance
-from haptid.validation.validation import Validation
+from haptid.export.output import CCode, Export, write
+from haptid.export.provenance import Criterion, ExportSource, Provenance, about, coordinate_lines, provenance
 
 CARGO = """[package]
 name = "{name}"
@@ -52,13 +52,7 @@ impl Model {{
 
 
 def export_rust(
-    identified: ExportSource,
-    folder: str | Path,
-    code: CCode | None = None,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
 ) -> Export:
     """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its only dependency is libm.
 
@@ -66,20 +60,17 @@ def export_rust(
     differentiator exist in C only.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         code: names and smoothing of friction; the crate is in double precision.
         folder: output folder of Cargo.toml and src/lib.rs.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
-        ExportError: a term that code cannot compute.
-        OutputFolderError: the folder cannot be written.
+        UnvalidatedModelError, ExportError, OutputFolderError: as in `export_c`.
     """
-    source = provenance(identified, validation, largest_error, anyway)
-    code = code or CCode()
-    made = code_of(source.model, code.reversal_speed, source.zero)
+    source = provenance(identified, **criterion)
+    made, name = code_for(source, code)
     texts = {
-        "Cargo.toml": CARGO.format(name=code.name or default_name(source.model.device.name)),
+        "Cargo.toml": CARGO.format(name=name),
         "src/lib.rs": _library(source, made, emitted(made.graph, made.functions, Rust(), Rust())),
     }
     return write(folder, texts, source.verdict)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Unpack
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
@@ -26,8 +27,7 @@ from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effect
 from haptid.experiment.bench.mjcf import numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportSource, provenance
-from haptid.validation.validation import Validation
+from haptid.export.provenance import Criterion, ExportSource, provenance
 
 DRAKE = "http://drake.mit.edu"
 # Value of an unknown limit where URDF requires one, SI; `haptid import` takes it as unknown.
@@ -62,27 +62,19 @@ class _Names:
                 yield f"{given!r} is {name}"
 
 
-def export_urdf(
-    identified: ExportSource,
-    folder: str | Path,
-    *,
-    validation: Validation | None = None,
-    largest_error: float | None = None,
-    anyway: bool = False,
-) -> Export:
+def export_urdf(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
     """Write a model as URDF: bodies with the identified base parameters, damping, dry friction, rotors.
 
     Args:
-        identified, validation, largest_error, anyway: as in `export_c`.
+        identified, criterion: as in `export_c`.
         folder: output folder of NAME.urdf.
 
     Raises:
-        UnvalidatedModelError: the model does not meet its validation criterion.
+        UnvalidatedModelError, OutputFolderError: as in `export_c`.
         PhysicalConsistencyError: the base parameters are not physically consistent.
         ExportError: a term without counterpart in rigid-body simulators.
-        OutputFolderError: the folder cannot be written.
     """
-    source = provenance(identified, validation, largest_error, anyway)
+    source = provenance(identified, **criterion)
     model = source.model
     chi = standard_parameters_of(model, source.beta)
     made = bodies(model, chi)
@@ -227,7 +219,7 @@ def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
 
 
 def _unknown(model: DynamicModel) -> list[str]:
-    """Limits that URDF requires and nobody knows, in a sentence."""
+    """Limits that URDF requires and the device file lacks, in a sentence."""
     lacking: dict[str, list[str]] = {}
     for joint, name in zip(model.device.joints, _Names(model).joints, strict=True):
         for limit, value in _limits(joint).items():

@@ -26,6 +26,8 @@ from haptid.export.model.moments import moments_of
 from haptid.export.model.newton import Bodies, inverse_dynamics_expressions
 from haptid.export.model.terms import term_torque
 from haptid.export.model.tree import Tree, tree_of
+from haptid.export.output import CCode, default_name
+from haptid.export.provenance import Provenance
 
 # Factor on the number of orders tried for the inverse dynamics, which is called most.
 MORE = 4
@@ -83,6 +85,13 @@ def _code_of(model: DynamicModel, speed: float, zero: frozenset[int]) -> Code:
     if model.device.handle is not None:
         functions += made.at_handle(frame_expressions(tree, model.device.handle, made.x))
     return Code(model, graph, (*functions, *made.drives()), speed, tree.passive)
+
+
+def code_for(source: Provenance, settings: CCode | None) -> tuple[Code, str]:
+    """The functions of a model to export, without its eliminated parameters, and the prefix of their names."""
+    settings = settings or CCode()
+    name = settings.name or default_name(source.model.device.name)
+    return code_of(source.model, settings.reversal_speed, source.zero), name
 
 
 def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr]:
