@@ -17,14 +17,14 @@ from haptid.export.formats.robot_file import export_into
 from haptid.export.formats.rust import export_rust
 from haptid.export.formats.urdf import export_urdf
 from haptid.export.output import CCode, Export, Simulator
-from haptid.export.provenance import Criterion, ExportSource, Provenance, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, provenance
 
 __all__ = [
     "EXPORTERS",
     "CCode",
     "CExport",
-    "Criterion",
     "Export",
+    "ExportCriterion",
     "ExportSource",
     "Exporter",
     "Operations",

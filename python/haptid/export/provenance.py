@@ -25,8 +25,8 @@ from haptid.validation.validation import Validation
 ExportSource = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
 
 
-class Criterion(TypedDict, total=False):
-    """Criterion that a model has to meet before any exporter writes it.
+class ExportCriterion(TypedDict, total=False):
+    """ExportCriterion that a model has to meet before any exporter writes it.
 
     Attributes:
         validation: of an estimate, on unseen motion; an identification and a result have their own.
@@ -88,7 +88,7 @@ def provenance(
 
     Args:
         identified: the model to export.
-        validation, largest_error, anyway: see `Criterion`.
+        validation, largest_error, anyway: see `ExportCriterion`.
         quoted: the parameters that are quoted, and not the model for use of an identification or a result.
 
     Raises:

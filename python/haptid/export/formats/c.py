@@ -11,7 +11,7 @@ from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c_source import Files
 from haptid.export.model.functions import Code
 from haptid.export.output import CCode, Export, write
-from haptid.export.provenance import Criterion, ExportSource, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, provenance
 from haptid.export.selftest import selftest
 
 
@@ -27,7 +27,7 @@ class CExport(Export):
 
 
 def export_c(
-    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[ExportCriterion]
 ) -> CExport:
     """Write a model as C99 for a control loop: header, source, self-test, examples, CMakeLists.txt and README.md.
 
@@ -42,7 +42,7 @@ def export_c(
         identified: an identification, a result, an estimate, or a dynamic model and its base parameters.
         folder: output folder; existing files are replaced, atomically.
         code: names, precision and smoothing of friction.
-        criterion: validation, largest_error, anyway; see `Criterion`.
+        criterion: validation, largest_error, anyway; see `ExportCriterion`.
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.

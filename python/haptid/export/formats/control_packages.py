@@ -13,11 +13,11 @@ from haptid.errors import ExportError
 from haptid.export.expressions.dialects import DOUBLE
 from haptid.export.formats.c_source import Files
 from haptid.export.output import CCode, Export, write
-from haptid.export.provenance import Criterion, ExportSource, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, provenance
 
 
 def export_ros2_control(
-    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[ExportCriterion]
 ) -> Export:
     """Write an ament package with a controller plugin of ros2_control: gravity and friction compensation.
 
@@ -45,7 +45,7 @@ def export_ros2_control(
 
 
 def export_chai3d(
-    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[ExportCriterion]
 ) -> Export:
     """Write a C++ header for CHAI3D: a haptic device around another one, whose forces carry its weight and friction.
 
@@ -73,7 +73,7 @@ def export_chai3d(
 def _files(
     identified: ExportSource,
     code: CCode | None,
-    criterion: Criterion,
+    criterion: ExportCriterion,
 ) -> Files:
     files = Files.of(provenance(identified, **criterion), code, DOUBLE)
     device = files.model.device

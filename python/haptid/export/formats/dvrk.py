@@ -22,7 +22,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import Criterion, ExportSource, Provenance, about, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, about, provenance
 
 # Joints of the arm; those with terms; terms of gravity; gravity in the law, m/s^2.
 _JOINTS, _WITH_TERMS, _TERMS, _GRAVITY = 7, 6, 10, 9.81
@@ -38,7 +38,7 @@ _DEAD_BAND, _SATURATION, _SHARE = 0.01, 0.1, 0.5
 _POSES = 400
 
 
-def export_dvrk(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
+def export_dvrk(identified: ExportSource, folder: str | Path, **criterion: Unpack[ExportCriterion]) -> Export:
     """Write gravity compensation of a Master Tool Manipulator for the dVRK console.
 
     Args:

@@ -13,7 +13,7 @@ from haptid._internal.escaping import json_text
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import feasible_parameters
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import Criterion, ExportSource, Provenance, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, provenance
 from haptid.results.tables import device_file, finite
 
 # Version of the format.
@@ -23,7 +23,7 @@ NOTE = (
 )
 
 
-def export_json(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
+def export_json(identified: ExportSource, folder: str | Path, **criterion: Unpack[ExportCriterion]) -> Export:
     """Write a model as JSON: device file, coordinates, base parameters, regroupings, covariance.
 
     Args:

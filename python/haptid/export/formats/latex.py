@@ -12,7 +12,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import Criterion, ExportSource, Provenance, about, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, about, provenance
 
 # Significant digits.
 DIGITS = 5
@@ -28,7 +28,7 @@ DOCUMENT = r"""\documentclass{article}
 """
 
 
-def export_latex(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
+def export_latex(identified: ExportSource, folder: str | Path, **criterion: Unpack[ExportCriterion]) -> Export:
     """Write parameters and groupings as LaTeX tables, and a document that includes them.
 
     The tables need the packages amsmath, booktabs and longtable. Groupings have symbolic lengths where the exact

@@ -12,11 +12,11 @@ from haptid.export.expressions.emit import Function, straight
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode, Export, write
-from haptid.export.provenance import Criterion, ExportSource, Provenance, about, coordinate_lines, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, about, coordinate_lines, provenance
 
 
 def export_matlab(
-    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[ExportCriterion]
 ) -> Export:
     """Write a model as MATLAB functions, which Octave reads too: the same operations as in `export_c`.
 

@@ -16,11 +16,14 @@ from haptid.errors import HaptidError
 from haptid.experiment.bench.mjcf import Physics, mjcf, numbers, polynomial_equality
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, Simulator, default_name, write
-from haptid.export.provenance import Criterion, ExportSource, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, provenance
 
 
 def export_mjcf(
-    identified: ExportSource, folder: str | Path, simulator: Simulator | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource,
+    folder: str | Path,
+    simulator: Simulator | None = None,
+    **criterion: Unpack[ExportCriterion],
 ) -> Export:
     """Write a model as MJCF: bodies with the identified base parameters, loops, rotors, friction, springs, motors.
 

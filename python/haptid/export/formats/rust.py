@@ -11,7 +11,7 @@ from haptid.export.expressions.emit import Emitted, Function, emitted
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode, Export, write
-from haptid.export.provenance import Criterion, ExportSource, Provenance, about, coordinate_lines, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, Provenance, about, coordinate_lines, provenance
 
 CARGO = """[package]
 name = "{name}"
@@ -52,7 +52,7 @@ impl Model {{
 
 
 def export_rust(
-    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[Criterion]
+    identified: ExportSource, folder: str | Path, code: CCode | None = None, **criterion: Unpack[ExportCriterion]
 ) -> Export:
     """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its only dependency is libm.
 

@@ -27,7 +27,7 @@ from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effect
 from haptid.experiment.bench.mjcf import numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import Criterion, ExportSource, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, provenance
 
 DRAKE = "http://drake.mit.edu"
 # Value of an unknown limit where URDF requires one, SI; `haptid import` takes it as unknown.
@@ -62,7 +62,7 @@ class _Names:
                 yield f"{given!r} is {name}"
 
 
-def export_urdf(identified: ExportSource, folder: str | Path, **criterion: Unpack[Criterion]) -> Export:
+def export_urdf(identified: ExportSource, folder: str | Path, **criterion: Unpack[ExportCriterion]) -> Export:
     """Write a model as URDF: bodies with the identified base parameters, damping, dry friction, rotors.
 
     Args:
