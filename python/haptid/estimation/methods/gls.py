@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from haptid._internal.arrays import Array
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import BlockMoments, Fit, UnitVarianceRows, expect_whole
-from haptid.estimation.methods.wls import WLS
+from haptid.estimation.methods.wls import WLS, FeasibleGLS
 from haptid.motion.channels import channel_shares
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Chunk, Rows
@@ -30,51 +30,25 @@ _LEAST_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
-class SUR(UnitVarianceRows):
+class SUR(FeasibleGLS):
     """Seemingly unrelated regressions: rows of one instant weighted by the inverse of their residuals' covariance.
 
     The rows of an instant are multiplied by the inverse Cholesky factor of that covariance, so they are white across
     motors, and what holds for `WLS` holds for them.
 
     Source: Zellner (1962), JASA 57, eqs 2.5 to 2.9.
-
-    Attributes:
-        passes: how often the covariance is estimated from the residuals of the last fit.
     """
 
     name: ClassVar[str] = "SUR"
-    passes: int = 2
+    mixes_motors: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        expect_whole("SUR", "passes", self.passes, 1)
-
-    def rows(self, observation: Observation) -> Observation:
-        """Decorrelated across motors.
-
-        Raises:
-            IdentifiabilityError: a motor's torque is zero throughout.
-        """
-        return _whitened(self, observation, self.passes, lambda rows, beta: Decorrelation(covariance(rows, beta)))
-
-
-def _whitened(
-    method: UnitVarianceRows,
-    observation: Observation,
-    passes: int,
-    whitening: Callable[[Rows, Array], Callable[[Chunk], Chunk]],
-) -> Observation:
-    """Rows times a factor that is estimated from the residuals of the last fit, beginning with weighted rows."""
-    before = [observation.motors[: k + 1] for k in range(len(observation.motors))]
-    columns = [np.unique(np.concatenate([motor.columns for motor in some])) for some in before]
-    rows, beta = Rows(observation), solve(observation, WLS().weights(observation)).beta
-    for _ in range(passes):
-        seen = rows.folded(whitening(rows, beta), columns)
-        beta = solve(seen, method.weights(seen)).beta
-    return seen
+    def factor(self, rows: Rows, beta: Array, before: Decorrelation | None) -> Decorrelation:  # noqa: ARG002
+        """The rows of each instant decorrelated across motors."""
+        return Decorrelation(covariance(rows, beta))
 
 
 @dataclass(frozen=True)
-class TorqueNoise(UnitVarianceRows):
+class TorqueNoise(FeasibleGLS):
     """Generalised least squares with the covariance B' Sigma B of independent errors of the torque channels.
 
     Rows that mix channels, such as those of redundant or coupled motors, have correlated errors whose covariance
@@ -83,26 +57,15 @@ class TorqueNoise(UnitVarianceRows):
     distinguished; where they cannot, they stay in the proportions of the distribution with least sum of squares.
 
     Source: Dempster, Laird and Rubin (1977), J. Royal Statistical Society B 39(1), section 4.4 (variance components).
-
-    Attributes:
-        passes: how often the variances are estimated from the residuals of the last fit.
     """
 
     name: ClassVar[str] = "GLS, torque noise"
+    mixes_motors: ClassVar[bool] = True
     passes: int = 3
 
-    def __post_init__(self) -> None:
-        expect_whole("TorqueNoise", "passes", self.passes, 1)
-
-    def rows(self, observation: Observation) -> Observation:
-        """Decorrelated across the rows of each instant.
-
-        Raises:
-            IdentifiabilityError: a row's torque is zero throughout.
-        """
-        return _whitened(
-            self, observation, self.passes, lambda rows, beta: ChannelWhitening(channel_variances(rows, beta))
-        )
+    def factor(self, rows: Rows, beta: Array, before: ChannelWhitening | None) -> ChannelWhitening:  # noqa: ARG002
+        """The rows of each instant decorrelated, by the channels' variances."""
+        return ChannelWhitening(channel_variances(rows, beta))
 
 
 @dataclass(frozen=True, eq=False)

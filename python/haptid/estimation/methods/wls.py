@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -88,7 +90,44 @@ class WLS:
 
 
 @dataclass(frozen=True)
-class Heteroscedastic(UnitVarianceRows):
+class FeasibleGLS(UnitVarianceRows, ABC):
+    """Base of methods that multiply the rows by a factor that is estimated from the residuals of the last fit.
+
+    Attributes:
+        passes: how often the factor is estimated; the first residuals are those of `WLS`.
+    """
+
+    mixes_motors: ClassVar[bool] = False
+    passes: int = 2
+
+    def __post_init__(self) -> None:
+        expect_whole(type(self).__name__, "passes", self.passes, 1)
+
+    @abstractmethod
+    def factor(self, rows: Rows, beta: Array, before: Any) -> Callable[[Chunk], Chunk]:
+        """The row transformation for the residuals of parameters (p,); `before` is that of the pass before, or None."""
+
+    def rows(self, observation: Observation) -> Observation:
+        """The transformed rows, of unit variance.
+
+        Raises:
+            IdentifiabilityError: a motor's torque is zero throughout.
+        """
+        columns = None
+        if self.mixes_motors:
+            before = [observation.motors[: k + 1] for k in range(len(observation.motors))]
+            columns = [np.unique(np.concatenate([motor.columns for motor in some])) for some in before]
+        rows, beta = Rows(observation), solve(observation, WLS().weights(observation)).beta
+        factor = None
+        for _ in range(self.passes):
+            factor = self.factor(rows, beta, factor)
+            seen = rows.folded(factor, columns)
+            beta = solve(seen, self.weights(seen)).beta
+        return seen
+
+
+@dataclass(frozen=True)
+class Heteroscedastic(FeasibleGLS):
     """Maximum likelihood with a variance that depends on speed and load, motor by motor.
 
     log sigma^2 = a0 + a1 |v| / v_rms + a2 |load| / load_rms, where the load is the model's torque. Parameters and
@@ -96,31 +135,14 @@ class Heteroscedastic(UnitVarianceRows):
     deviation.
 
     Source: Harvey (1976), Econometrica 44(3), eqs 3 and 12.
-
-    Attributes:
-        passes: how often the variances are estimated from the residuals of the last fit.
     """
 
     name: ClassVar[str] = "heteroscedastic ML"
     passes: int = 5
 
-    def __post_init__(self) -> None:
-        expect_whole("Heteroscedastic", "passes", self.passes, 1)
-
-    def rows(self, observation: Observation) -> Observation:
-        """Each row divided by its own standard deviation.
-
-        Raises:
-            IdentifiabilityError: a motor's torque is zero throughout.
-        """
-        rows = Rows(observation)
-        beta = solve(observation, WLS().weights(observation)).beta
-        model: VarianceFunction | None = None
-        for _ in range(self.passes):
-            model = variance_function(rows, beta, model)
-            seen = rows.folded(model)
-            beta = solve(seen, self.weights(seen)).beta
-        return seen
+    def factor(self, rows: Rows, beta: Array, before: VarianceFunction | None) -> VarianceFunction:
+        """Each row divided by its own standard deviation."""
+        return variance_function(rows, beta, before)
 
 
 @dataclass(frozen=True, eq=False)
