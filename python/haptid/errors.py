@@ -228,6 +228,13 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"{_nearest(name, names)}Known: {listed(names, 24) or 'none'}."
 
 
+def unknown_name(message: str, name: str, known: Iterable[str], where: str | None = None) -> UnknownNameError:
+    """The error for a name that is none of the known ones, with the nearest of them; `where` is the name by default."""
+    names = tuple(known)
+    advice = suggestion(str(name), names)
+    return UnknownNameError(message, where=where or name, found=name, limit=names, advice=advice)
+
+
 def index_of(name: str, known: Sequence[str], what: str) -> int:
     """Index of a name.
 
@@ -236,9 +243,13 @@ def index_of(name: str, known: Sequence[str], what: str) -> int:
     """
     if name in known:
         return list(known).index(name)
-    raise UnknownNameError(
-        f"there is no {what} {name!r}.", where=what, found=name, limit=tuple(known), advice=suggestion(str(name), known)
-    )
+    raise unknown_name(f"there is no {what} {name!r}.", name, known, what)
+
+
+def setting_error(name: str, value: object, wanted: str, owner: str = "") -> SettingError:
+    """The error for a value that a setting cannot have: `wanted` says what it can be, `owner` whose setting it is."""
+    of = f"{owner}: " if owner else ""
+    return SettingError(f"{of}{name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
 
 
 def keys_here(where: str, known: Sequence[str]) -> str:

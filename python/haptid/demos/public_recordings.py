@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from haptid._internal.atomic_folder import publishing
 from haptid._internal.extras import needing
-from haptid.errors import LogFileError, UnknownNameError, suggestion
+from haptid.errors import LogFileError, unknown_name
 
 Progress = Callable[[str, float], None]
 # After which a connection that is silent is given up, s.
@@ -102,8 +102,7 @@ def public_recording(name: str) -> PublicRecording:
     """
     known = {recording.name: recording for recording in public_recordings()}
     if name not in known:
-        advice = suggestion(name, known)
-        raise UnknownNameError(f"there is no recording {name!r}.", where=name, limit=tuple(known), advice=advice)
+        raise unknown_name(f"there is no recording {name!r}.", name, known)
     return known[name]
 
 

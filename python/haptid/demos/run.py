@@ -11,7 +11,7 @@ from haptid.demos.cea_branches import CEA_BRANCHES
 from haptid.demos.phantom_configurations import PHANTOM_CONFIGURATIONS
 from haptid.demos.plan import DATA, Demo, Kind, Progress, write_json
 from haptid.demos.recordings import record_all
-from haptid.errors import UnknownNameError, suggestion
+from haptid.errors import index_of
 from haptid.experiment.bench.simulation import load_mujoco
 from haptid.report.document import DocumentSection, TextTable
 from haptid.report.page import page
@@ -36,10 +36,7 @@ def read_demo(name: str) -> Demo:
     Raises:
         UnknownNameError: there is none of that name.
     """
-    if name not in demo_names():
-        known = demo_names()
-        advice = suggestion(name, known)
-        raise UnknownNameError(f"there is no demo {name!r}.", where="demo", found=name, limit=known, advice=advice)
+    index_of(name, demo_names(), "demo")
     plan = tomllib.loads((DATA / name / PLAN).read_text(encoding="utf-8"))
     with (DATA / name / CLAIMS).open(newline="", encoding="utf-8") as file:
         claims = list(csv.DictReader(file))

@@ -17,7 +17,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.wrench import Lever, lever
-from haptid.errors import SettingError
+from haptid.errors import setting_error
 from haptid.estimation import Estimate
 from haptid.motion.motion import Motion
 from haptid.observation.reversals import friction_uncertainty, smoothed_friction
@@ -165,14 +165,9 @@ def noted(validation: Validation | None) -> tuple[str, ...]:
 def check_force_settings(reversal_speed: float, worst_condition: float) -> None:
     """Raise SettingError for a setting out of range."""
     if not (reversal_speed == 0 or positive(reversal_speed)):
-        raise force_setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
+        raise setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
     if not (positive(worst_condition) and worst_condition > 1):
-        raise force_setting_error("worst_condition", worst_condition, "a finite number above 1")
-
-
-def force_setting_error(name: str, value: object, wanted: str) -> SettingError:
-    """The error for a setting out of range."""
-    return SettingError(f"{name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
+        raise setting_error("worst_condition", worst_condition, "a finite number above 1")
 
 
 def check_finite(name: str, array: ArrayLike) -> None:
@@ -181,7 +176,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         first = tuple(int(k) for k in bad[0])
-        raise force_setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
+        raise setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:

@@ -23,13 +23,13 @@ from haptid.end_effector.force import (
     WrenchEstimate,
     check_finite,
     check_force_settings,
-    force_setting_error,
     handle_force,
     lever_of,
     noise_of,
     noted,
     spread_columns,
 )
+from haptid.errors import setting_error
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import check_beta
 from haptid.motion.channels import coordinate_torque, state
@@ -81,7 +81,7 @@ class MomentumObserver:
 
     def __post_init__(self) -> None:
         if not positive(self.gain):
-            raise force_setting_error("gain", self.gain, "a finite number above zero, rad/s")
+            raise setting_error("gain", self.gain, "a finite number above zero, rad/s")
         check_force_settings(self.reversal_speed, WORST_CONDITION)
 
     @property
@@ -122,13 +122,13 @@ class MomentumObserver:
         from scipy import signal  # slow to import, and few programs observe a force
 
         if not positive(dt):
-            raise force_setting_error("dt", dt, "a finite time above zero, s")
+            raise setting_error("dt", dt, "a finite time above zero, s")
         shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
             check_finite(name, array)
         if not shape[1]:
-            raise force_setting_error("number of samples", 0, "one sample or more")
+            raise setting_error("number of samples", 0, "one sample or more")
         c, cd = (model.device.row_map @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(model, raw_parameters(model, check_beta(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
-from haptid.errors import ConvergenceError, SettingError
+from haptid.errors import ConvergenceError, setting_error
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.observation.observation import Observation
 
@@ -234,11 +234,6 @@ def only_weights_rows(method: Method) -> bool:
     return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "constrain"))
 
 
-def setting_error(owner: str, name: str, value: object, wanted: str) -> SettingError:
-    """The error for a setting of a method or of intervals that has no meaning."""
-    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
-
-
 def not_converged(method: str, passes: int, name: str, moved: float, limit: float) -> ConvergenceError:
     """The error for a fixed-point iteration whose last pass moved parameter `name` by `moved` standard errors."""
     return ConvergenceError(
@@ -259,7 +254,7 @@ def expect_weighting(owner: str, method: Method) -> None:
     """
     if not only_weights_rows(method):
         wanted = "a method that only weights rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
-        raise setting_error(owner, "weighting", method.name, wanted)
+        raise setting_error("weighting", method.name, wanted, owner)
 
 
 def expect_whole(owner: str, name: str, value: object, least: int) -> None:
@@ -269,7 +264,7 @@ def expect_whole(owner: str, name: str, value: object, least: int) -> None:
         SettingError: it is not.
     """
     if not (whole(value) and value >= least):  # type: ignore[operator]
-        raise setting_error(owner, name, value, f"a whole number, {least} or more")
+        raise setting_error(name, value, f"a whole number, {least} or more", owner)
 
 
 def expect_positive(owner: str, name: str, value: object, otherwise: str = "") -> None:
@@ -283,4 +278,4 @@ def expect_positive(owner: str, name: str, value: object, otherwise: str = "") -
         SettingError: it is not.
     """
     if not positive(value):
-        raise setting_error(owner, name, value, f"a finite number above zero{otherwise}")
+        raise setting_error(name, value, f"a finite number above zero{otherwise}", owner)

@@ -18,7 +18,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, positive
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IdentifiabilityError, SettingError
+from haptid.errors import IdentifiabilityError, setting_error
 from haptid.estimation.estimate import Estimate, estimate
 from haptid.estimation.intervals.covariance import Intervals
 from haptid.estimation.least_squares import solve
@@ -81,7 +81,7 @@ class RecursiveIdentification:
     def __init__(self, model: DynamicModel, forgetting_s: float | None = None, most: int = 64) -> None:
         if forgetting_s is not None and not positive(forgetting_s):
             wanted = "a finite time above zero, s, or None"
-            raise SettingError(f"forgetting_s is {forgetting_s!r}; write {wanted}.", where="forgetting_s")
+            raise setting_error("forgetting_s", forgetting_s, wanted)
         expect_whole("RecursiveIdentification", "most", most, 8)
         self.model, self.forgetting_s, self.most = model, forgetting_s, most
         self._span = 0.0 if forgetting_s is None else _SPANNED * forgetting_s / most

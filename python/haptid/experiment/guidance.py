@@ -21,7 +21,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
 from haptid.dynamics.workspace import Workspace, workspace
-from haptid.errors import SettingError, WorkspaceError
+from haptid.errors import WorkspaceError, setting_error
 from haptid.estimation import Estimate
 
 # Speeds of a joint that has no limit of its own: rad/s and m/s; of slow motion, as a share.
@@ -110,7 +110,7 @@ class MotionGuide:
 
     def __init__(self, model: DynamicModel, rows_per_s: float, space: Workspace | None = None, seed: int = 1) -> None:
         if not positive(rows_per_s):
-            raise SettingError(f"rows_per_s is {rows_per_s!r}; write a number above zero.", where="rows_per_s")
+            raise setting_error("rows_per_s", rows_per_s, "a number above zero")
         self.model, self.rows_per_s = model, rows_per_s
         self._space = space or workspace(model)
         self._poses = np.asarray(self._space.grid(_GRID))

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from haptid._internal.atomic_folder import publishing
 from haptid._internal.extensions import extension, extension_names
-from haptid.errors import SettingError, UnknownNameError, suggestion
+from haptid.errors import SettingError, unknown_name
 from haptid.export.formats.c import export_c
 from haptid.export.formats.control_packages import export_chai3d, export_ros2_control
 from haptid.export.formats.dvrk import export_dvrk
@@ -130,7 +130,5 @@ def _of_extension(name: str) -> Exporter:
     found: Exporter | None = extension("haptid.exports", name)
     if found is None:
         known = export_formats()
-        raise UnknownNameError(
-            f"there is no export format {name!r}.", where=name, limit=known, advice=suggestion(name, known)
-        )
+        raise unknown_name(f"there is no export format {name!r}.", name, known)
     return found

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 from haptid._internal.arrays import positive
 from haptid._internal.atomic_folder import publishing
 from haptid.end_effector.force import REVERSAL_SPEED
-from haptid.errors import SettingError
+from haptid.errors import SettingError, setting_error
 
 # C99 guarantees 31 significant characters of external names (5.2.4.1), which leaves this many for the prefix.
 LONGEST_NAME = 24
@@ -58,9 +58,9 @@ class CCode:
         if self.name is not None:
             check_name(self.name)
         if self.precision not in get_args(Precision):
-            raise _code_setting("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
+            raise setting_error("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
         if not positive(self.reversal_speed):
-            raise _code_setting("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+            raise setting_error("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Simulator:
 
     def __post_init__(self) -> None:
         if not positive(self.step):
-            raise _code_setting("step", self.step, "a finite time above zero, s")
+            raise setting_error("step", self.step, "a finite time above zero, s")
 
 
 @dataclass(frozen=True)
@@ -108,12 +108,3 @@ def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     return Export(folder, tuple(texts), verdict)
-
-
-def _code_setting(name: str, value: object, wanted: str) -> SettingError:
-    return SettingError(
-        f"{name} is {value!r}; write {wanted}.",
-        where=name,
-        found=value,
-        limit=wanted,
-    )

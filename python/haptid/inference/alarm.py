@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import NoRowsError, SettingError
+from haptid.errors import NoRowsError, setting_error
 from haptid.estimation import Estimate
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block
@@ -80,7 +80,7 @@ class ModelAlarm:
         alpha = per_hour * block_s / _SECONDS_IN_HOUR / charts if positive(per_hour) else 0.0
         if not 0 < alpha < 0.5:
             wanted = f"above 0 and below {0.5 * charts * _SECONDS_IN_HOUR / block_s:.3g}"
-            raise SettingError(f"per_hour is {per_hour!r}; write a number {wanted}.", where="per_hour")
+            raise setting_error("per_hour", per_hour, f"a number {wanted}")
         if len(observation.blocks) < _FEWEST:
             raise NoRowsError(
                 f"the reference has {len(observation.blocks)} time blocks, and {_FEWEST} are needed for what is usual.",

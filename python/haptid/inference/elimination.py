@@ -23,7 +23,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import SettingError
+from haptid.errors import setting_error
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.method import Method
@@ -62,7 +62,7 @@ class GautierRatio:
 
     def __post_init__(self) -> None:
         if not (positive(self.times) and self.times > 1):
-            raise _setting("GautierRatio", "times", self.times, "a finite number above 1")
+            raise setting_error("times", self.times, "a finite number above 1", "GautierRatio")
 
     def limit(self, smallest: float) -> float:
         """Upper limit of the largest, per cent, given the smallest one."""
@@ -86,7 +86,7 @@ class MaxRelativeStd:
 
     def __post_init__(self) -> None:
         if not positive(self.percent):
-            raise _setting("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
+            raise setting_error("percent", self.percent, "a finite number above zero", "MaxRelativeStd")
 
     def limit(self, smallest: float) -> float:
         """Upper limit of the largest, per cent, for any smallest one."""
@@ -206,7 +206,7 @@ class BackwardElimination:
 
     def __post_init__(self) -> None:
         if not 0 < self.level < 1:
-            raise _setting("BackwardElimination", "level", self.level, "a probability between 0 and 1")
+            raise setting_error("level", self.level, "a probability between 0 and 1", "BackwardElimination")
 
 
 def eliminate(
@@ -224,7 +224,7 @@ def eliminate(
         SharedRowsError: rows of `unseen` were in the fit.
     """
     if isinstance(full.method, Restricted):
-        raise _setting("eliminate", "the method", full.method.name, "the estimate by OLS() or WLS()")
+        raise setting_error("the method", full.method.name, "the estimate by OLS() or WLS()", "eliminate")
     how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
@@ -363,7 +363,3 @@ def not_identifiable(rows: Observation) -> tuple[int, ...]:
         if lengths[k] > EXCITED * lengths.max() and least > COLLINEAR:
             kept.append(k)
     return tuple(k for k in range(len(lengths)) if k not in kept)
-
-
-def _setting(owner: str, name: str, value: object, wanted: str) -> SettingError:
-    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)

@@ -13,7 +13,7 @@ from haptid.device import INERTIAL, Device
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import DeviceError, UnknownNameError, suggestion
+from haptid.errors import DeviceError, unknown_name
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
@@ -47,14 +47,8 @@ def payload_torque(model: DynamicModel, link: str, body: PriorBody) -> Array:
             comply.
     """
     if link not in model.device.joint_names:
-        names = model.device.joint_names
-        raise UnknownNameError(
-            f"no link {link!r} with free inertial parameters.",
-            where="link",
-            found=link,
-            limit=names,
-            advice=suggestion(link, names),
-        )
+        message = f"no link {link!r} with free inertial parameters."
+        raise unknown_name(message, link, model.device.joint_names, "link")
     joint, free = model.device.joints[model.device.joint_names.index(link)], model.device.parameters
     solid = body if body.inertia is not None else replace(body, inertia=np.zeros((3, 3)))
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(solid, joint), strict=True))

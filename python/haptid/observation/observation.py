@@ -19,7 +19,7 @@ from haptid._internal.display import Overview, displayed
 from haptid.device import Device
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
+from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name
 from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
 from haptid.observation.plan import LEAST_BLOCKS, Block, Plan, RFactors
@@ -177,13 +177,8 @@ class Observation:
         """
         names = [m.name for m in self.motors]
         if motor not in names:
-            raise UnknownNameError(
-                f"the observation has no rows of motor {motor!r}; it has rows of {', '.join(names)}.",
-                where="motor",
-                found=motor,
-                limit=tuple(names),
-                advice=suggestion(motor, names),
-            )
+            message = f"the observation has no rows of motor {motor!r}; it has rows of {', '.join(names)}."
+            raise unknown_name(message, motor, names, "motor")
         return replace(self, motors=(self.motors[names.index(motor)],))
 
     def _shown(self) -> Overview:

@@ -22,7 +22,8 @@ from haptid.end_effector.characterisation.apparent_mass import ApparentMass, app
 from haptid.end_effector.characterisation.jacobian import LINEAR, HandleJacobian, handle_jacobian
 from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
-from haptid.end_effector.force import WORST_CONDITION, force_setting_error
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.errors import setting_error
 from haptid.uncertainty.quantities import Field
 
 # Default number of cells of a workspace's grid.
@@ -215,7 +216,7 @@ class Characterisation:
         expect("direction", d.shape, (len(self.handle.rows),))
         length = np.linalg.norm(d)
         if not (np.isfinite(length) and length > 0):
-            raise force_setting_error("direction", direction, "finite components, not all zero")
+            raise setting_error("direction", direction, "finite components, not all zero")
         return np.asarray(d / length)
 
     def _rates(self, direction: Array) -> Array:

@@ -19,7 +19,7 @@ from haptid._internal.arrays import Array
 from haptid.device.device import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import HandleJacobian
-from haptid.errors import IncompleteDeviceError, RedundancyError, UnknownNameError, suggestion
+from haptid.errors import IncompleteDeviceError, RedundancyError, unknown_name
 
 # Most facets of the set of torques.
 _MOST_FACETS = 2000
@@ -45,12 +45,7 @@ def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Arr
     names = [drive.name for drive in model.device.motors]
     for name in known:
         if name not in names:
-            raise UnknownNameError(
-                f"a torque limit is given for {name!r}, which is no motor.",
-                where=name,
-                limit=tuple(names),
-                advice=suggestion(name, names),
-            )
+            raise unknown_name(f"a torque limit is given for {name!r}, which is no motor.", name, names)
     return np.array(made, dtype=float)
 
 

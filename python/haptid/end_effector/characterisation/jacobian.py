@@ -9,8 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positive
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.force import force_setting_error
-from haptid.errors import RedundancyError
+from haptid.errors import RedundancyError, setting_error
 
 LINEAR = (0, 1, 2)
 # Poses evaluated at a time.
@@ -114,14 +113,14 @@ def check_pose_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], w
     """
     expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
-        raise force_setting_error("qa", float("nan"), "finite positions")
+        raise setting_error("qa", float("nan"), "finite positions")
     if handle_of(model).link < 0:
-        raise force_setting_error("handle.link", "base", "a link that moves")
+        raise setting_error("handle.link", "base", "a link that moves")
     for term in model.terms:
         if term.kind == "rotor" and term.joint is not None:
             wanted = "rotors on joints with constant rates; a rotor elsewhere may be part of its link's ZZ"
-            raise force_setting_error(f"term {term.name}", term.on, wanted)
+            raise setting_error(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
-        raise force_setting_error("rows", rows, "different numbers of 0 to 5")
+        raise setting_error("rows", rows, "different numbers of 0 to 5")
     if not (positive(worst) and worst > 1):
-        raise force_setting_error("worst_condition", worst, "a finite number above 1")
+        raise setting_error("worst_condition", worst, "a finite number above 1")

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import UnknownNameError, suggestion
+from haptid.errors import unknown_name
 from haptid.estimation import Estimate
 from haptid.uncertainty.quantities import Field
 
@@ -54,12 +54,7 @@ class GivenParameters:
         names = model.base.names
         for name in (*values, *(se or ())):
             if name not in names:
-                raise UnknownNameError(
-                    f"the device has no base parameter {name!r}.",
-                    where=name,
-                    limit=tuple(names),
-                    advice=suggestion(name, names),
-                )
+                raise unknown_name(f"the device has no base parameter {name!r}.", name, names)
         beta = np.array([values.get(name, 0.0) for name in names])
         covariance = None if se is None else np.diag([se.get(name, 0.0) ** 2 for name in names])
         return cls(model, beta, covariance)

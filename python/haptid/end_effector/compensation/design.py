@@ -34,7 +34,7 @@ from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.compensation.hands import HandModel, HandMotion, published_hands
 from haptid.end_effector.compensation.law import Compensation
 from haptid.end_effector.compensation.sampled import SampledLoop
-from haptid.end_effector.force import force_setting_error
+from haptid.errors import setting_error
 
 VELOCITY_CUTOFFS_HZ = (50.0, 200.0)
 MOMENTUM_CUTOFFS_HZ = (8.0, 25.0, 60.0)
@@ -146,9 +146,9 @@ def design_compensation(
     qa = np.asarray(poses, dtype=float)
     expect("poses", qa.shape, (len(law.identified.model.device.active), None))
     if not 0 < felt_hz < 0.5 / dt:
-        raise force_setting_error("felt_hz", felt_hz, f"above 0 and below {0.5 / dt:g}, half the control rate")
+        raise setting_error("felt_hz", felt_hz, f"above 0 and below {0.5 / dt:g}, half the control rate")
     if not 0 <= friction_kept <= 1:
-        raise force_setting_error("friction_kept", friction_kept, "0 to 1")
+        raise setting_error("friction_kept", friction_kept, "0 to 1")
     given = (*published_hands(), None) if hands is None else tuple(hands)
     bench = _Poses(law, qa, dt, delay, motion or HandMotion(), friction_kept, felt_hz)
     points = []
@@ -179,7 +179,7 @@ class _Poses:
         found = characterise(identified, qa)
         if not found.handle.usable.all():
             bad = int(np.flatnonzero(~found.handle.usable)[0])
-            raise force_setting_error("poses", qa[:, bad].tolist(), "poses at which the handle is not singular")
+            raise setting_error("poses", qa[:, bad].tolist(), "poses at which the handle is not singular")
         self.directions = found.masses.directions  # (poses, r, m)
         self.friction = np.empty(self.directions.shape[:2])
         for p in range(len(self.directions)):
@@ -211,7 +211,7 @@ class _Poses:
         without, one = self._losses(law), self._losses(replace(law, damping=1.0))
         gain = one - without
         if (gain <= 0).any():
-            raise force_setting_error("velocity_cutoffs_hz", law.velocity_cutoff_hz, "a cutoff above a hand's motion")
+            raise setting_error("velocity_cutoffs_hz", law.velocity_cutoff_hz, "a cutoff above a hand's motion")
         # A little more, so that rounding does not decide.
         return replace(law, damping=float(1.001 * np.maximum(-without / gain, 0.0).max()))
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from haptid._internal.arrays import positive
-from haptid.end_effector.force import force_setting_error
+from haptid.errors import setting_error
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class HandModel:
     def __post_init__(self) -> None:
         for name in ("mass", "grip_stiffness"):
             if not positive(getattr(self, name)):
-                raise force_setting_error(name, getattr(self, name), "a finite number above 0")
+                raise setting_error(name, getattr(self, name), "a finite number above 0")
         for name in ("damping", "stiffness", "grip_damping"):
             if not 0 <= getattr(self, name) < float("inf"):
-                raise force_setting_error(name, getattr(self, name), "a finite number from 0")
+                raise setting_error(name, getattr(self, name), "a finite number from 0")
 
 
 # Least and greatest value over 15 subjects, three axes and grip forces of 1 to 3 N, of a hand that holds the stylus of
@@ -81,4 +81,4 @@ class HandMotion:
     def __post_init__(self) -> None:
         for name in ("bandwidth_hz", "speed", "acceleration"):
             if not positive(getattr(self, name)):
-                raise force_setting_error(name, getattr(self, name), "a finite number above 0")
+                raise setting_error(name, getattr(self, name), "a finite number above 0")

@@ -54,7 +54,7 @@ from haptid.end_effector.characterisation.apparent_mass import apparent_mass
 from haptid.end_effector.characterisation.friction import coulomb_level, viscous_matrix
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
 from haptid.end_effector.compensation.sampled import Feedback, SampledLoop, filtered_difference
-from haptid.end_effector.force import force_setting_error
+from haptid.errors import setting_error
 from haptid.observation.reversals import smoothed_friction
 
 # From time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
@@ -93,22 +93,22 @@ class Compensation:
     def __post_init__(self) -> None:
         for name in ("share", "weight", "friction"):
             if not 0 <= getattr(self, name) <= 1 or (name == "share" and self.share == 1):
-                raise force_setting_error(name, getattr(self, name), f"0 to {'below ' * (name == 'share')}1")
+                raise setting_error(name, getattr(self, name), f"0 to {'below ' * (name == 'share')}1")
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
-                raise force_setting_error(name, getattr(self, name), "a finite number above 0")
+                raise setting_error(name, getattr(self, name), "a finite number above 0")
         if not 0 <= self.damping < np.inf:
-            raise force_setting_error("damping", self.damping, "a finite number from 0")
+            raise setting_error("damping", self.damping, "a finite number from 0")
         if self.damping:
             handle_of(self.identified.model)
         for term in self.identified.model.terms if self.friction else ():
             if isinstance(term.shape, LoadDependentFriction):
                 wanted = f"0: term {term.name} depends on accelerations, which the controller does not have"
-                raise force_setting_error("friction", self.friction, wanted)
+                raise setting_error("friction", self.friction, wanted)
         if self.towards is not None:
             handle_of(self.identified.model)
             if not positive(self.towards):
-                raise force_setting_error("towards", self.towards, "a mass above 0 kg, or None")
+                raise setting_error("towards", self.towards, "a mass above 0 kg, or None")
 
     def share_at(self, qa: Array) -> Array:
         """Share of the inertia that is compensated at poses, (poses,).

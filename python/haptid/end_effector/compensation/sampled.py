@@ -24,7 +24,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
 from haptid.end_effector.compensation.hands import HandModel
-from haptid.end_effector.force import force_setting_error
+from haptid.errors import setting_error
 
 # Frequencies at which passivity is examined, up to the Nyquist frequency.
 _FREQUENCIES = 600
@@ -87,9 +87,9 @@ class SampledLoop:
         for part in self.feedback:
             expect("feedback", part.matrix.shape, (n, n))
         if not positive(self.dt):
-            raise force_setting_error("dt", self.dt, "a finite number above 0")
+            raise setting_error("dt", self.dt, "a finite number above 0")
         if not 0 <= self.delay < float("inf"):
-            raise force_setting_error("delay", self.delay, "a finite number from 0")
+            raise setting_error("delay", self.delay, "a finite number from 0")
 
     def response(self, frequency_hz: Array) -> Array:
         """H(e^(j w T)) with the delay, torque that resists per position, (frequencies, n, n)."""

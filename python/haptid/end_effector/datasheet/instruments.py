@@ -1,4 +1,4 @@
-"""What a data sheet needs beside the model: control rate, delay, and motors' limits and resolutions."""
+"""What a data sheet needs in addition to the model: control rate, delay, and motors' limits and resolutions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array, positive
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.force_capability import limit_of_joint
-from haptid.end_effector.force import force_setting_error
-from haptid.errors import UnknownNameError, suggestion
+from haptid.errors import setting_error, unknown_name
 
 
 @dataclass(frozen=True)
@@ -35,13 +34,13 @@ class DeviceInstruments:
 
     def __post_init__(self) -> None:
         if not positive(self.rate_hz):
-            raise force_setting_error("rate_hz", self.rate_hz, "a finite number above 0")
+            raise setting_error("rate_hz", self.rate_hz, "a finite number above 0")
         if not 0 <= self.delay < float("inf"):
-            raise force_setting_error("delay", self.delay, "a finite number from 0")
+            raise setting_error("delay", self.delay, "a finite number from 0")
         for name in ("peak", "continuous", "torque_step", "encoder_counts"):
             for motor, value in getattr(self, name).items():
                 if not positive(value):
-                    raise force_setting_error(f"{name} of motor {motor}", value, "a finite number above 0")
+                    raise setting_error(f"{name} of motor {motor}", value, "a finite number above 0")
 
     def of(self, model: DynamicModel, what: str) -> dict[str, float] | None:
         """One of the figures for every motor's coordinate; None where one of them is not known.
@@ -54,12 +53,7 @@ class DeviceInstruments:
         given, names = getattr(self, what), [motor.name for motor in model.device.motors]
         for name in given:
             if name not in names:
-                raise UnknownNameError(
-                    f"{what} is given for {name!r}, which is no motor.",
-                    where=name,
-                    limit=tuple(names),
-                    advice=suggestion(name, names),
-                )
+                raise unknown_name(f"{what} is given for {name!r}, which is no motor.", name, names)
         key = {"peak": "peak_torque", "continuous": "continuous_torque"}.get(what, what)
         tables = {table.name: table for table in model.device.tables.motors}
         made: dict[str, float] = {}

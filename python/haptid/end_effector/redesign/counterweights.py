@@ -24,8 +24,8 @@ from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import LINEAR, handle_jacobian
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
-from haptid.end_effector.force import WORST_CONDITION, force_setting_error
-from haptid.errors import IncompleteDeviceError, UnknownNameError, suggestion
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.errors import IncompleteDeviceError, setting_error, unknown_name
 
 # Starts of the search, and prices of the front.
 _STARTS = 3
@@ -51,11 +51,9 @@ class WeightPlace:
 
     def __post_init__(self) -> None:
         if not 0 < self.most < float("inf"):
-            raise force_setting_error(f"most of {self.link}", self.most, "a mass above 0 kg")
+            raise setting_error(f"most of {self.link}", self.most, "a mass above 0 kg")
         if not (np.isfinite([self.low, self.high]).all() and (np.array(self.low) <= self.high).all()):
-            raise force_setting_error(
-                f"place of {self.link}", (self.low, self.high), "two corners, the lower one first"
-            )
+            raise setting_error(f"place of {self.link}", (self.low, self.high), "two corners, the lower one first")
 
 
 @dataclass(frozen=True)
@@ -179,19 +177,14 @@ def _inside(weight: Counterweight, limits: Sequence[WeightPlace]) -> None:
     wanted = (
         " or ".join(f"at most {p.most:g} kg from {p.low} to {p.high}" for p in here) or "on a link that has a place"
     )
-    raise force_setting_error(f"counterweight on {weight.link}", (weight.mass, weight.com), wanted)
+    raise setting_error(f"counterweight on {weight.link}", (weight.mass, weight.com), wanted)
 
 
 def _added(model: DynamicModel, link: str, mass: float, com: Array) -> Array:
     """Change of the free standard parameters, (p,), by a point mass."""
     names = model.device.joint_names
     if link not in names:
-        raise UnknownNameError(
-            f"a counterweight is on {link!r}, which is no link.",
-            where=link,
-            limit=tuple(names),
-            advice=suggestion(link, names),
-        )
+        raise unknown_name(f"a counterweight is on {link!r}, which is no link.", link, names)
     joint = model.device.joints[names.index(link)]
     values = inertial_parameters(PriorBody(mass, com, np.zeros((3, 3))), joint)
     made, index = np.zeros(len(model.device.parameters)), model.device.parameters.index
@@ -201,7 +194,7 @@ def _added(model: DynamicModel, link: str, mass: float, com: Array) -> Array:
             made[index[name]] += model.device.parameters.sign[name] * value
         elif abs(value) > 1e-12 * max(mass, 1e-12):
             wanted = f"places at which {name} stays zero, as the symmetries of the device file say, or no such symmetry"
-            raise force_setting_error(f"place of {link}", tuple(com.tolist()), wanted)
+            raise setting_error(f"place of {link}", tuple(com.tolist()), wanted)
     return freeze(made)
 
 
@@ -216,7 +209,7 @@ class _Search:
         self.handle = handle_jacobian(self.model, qa, LINEAR, WORST_CONDITION)
         self.usable = self.handle.usable
         if not self.usable.any():
-            raise force_setting_error("poses", qa.shape[1], "poses at which the handle is not singular")
+            raise setting_error("poses", qa.shape[1], "poses at which the handle is not singular")
         units, still, inner = np.eye(len(self.model.base)), np.zeros_like(qa), list(self.handle.moving)
         self.static = np.array([inverse_dynamics(self.model, u, qa, still, still) for u in units])
         self.masses = np.array([mass_matrix(self.model, u, qa)[self.usable][:, inner][:, :, inner] for u in units])
@@ -253,7 +246,7 @@ class _Search:
     def best(self, price: float) -> Balance:
         """The best of several starts."""
         if not 0 <= price < float("inf"):
-            raise force_setting_error("price", price, "a finite number from 0")
+            raise setting_error("price", price, "a finite number from 0")
         cost_of_mass = max(price, _LEAST_PRICE)
 
         def cost(x: Array) -> float:

@@ -21,8 +21,8 @@ from haptid.end_effector.characterisation import force_capability
 from haptid.end_effector.characterisation.jacobian import LINEAR, HandleJacobian, handle_jacobian
 from haptid.end_effector.characterisation.model import IdentifiedModel
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
-from haptid.end_effector.force import WORST_CONDITION, force_setting_error
-from haptid.errors import IncompleteDeviceError
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.errors import IncompleteDeviceError, setting_error
 
 RATIOS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)
 LENGTHS = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5)
@@ -71,7 +71,7 @@ def drive_changes(
     for name, factors in (("ratios", ratios), ("lengths", lengths)):
         for factor in factors:
             if not positive(factor):
-                raise force_setting_error(name, factor, "finite factors above 0")
+                raise setting_error(name, factor, "finite factors above 0")
     missing = [motor.name for motor in model.device.motors if motor.name not in rotor_inertia]
     if missing:
         raise IncompleteDeviceError(
@@ -81,7 +81,7 @@ def drive_changes(
         )
     handle = handle_jacobian(model, qa, LINEAR, WORST_CONDITION)
     if not handle.usable.any():
-        raise force_setting_error("poses", qa.shape[1], "poses at which the handle is not singular")
+        raise setting_error("poses", qa.shape[1], "poses at which the handle is not singular")
     kept = handle_jacobian(model, qa[:, handle.usable], LINEAR, WORST_CONDITION)
     inner = list(kept.moving)
     A = mass_matrix(model, identified.beta, kept.qa)[:, inner][:, :, inner]
@@ -90,7 +90,7 @@ def drive_changes(
     rotors = np.array([rotor_inertia[motor.name] for motor in model.device.motors])
     of_rotors = np.broadcast_to(np.swapaxes(B, 1, 2) @ (rotors[:, None] * B), A.shape)
     if np.linalg.eigvalsh(A - of_rotors)[:, 0].min() <= 0:
-        raise force_setting_error("rotor_inertia", dict(rotor_inertia), "less than the inertia that was identified")
+        raise setting_error("rotor_inertia", dict(rotor_inertia), "less than the inertia that was identified")
     still = np.zeros_like(kept.qa)
     limits = DeviceInstruments().of(model, "peak") if limits is None else limits
     static = inverse_dynamics(model, identified.beta, kept.qa, still, still)

@@ -15,9 +15,10 @@ import numpy as np
 from scipy import fft
 
 from haptid._internal.arrays import Array, whole
+from haptid.errors import setting_error
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE, BlockMoments, Fit, setting_error
+from haptid.estimation.method import ALONE, BlockMoments, Fit
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
@@ -175,7 +176,7 @@ class FixedB:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.share, float) or whole(self.share)) or not 0 < self.share <= 1:
-            raise setting_error("FixedB", "share", self.share, "a number above 0, up to 1")
+            raise setting_error("share", self.share, "a number above 0, up to 1", "FixedB")
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""

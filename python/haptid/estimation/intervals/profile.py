@@ -10,7 +10,7 @@ import clarabel
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import SettingError
+from haptid.errors import SettingError, setting_error
 from haptid.estimation.feasibility.conic_program import (
     ENOUGH,
     REGULARISATIONS,
@@ -25,7 +25,7 @@ from haptid.estimation.feasibility.conic_program import (
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
-from haptid.estimation.method import Fit, setting_error
+from haptid.estimation.method import Fit
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.
@@ -147,7 +147,7 @@ def expect_constrained(solution: object) -> BoundedSolution | Constrained:
     if isinstance(solution, BoundedSolution | Constrained):
         return solution
     wanted = "an estimate by Bounds(...) or PhysicallyConsistent(...)"
-    raise setting_error("Profile", "method", type(solution).__name__, wanted)
+    raise setting_error("method", type(solution).__name__, wanted, "Profile")
 
 
 def inner(fit: Fit, change: Array) -> Array:

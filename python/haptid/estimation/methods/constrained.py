@@ -12,12 +12,12 @@ from haptid.device.expressions import combination
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SettingError, UnknownNameError, suggestion
+from haptid.errors import SettingError, setting_error, unknown_name
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, nearest_feasible
 from haptid.estimation.least_squares import Knowledge, Solution
-from haptid.estimation.method import Method, Wrapper, expect_weighting, setting_error
+from haptid.estimation.method import Method, Wrapper, expect_weighting
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 
@@ -65,13 +65,7 @@ def indices(known: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
     """
     for name in names:
         if name not in known:
-            raise UnknownNameError(
-                f"the device has no base parameter {name!r}.",
-                where="base parameter",
-                found=name,
-                limit=tuple(known),
-                advice=suggestion(name, known),
-            )
+            raise unknown_name(f"the device has no base parameter {name!r}.", name, known, "base parameter")
     return tuple(sorted({known.index(name) for name in names}))
 
 
@@ -164,7 +158,7 @@ class Bounds(Wrapper):
         object.__setattr__(self, "limits", dict(self.limits))
         for name, (low, high) in self.limits.items():
             if low is not None and high is not None and not low < high:
-                raise setting_error("Bounds", f"limits of {name}", (low, high), "a lower one below the upper one")
+                raise setting_error(f"limits of {name}", (low, high), "a lower one below the upper one", "Bounds")
 
     @property
     def name(self) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import IdentifiabilityError, SettingError
+from haptid.errors import IdentifiabilityError, SettingError, setting_error
 from haptid.estimation.least_squares import Solution, solve
-from haptid.estimation.method import Fit, expect_whole, setting_error
+from haptid.estimation.method import Fit, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import Observation
@@ -147,7 +147,7 @@ class ErrorsInVariables(_NoisyColumns):
         expect_whole("ErrorsInVariables", "draws", self.draws, 1)
         if self.resolution is not None and not all(positive(r) for r in np.atleast_1d(self.resolution).tolist()):
             wanted = "finite steps above zero, or None"
-            raise setting_error("ErrorsInVariables", "resolution", self.resolution, wanted)
+            raise setting_error("resolution", self.resolution, wanted, "ErrorsInVariables")
 
     def fit(self, observation: Observation) -> Fit:
         """The corrected solution.

@@ -23,9 +23,9 @@ from haptid._internal.arrays import Array, positive
 from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SimulationError
+from haptid.errors import SimulationError, setting_error
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
+from haptid.estimation.method import Method, UnitVarianceRows, expect_positive
 from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
 from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS
@@ -122,7 +122,7 @@ class Filtering(UnitVarianceRows, ABC):
         for name in ("position_noise", "torque_noise"):
             if not all(positive(value) for value in getattr(self, name)):
                 wanted = "finite deviations above zero, one for each torque row"
-                raise setting_error(self.name, name, getattr(self, name), wanted)
+                raise setting_error(name, getattr(self, name), wanted, self.name)
 
     @property
     def name(self) -> str:
@@ -173,7 +173,7 @@ class Filtering(UnitVarianceRows, ABC):
             torques = left.std(axis=1)
         for name, figures in (("position_noise", positions), ("torque_noise", torques)):
             if figures.shape != (len(raw),):
-                raise setting_error(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
+                raise setting_error(name, figures.tolist(), f"{len(raw)} figures, one for each row", self.name)
         return FilterInput(motion, raw, sampled_torque(model, motion), treated, (positions, torques))
 
 

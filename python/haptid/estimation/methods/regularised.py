@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IncompleteDeviceError
+from haptid.errors import IncompleteDeviceError, setting_error
 from haptid.estimation.feasibility.cone import UPPER, Cone
 from haptid.estimation.feasibility.conic_program import TIGHT, ConeCondition, cones_of, solved
 from haptid.estimation.feasibility.feasible import FIT_PENALTY, FeasibleParameters, roomy
@@ -23,7 +23,6 @@ from haptid.estimation.method import (
     expect_positive,
     expect_weighting,
     expect_whole,
-    setting_error,
 )
 from haptid.estimation.methods.constrained import Constrained, costs
 from haptid.estimation.methods.wls import WLS
@@ -182,7 +181,7 @@ class Entropic(Wrapper):
     def __post_init__(self) -> None:
         if self.strength is not None and not (positive(self.strength) and self.strength >= WEAKEST):
             wanted = f"{WEAKEST:g} or more (`PhysicallyConsistent()` has no regularisation), or None"
-            raise setting_error("Entropic", "strength", self.strength, wanted)
+            raise setting_error("strength", self.strength, wanted, "Entropic")
         expect_weighting("Entropic", self.weighting)
 
     @property

@@ -17,7 +17,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import verified
-from haptid.errors import ExportError, MissingDependencyError, SettingError
+from haptid.errors import ExportError, MissingDependencyError, setting_error
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 # Fields of the observer's and the differentiator's structs: scalars, then vectors; and the argument of their init.
@@ -149,12 +149,8 @@ class Compiled:
         state = type(kind, (ctypes.Structure,), {"_fields_": [*scalars, ("started", ctypes.c_int), *vectors]})()
         failed = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
         if failed:
-            raise SettingError(
-                f"{kind}: {_SETTINGS[kind]} is {setting!r}; write a positive number, feasible at a step of {dt:g} s.",
-                where=_SETTINGS[kind],
-                found=setting,
-                limit=0.0,
-            )
+            wanted = f"a positive number, feasible at a step of {dt:g} s"
+            raise setting_error(_SETTINGS[kind], setting, wanted, kind)
         return state
 
 

@@ -5,7 +5,7 @@ The pydantic tables are the format, with the unit and the default of every key; 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from haptid.device.priors import PriorBody, inertial_parameters, tensor
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyTerm
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ExperimentFileError, UnknownNameError, suggestion
+from haptid.errors import ExperimentFileError, unknown_name
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
 from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
 from haptid.experiment.bench.trajectories import (
@@ -358,7 +358,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
             chi[index[name]] = sign[name] * value
     for name, value in table.parameters.items():
         if name not in index:
-            raise _parameter_name(name, index)
+            raise unknown_name(f"the device has no free parameter {name!r}.", name, index)
         chi[index[name]] = sign[name] * value
     for weight in table.weights:
         point = PriorBody(weight.mass, np.array(weight.com), np.zeros((3, 3)))
@@ -376,17 +376,12 @@ def _body_values(model: DynamicModel, table: str, link: str, body: PriorBody) ->
     index = model.device.parameters.index
     if link not in model.device.joint_names:
         fixed = " The base is fixed: leave out what is attached to it." if link == "base" else ""
-        raise UnknownNameError(
-            f"[[{table}]]: the device has no link {link!r}.{fixed}",
-            where=link,
-            limit=model.device.joint_names,
-            advice=suggestion(link, model.device.joint_names),
-        )
+        raise unknown_name(f"[[{table}]]: the device has no link {link!r}.{fixed}", link, model.device.joint_names)
     joint = model.device.joints[model.device.joint_names.index(link)]
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
     for name, value in values.items():
         if name not in index and value != 0:
-            raise _parameter_name(name, index)
+            raise unknown_name(f"the device has no free parameter {name!r}.", name, index)
     return {name: float(value) for name, value in values.items() if name in index}
 
 
@@ -434,10 +429,4 @@ def _tuples(given: Mapping[str, Any]) -> dict[str, Any]:
 def _experiment_file(path: object, where: str, what: str) -> ExperimentFileError:
     return ExperimentFileError(
         f"{path}, key `{where}`: {what}.", where=where, advice="`haptid schema experiment` prints every key."
-    )
-
-
-def _parameter_name(name: str, known: Iterable[str]) -> UnknownNameError:
-    return UnknownNameError(
-        f"the device has no free parameter {name!r}.", where=name, limit=tuple(known), advice=suggestion(name, known)
     )

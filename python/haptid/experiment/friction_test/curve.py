@@ -19,7 +19,7 @@ from haptid._internal.arrays import Array, freeze_fields, positive
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.errors import NoRowsError, SettingError, index_of
+from haptid.errors import NoRowsError, index_of, setting_error
 from haptid.estimation import Estimate
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.motion import Motion
@@ -53,11 +53,7 @@ class ConstantVelocity:
     def __post_init__(self) -> None:
         for name in ("tolerance", "shortest", "slowest", "still"):
             if not positive(getattr(self, name)):
-                raise SettingError(
-                    f"ConstantVelocity: {name} is {getattr(self, name)!r}; write a finite number above zero.",
-                    where=name,
-                    found=getattr(self, name),
-                )
+                raise setting_error(name, getattr(self, name), "a finite number above zero", "ConstantVelocity")
 
 
 class Gravity(Protocol):

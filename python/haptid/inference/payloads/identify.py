@@ -27,9 +27,8 @@ from haptid.errors import (
     IdentifiabilityError,
     SettingError,
     SharedRowsError,
-    UnknownNameError,
     listed,
-    suggestion,
+    unknown_name,
 )
 from haptid.inference.payloads.body import FIGURE_UNITS, FIGURES, AttachedBody, body_figures, nearest_body
 from haptid.inference.payloads.estimates import DriveGains, PayloadEstimate, PayloadIdentification
@@ -130,13 +129,8 @@ def _check(
     names = [body.name for body, _ in loaded]
     for body, _ in loaded:
         if body.link not in model.device.joint_names:
-            raise UnknownNameError(
-                f"payload {body.name}: the device has no link {body.link!r}.",
-                where="link",
-                found=body.link,
-                limit=tuple(model.device.joint_names),
-                advice=suggestion(body.link, model.device.joint_names),
-            )
+            message = f"payload {body.name}: the device has no link {body.link!r}."
+            raise unknown_name(message, body.link, model.device.joint_names, "link")
         if names.count(body.name) > 1:
             raise SettingError(f"two payloads have the name {body.name!r}.", where=body.name, advice="Rename one.")
     kinds = {isinstance(one, Poses) for data in (bare, *(data for _, data in loaded)) for one in data}
