@@ -9,7 +9,7 @@ import haptid
 from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.friction_test.choice import choose_friction
-from haptid.experiment.friction_test.curve import ConstantVelocity, ModelSubtraction, friction_curve
+from haptid.experiment.friction_test.curve import ConstantVelocity, friction_curve
 from motions import motion as multisine
 from motions import truth
 from true_parameters import true_parameters
@@ -108,11 +108,11 @@ def test_with_a_model_all_joints_may_move(curve):
         bench.Triangles(20.0, (0.0, 0.2, 0.3), (0.5, 0.35, 0.35), frequency) for frequency in ((0.1,), (0.4, 0.5, 0.6))
     )
     for kind in (slow, fast):
-        found = friction_curve(DEVICE, swept(kind), ModelSubtraction(estimate))
+        found = friction_curve(DEVICE, swept(kind), estimate)
         for joint in found.joints:
             wanted = FC[joint.name] * np.sign(joint.velocity) + FV[joint.name] * joint.velocity
             np.testing.assert_allclose(joint.torque, wanted, atol=5e-4)
-    alone = friction_curve(DEVICE, swept(), ModelSubtraction(estimate))
+    alone = friction_curve(DEVICE, swept(), estimate)
     for one, other in zip(alone.joints, curve.joints, strict=True):
         np.testing.assert_allclose(one.torque, other.torque, atol=3e-4)
 

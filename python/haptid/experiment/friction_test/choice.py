@@ -7,8 +7,8 @@ and K parameters including the residual variance. A larger model must be lower b
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -27,83 +27,44 @@ _POINTS = 60
 PER_VELOCITY = {"N m": " s/rad", "N": " s/m"}
 
 
-class FrictionModel(Protocol):
-    """Protocol of a friction model, linear in its parameters except for the Stribeck velocity VS, if it has one."""
+@dataclass(frozen=True)
+class FrictionModel:
+    """A friction model, linear in its parameters except for the Stribeck velocity VS, if it has one.
 
-    @property
-    def name(self) -> str:
-        """In words."""
+    Attributes:
+        name: in words.
+        parameters: names of its linear parameters, in order.
+        regressor: at velocities (n,) and a Stribeck velocity, a column for each parameter, (n,) each.
+        scaled: whether it has a Stribeck velocity VS.
+    """
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of its linear parameters, in order."""
-
-    @property
-    def scaled(self) -> bool:
-        """Whether it has a Stribeck velocity VS."""
+    name: str
+    parameters: tuple[str, ...]
+    regressor: Callable[[Array, float], tuple[Array, ...]]
+    scaled: bool = False
 
     def columns(self, v: Array, scale: float) -> Array:
         """Regressor at velocities (n,) and Stribeck velocity `scale`, (n, k)."""
+        return np.column_stack(self.regressor(v, scale))
 
 
-@dataclass(frozen=True)
-class Coulomb:
-    """FC sgn v + OFF."""
-
-    name: str = "Coulomb"
-    parameters: tuple[str, ...] = ("FC", "OFF")
-    scaled: bool = False
-
-    def columns(self, v: Array, scale: float) -> Array:
-        """(n, 2)."""
-        del scale
-        return np.column_stack([np.sign(v), np.ones_like(v)])
-
-
-@dataclass(frozen=True)
-class CoulombViscous:
-    """FC sgn v + FV v + OFF."""
-
-    name: str = "Coulomb and viscous"
-    parameters: tuple[str, ...] = ("FC", "FV", "OFF")
-    scaled: bool = False
-
-    def columns(self, v: Array, scale: float) -> Array:
-        """(n, 3)."""
-        del scale
-        return np.column_stack([np.sign(v), v, np.ones_like(v)])
-
-
-@dataclass(frozen=True)
-class ByDirection:
-    """FC sgn v + FV+ v or FV- v + OFF: direction-dependent Coulomb friction is equivalent to an offset."""
-
-    name: str = "different by direction"
-    parameters: tuple[str, ...] = ("FC", "FV+", "FV-", "OFF")
-    scaled: bool = False
-
-    def columns(self, v: Array, scale: float) -> Array:
-        """(n, 4)."""
-        del scale
-        return np.column_stack([np.sign(v), np.maximum(v, 0), np.minimum(v, 0), np.ones_like(v)])
-
-
-@dataclass(frozen=True)
-class Stribeck:
-    """(FC + FS exp(-(v / VS)^2)) sgn v + FV v + OFF (Armstrong-Helouvry et al. 1994, Automatica 30(7))."""
-
-    name: str = "Stribeck"
-    parameters: tuple[str, ...] = ("FC", "FV", "FS", "OFF")
-    scaled: bool = True
-
-    def columns(self, v: Array, scale: float) -> Array:
-        """(n, 4)."""
-        sign = np.sign(v)
-        return np.column_stack([sign, v, sign * np.exp(-((v / scale) ** 2)), np.ones_like(v)])
-
-
-MODELS: tuple[FrictionModel, ...] = (Coulomb(), CoulombViscous(), ByDirection(), Stribeck())
-_ENOUGH = "Coulomb and viscous"
+COULOMB = FrictionModel("Coulomb", ("FC", "OFF"), lambda v, _: (np.sign(v), np.ones_like(v)))
+VISCOUS = FrictionModel("Coulomb and viscous", ("FC", "FV", "OFF"), lambda v, _: (np.sign(v), v, np.ones_like(v)))
+# Direction-dependent Coulomb friction is equivalent to an offset.
+BY_DIRECTION = FrictionModel(
+    "different by direction",
+    ("FC", "FV+", "FV-", "OFF"),
+    lambda v, _: (np.sign(v), np.maximum(v, 0), np.minimum(v, 0), np.ones_like(v)),
+)
+# (FC + FS exp(-(v / VS)^2)) sgn v + FV v + OFF (Armstrong-Helouvry et al. 1994, Automatica 30(7)).
+STRIBECK = FrictionModel(
+    "Stribeck",
+    ("FC", "FV", "FS", "OFF"),
+    lambda v, scale: (np.sign(v), v, np.sign(v) * np.exp(-((v / scale) ** 2)), np.ones_like(v)),
+    scaled=True,
+)
+MODELS = (COULOMB, VISCOUS, BY_DIRECTION, STRIBECK)
+_SMALL = (COULOMB.name, VISCOUS.name)
 
 
 @dataclass(frozen=True)
@@ -154,13 +115,13 @@ class JointChoice:
     @property
     def enough(self) -> bool:
         """Whether viscous and Coulomb friction are sufficient."""
-        return self.chosen.friction_model in (MODELS[0].name, _ENOUGH)
+        return self.chosen.friction_model in _SMALL
 
     @property
     def sentence(self) -> str:
         """The choice, with differences of AICc and the values."""
-        standard = next(fit for fit in self.fits if fit.friction_model == _ENOUGH)
-        larger = [fit for fit in self.fits if fit.friction_model not in (MODELS[0].name, _ENOUGH)]
+        standard = next(fit for fit in self.fits if fit.friction_model == VISCOUS.name)
+        larger = [fit for fit in self.fits if fit.friction_model not in _SMALL]
         differences = ", ".join(f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}" for fit in larger)
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
@@ -168,7 +129,7 @@ class JointChoice:
         elif all(np.isinf(fit.aicc) for fit in larger):
             verdict = f"too few velocities for a model larger than {self.chosen.friction_model} friction."
         else:
-            alone = " Coulomb friction alone is." if self.chosen.friction_model == MODELS[0].name else ""
+            alone = " Coulomb friction alone is." if self.chosen.friction_model == COULOMB.name else ""
             verdict = f"viscous and Coulomb friction are sufficient (AICc of larger models: {differences}).{alone}"
         return f"{self.label}: {verdict} {values}."
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy import ndimage
@@ -54,60 +53,6 @@ class ConstantVelocity:
         for name in ("tolerance", "shortest", "slowest", "still"):
             if not positive(getattr(self, name)):
                 raise setting_error(name, getattr(self, name), "a finite number above zero", "ConstantVelocity")
-
-
-class Gravity(Protocol):
-    """Protocol: how torque other than friction is removed."""
-
-    @property
-    def alone(self) -> bool:
-        """Whether the other joints must be at rest."""
-
-    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
-        """Torque that is subtracted beforehand, (rows, samples), N m or N."""
-
-
-@dataclass(frozen=True)
-class DirectionPairs:
-    """Difference between both directions at the same positions, the other joints at rest: no model needed.
-
-    A torque equal in both directions is not distinguishable from gravity, nor direction-dependent Coulomb friction from
-    an offset.
-    """
-
-    @property
-    def alone(self) -> bool:
-        """See Gravity."""
-        return True
-
-    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
-        """Zero, (rows, samples)."""
-        del model, cd, cdd
-        return np.zeros_like(c)
-
-
-@dataclass(frozen=True, eq=False)
-class ModelSubtraction:
-    """Subtraction of an estimated model without its friction; all joints may move.
-
-    Attributes:
-        estimate: of the device, from another motion than the test's.
-    """
-
-    estimate: Estimate
-
-    @property
-    def alone(self) -> bool:
-        """See Gravity."""
-        return False
-
-    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
-        """Torque of bodies, rotors, offsets, springs and custom columns, (rows, samples)."""
-        chi = raw_parameters(model, self.estimate.beta)
-        for k, term in enumerate(model.terms, start=10 * len(model.device.joints)):
-            if term.resists:
-                chi[k] = 0.0
-        return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +113,19 @@ class FrictionCurve:
 
 
 def friction_curve(
-    model: DynamicModel, motion: Motion, gravity: Gravity | None = None, constant: ConstantVelocity | None = None
+    model: DynamicModel, motion: Motion, estimate: Estimate | None = None, constant: ConstantVelocity | None = None
 ) -> FrictionCurve:
     """Friction torque against velocity of every joint that moves at constant velocities.
+
+    Without an estimate, torque other than friction is removed by the difference between both directions at the same
+    positions, the other joints at rest. A torque equal in both directions is then not distinguishable from gravity, nor
+    direction-dependent Coulomb friction from an offset.
 
     Args:
         motion: each joint in turn, in both directions, at several constant speeds; with a model, any motion with parts
             at constant velocity.
-        gravity: `DirectionPairs()` (default) or `ModelSubtraction(estimate)`.
+        estimate: of the device, from another motion: its torque without friction is subtracted, and all joints may
+            move.
         constant: criteria of a constant velocity.
 
     Raises:
@@ -183,17 +133,17 @@ def friction_curve(
         MissingAccelerationError: the motion's treatment has none.
         NoRowsError: no joint moves in both directions at a constant velocity.
     """
-    gravity, constant = gravity or DirectionPairs(), constant or ConstantVelocity()
+    constant, alone = constant or ConstantVelocity(), estimate is None
     c, cd, cdd = coordinates(model.device, motion, *motion.unbroken("the friction test").usable)
-    tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
+    tau = coordinate_torque(model.device, motion, *motion.usable)
+    if estimate is not None:
+        tau = tau - _without_friction(model, estimate, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
     curves, idle = [], []
     for k in [int(k) for k in np.flatnonzero(model.device.measured)]:
-        passes = list(_passes(constant, gravity.alone, width, k, cd))
-        cells = [
-            cell for poses in _by_pose(k, c, passes, gravity.alone) for cell in _cells(poses, c[k], tau[k], cdd[k])
-        ]
-        found = _points(_usable(cells), gravity.alone)
+        passes = list(_passes(constant, alone, width, k, cd))
+        cells = [cell for poses in _by_pose(k, c, passes, alone) for cell in _cells(poses, c[k], tau[k], cdd[k])]
+        found = _points(_usable(cells), alone)
         if found is None:
             idle.append(model.device.row_labels[k])
             continue
@@ -239,6 +189,15 @@ class _Cell:
     velocity: float
     torque: float
     acceleration: float
+
+
+def _without_friction(model: DynamicModel, estimate: Estimate, c: Array, cd: Array, cdd: Array) -> Array:
+    """Torque of bodies, rotors, offsets, springs and custom columns, (rows, samples), N m or N."""
+    chi = raw_parameters(model, estimate.beta)
+    for k, term in enumerate(model.terms, start=10 * len(model.device.joints)):
+        if term.resists:
+            chi[k] = 0.0
+    return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
 
 
 def _passes(constant: ConstantVelocity, alone: bool, width: int, k: int, cd: Array) -> Iterator[_Pass]:

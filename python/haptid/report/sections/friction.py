@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.errors import LogTimeError, MissingAccelerationError, NoRowsError
-from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
+from haptid.experiment.friction_test.curve import JointFriction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot, quantised
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
@@ -47,7 +47,7 @@ def _steady(source: ReportSource) -> Iterator[JointFriction]:
     """Friction at constant velocities, where the logs contain such motion."""
     for run in source.identification.runs:
         try:
-            yield from friction_curve(source.estimate.model, run.motion, ModelSubtraction(source.estimate)).joints
+            yield from friction_curve(source.estimate.model, run.motion, source.estimate).joints
         except (NoRowsError, MissingAccelerationError, LogTimeError):  # the last one: a log with gaps
             continue
 
