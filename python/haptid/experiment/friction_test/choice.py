@@ -48,23 +48,23 @@ class FrictionModel:
         return np.column_stack(self.regressor(v, scale))
 
 
-COULOMB = FrictionModel("Coulomb", ("FC", "OFF"), lambda v, _: (np.sign(v), np.ones_like(v)))
-VISCOUS = FrictionModel("Coulomb and viscous", ("FC", "FV", "OFF"), lambda v, _: (np.sign(v), v, np.ones_like(v)))
+_COULOMB = FrictionModel("Coulomb", ("FC", "OFF"), lambda v, _: (np.sign(v), np.ones_like(v)))
+_VISCOUS = FrictionModel("Coulomb and viscous", ("FC", "FV", "OFF"), lambda v, _: (np.sign(v), v, np.ones_like(v)))
 # Direction-dependent Coulomb friction is equivalent to an offset.
-BY_DIRECTION = FrictionModel(
+_BY_DIRECTION = FrictionModel(
     "different by direction",
     ("FC", "FV+", "FV-", "OFF"),
     lambda v, _: (np.sign(v), np.maximum(v, 0), np.minimum(v, 0), np.ones_like(v)),
 )
 # (FC + FS exp(-(v / VS)^2)) sgn v + FV v + OFF (Armstrong-Helouvry et al. 1994, Automatica 30(7)).
-STRIBECK = FrictionModel(
+_STRIBECK = FrictionModel(
     "Stribeck",
     ("FC", "FV", "FS", "OFF"),
     lambda v, scale: (np.sign(v), v, np.sign(v) * np.exp(-((v / scale) ** 2)), np.ones_like(v)),
     scaled=True,
 )
-MODELS = (COULOMB, VISCOUS, BY_DIRECTION, STRIBECK)
-_SMALL = (COULOMB.name, VISCOUS.name)
+MODELS = (_COULOMB, _VISCOUS, _BY_DIRECTION, _STRIBECK)
+_SMALL = (_COULOMB.name, _VISCOUS.name)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class JointChoice:
     @property
     def sentence(self) -> str:
         """The choice, with differences of AICc and the values."""
-        standard = next(fit for fit in self.fits if fit.friction_model == VISCOUS.name)
+        standard = next(fit for fit in self.fits if fit.friction_model == _VISCOUS.name)
         larger = [fit for fit in self.fits if fit.friction_model not in _SMALL]
         differences = ", ".join(f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}" for fit in larger)
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
@@ -129,7 +129,7 @@ class JointChoice:
         elif all(np.isinf(fit.aicc) for fit in larger):
             verdict = f"too few velocities for a model larger than {self.chosen.friction_model} friction."
         else:
-            alone = " Coulomb friction alone is." if self.chosen.friction_model == COULOMB.name else ""
+            alone = " Coulomb friction alone is." if self.chosen.friction_model == _COULOMB.name else ""
             verdict = f"viscous and Coulomb friction are sufficient (AICc of larger models: {differences}).{alone}"
         return f"{self.label}: {verdict} {values}."
 
