@@ -263,11 +263,13 @@ def newton_closure(
         raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
     varying = np.zeros(G.shape, dtype=bool)
     varying[unknown] = True
-    followers = ", ".join(f"q{chain.joints[k].name}" for k in chain.active)
-    relations = {**known, **{j: f"q{chain.joints[j].name} by closing, from {followers}" for j in unknown}}
-    texts = tuple(relations[j] for j in sorted(relations))
-    made = NewtonClosure(chain, constant, constants, tuple(unknown), at, q, varying, 0.0, texts)
-    return _measured(made)
+    made = _measured(NewtonClosure(chain, constant, constants, tuple(unknown), at, q, varying, 0.0, ()))
+    names = [f"q{chain.joints[k].name}" for k in chain.active]
+    relations = dict(known)
+    for j in unknown:
+        of = [name for name, varies in zip(names, made.varying[j], strict=True) if varies]
+        relations[j] = f"q{chain.joints[j].name} by closing, from {', '.join(of) or 'no active joint'}"
+    return replace(made, relations=tuple(relations[j] for j in sorted(relations)))
 
 
 def _measured(made: NewtonClosure) -> NewtonClosure:
