@@ -190,6 +190,7 @@ def test_linear_loops_stay_linear_next_to_others(tmp_path: Path) -> None:
     assert isinstance(closure, NewtonClosure)
     assert closure.unknown == (6, 7)
     assert closure.relations[:2] == ("qforearm = -qarm + qlever", "qcoupler = qarm - qlever")
+    assert closure.relations[2:] == ("qrod by closing, from qcrank", "qrocker by closing, from qcrank")
     assert np.argwhere(closure.varying).tolist() == [[6, 3], [7, 3]]
     reached = model.mechanism.reach(list(range(80)))
     assert not any(reached[1][50:])
