@@ -165,7 +165,7 @@ def test_compensation_is_felt_as_promised_and_feeds_no_hand(found):
 def interface(demo, tmp_path_factory):
     """Both branches on one handle, from logs of a few seconds at a lower control rate."""
     folder = tmp_path_factory.mktemp("interface")
-    plan = demo.interface.model_copy(update={"identify": (1.5, 6.5), "validate_": (1.5, 4.5)})
+    plan = demo.interface.model_copy(update={"identify": (1.5, 6.5), "validate_": (1.5, 4.5), "map_poses": 200})
     for take in kind_of(demo).takes(demo, folder)[:2]:
         text = take.experiment.read_text(encoding="utf-8")
         text = text.replace("seconds = 20.0", "seconds = 8.0").replace("seconds = 12.0", "seconds = 6.0")

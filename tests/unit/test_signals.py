@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import signal, stats
+from scipy import ndimage, signal, stats
 
 from haptid._internal import signals
 from haptid.observation.filtering import decimate
@@ -35,6 +35,13 @@ def test_a_constant_passes_both_ways_unchanged():
 def test_polynomial_filter(order):
     x = np.cumsum(RNG.normal(size=(200, 2)), axis=0)
     assert np.allclose(signals.polynomial_filter(x, 15, 3, order), signal.savgol_filter(x, 15, 3, order, axis=0))
+
+
+@pytest.mark.parametrize(("n", "length"), [(1, 1), (2, 1), (2, 2), (30, 7), (30, 8), (30, 30), (1500, 101)])
+def test_running_mean_and_maximum(n, length):
+    x = WALK[0, :n]
+    assert (signals.running_maximum(x, length) == ndimage.maximum_filter1d(x, length)).all()
+    assert np.allclose(signals.running_mean(x, length), ndimage.uniform_filter1d(x, length))
 
 
 @pytest.mark.parametrize("length", [256, 301])

@@ -10,7 +10,7 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 from scipy.linalg import blas
 
 from haptid._internal.arrays import Array, freeze
@@ -103,7 +103,9 @@ def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Arr
     """
     fit, at = _polynomials(window, degree, order)
     half = window // 2
-    made: Array = ndimage.correlate1d(np.asarray(x, dtype=np.float64), at[half] @ fit, axis=0)
+    made, weights = np.empty(np.shape(x)), at[half] @ fit
+    for place in np.ndindex(made.shape[1:]):
+        made[half : len(made) - half, *place] = np.correlate(x[:, *place], weights, "valid")
     made[:half] = np.tensordot(at[:half] @ fit, x[:window], axes=1)
     made[-half:] = np.tensordot(at[-half:] @ fit, x[-window:], axes=1)
     return made
@@ -117,6 +119,25 @@ def _polynomials(window: int, degree: int, order: int) -> tuple[Array, Array]:
     down = np.array([factorial(p) / factorial(p - order) if p >= order else 0.0 for p in powers])
     at = down * k[:, None] ** np.maximum(powers - order, 0) / (window // 2) ** order
     return freeze(np.asarray(np.linalg.pinv(k[:, None] ** powers), dtype=np.float64)), freeze(at)
+
+
+def running_maximum(x: Array, length: int) -> Array:
+    """Largest of the `length` samples around each, of those that there are, (n,); from `length // 2` samples before.
+
+    Source: van Herk (1992), Pattern Recognition Letters 13(7): maxima from either end of blocks of this length.
+    """
+    rows = np.full((-(-(len(x) + length - 1) // length), length), -np.inf)
+    rows.reshape(-1)[length // 2 : length // 2 + len(x)] = x
+    to_here = np.maximum.accumulate(rows, axis=1).reshape(-1)
+    from_here = np.maximum.accumulate(rows[:, ::-1], axis=1)[:, ::-1].reshape(-1)
+    return np.asarray(np.maximum(from_here[: len(x)], to_here[length - 1 : length - 1 + len(x)]))
+
+
+def running_mean(x: Array, length: int) -> Array:
+    """Mean of the `length` samples around each, (n,), from `length // 2` before; beyond the ends the signal turns."""
+    wide = np.pad(x, (length // 2, length - 1 - length // 2), "symmetric")
+    total = np.concatenate([[0.0], np.cumsum(wide)])
+    return np.asarray((total[length:] - total[:-length]) / length)
 
 
 def without_line(x: Array) -> Array:

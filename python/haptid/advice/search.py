@@ -9,9 +9,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import running_mean
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
@@ -374,13 +374,18 @@ def contact(search: Trials) -> np.ndarray:
         fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
         e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
         power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
-        smooth = ndimage.uniform_filter1d(power, width)
+        smooth = running_mean(power, width)
         median = float(np.median(smooth[use]))
         if limit < CONTACT:
             flagged = smooth > max(limit * median, _quantile(smooth[use]))
             continue
+        high = smooth > limit * median
+        if not high.any():
+            return none
+        from scipy import ndimage  # slow to import, and few logs have such rows
+
         # Rows that are not used, at reversals, do not end an episode.
-        flagged = ndimage.binary_closing(smooth > limit * median, iterations=width)
+        flagged = ndimage.binary_closing(high, iterations=width)
         flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
         if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
             return none

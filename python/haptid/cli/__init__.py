@@ -35,8 +35,10 @@ def main() -> None:
     # The matrices are small: BLAS threads would spin longer than they work. Must be set before NumPy is imported; a
     # value set by the user takes precedence.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Pydantic would look for plugins of its own in the metadata of every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # The garbage collector would go through what is imported again and again, a tenth of a command's time.
-    gc.set_threshold(100_000, 50, 50)
+    gc.set_threshold(300_000, 50, 50)
     if COMPLETION_VARIABLE in os.environ:
         from typer.completion import completion_init  # type: ignore[attr-defined]
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import running_mean
 from haptid.log.spectrum import lattice_step
 
 # Steps that a speed is the mean of, pass by pass: first of all steps, then of those that counted one.
@@ -84,12 +84,12 @@ def _steps(channels: list[Array], assumed: Array, width: int) -> tuple[Array, ND
         width: steps that a speed is the mean of.
     """
     one = (assumed == 1).astype(float)
-    single = ndimage.uniform_filter1d(one, width)
+    single = running_mean(one, width)
     information, moment, power = (np.zeros(len(assumed)) for _ in range(3))
     moved = 0
     for channel in channels:
         step = np.diff(channel)
-        speed = ndimage.uniform_filter1d(one * step, width) / np.maximum(single, 1 / width)
+        speed = running_mean(one * step, width) / np.maximum(single, 1 / width)
         off = np.abs(step - speed * assumed)
         noise = max(1.4826 * float(np.median(off)), lattice_step(channel[: 1 << 16]) / np.sqrt(6))
         if noise > 0:

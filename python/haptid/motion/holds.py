@@ -15,9 +15,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
 
 from haptid._internal.arrays import Array, freeze_fields, positive
+from haptid._internal.signals import running_maximum
 from haptid.device import Device
 from haptid.errors import LogChannelError, LogDataError, LogMismatchError, NoRowsError
 from haptid.log import Channels, Log, Signal
@@ -300,10 +300,8 @@ def _holds(q: Array, bands: Array, least: int) -> list[tuple[int, int]]:
     n = len(q)
     if n < least:
         return []
-    ranges = ndimage.maximum_filter1d(q, least, axis=0, origin=-(least // 2)) - ndimage.minimum_filter1d(
-        q, least, axis=0, origin=-(least // 2)
-    )
-    still = (ranges <= bands).all(axis=1)[: n - least + 1]
+    ranges = np.array([running_maximum(x, least) + running_maximum(-x, least) for x in q.T])  # of samples around each
+    still = np.all(ranges <= bands[:, None], axis=0)[least // 2 : least // 2 + n - least + 1]
     found, at = [], 0
     while at < len(still):
         if not still[at]:

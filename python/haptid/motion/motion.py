@@ -13,7 +13,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed
@@ -227,8 +226,9 @@ class Motion:
         """The same, computed."""
         wide = self.q[start - SIDE : stop + SIDE].T
         made = np.empty((len(wide), stop - start))
+        spare = SIDE - len(weights) // 2
         for channel, out in zip(wide, made, strict=True):
-            np.divide(ndimage.correlate1d(channel, weights)[SIDE:-SIDE], unit, out=out)
+            np.divide(np.correlate(channel[spare : len(channel) - spare], weights, "valid"), unit, out=out)
         return made
 
     def _shown(self) -> Overview:

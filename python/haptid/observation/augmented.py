@@ -41,6 +41,7 @@ class ResidualContext:
     high: int
     signals: Signals | None = None
     _torques: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
+    _shared: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def model(self) -> DynamicModel:
@@ -66,12 +67,16 @@ class ResidualContext:
         """B of the torque channels, (samples or 1, channels, coordinates); see `haptid.motion.channels`."""
         return channel_shares(self.model.device, self.plan.motion, self.motion[0])
 
-    def channel_torque(self, torque: Array) -> Array:
-        """Torque of the channels by the distribution law, (channels, samples), from the coordinates', N m or N.
+    def channel_torque(self, chi: Array) -> Array:
+        """Torque of the channels of given parameters of the core's columns, (channels, samples), N m or N.
 
-        The minimal norm where the device file has no law.
+        By the distribution law, or the minimal norm where the device file has none. The columns of all channels are
+        made of one such torque, which is kept.
         """
-        return channel_torque(self.model.device, self.channel_shares, torque)
+        key = chi.tobytes()
+        if key not in self._shared:
+            self._shared[key] = freeze(channel_torque(self.model.device, self.channel_shares, self.torque(chi)))
+        return self._shared[key]
 
     @cached_property
     def predicted(self) -> Array:

@@ -8,9 +8,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import running_maximum
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
@@ -266,5 +266,5 @@ def _at_rest(v: Array, speed: float, window: int) -> np.ndarray:
     A reversal is left at once, a rest is not; noise of the velocity about zero has a small range of positions.
     """
     x, length = np.cumsum(v), min(window, len(v))
-    span = ndimage.maximum_filter1d(x, length) - ndimage.minimum_filter1d(x, length)
-    return np.asarray(ndimage.maximum_filter1d((span < speed * length).astype(np.uint8), length) > 0)
+    span = running_maximum(x, length) + running_maximum(-x, length)
+    return np.asarray(running_maximum((span < speed * length).astype(float), length) > 0)

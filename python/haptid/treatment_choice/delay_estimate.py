@@ -327,8 +327,8 @@ def delay_columns(
 
     def column(row: int, channel: int) -> CandidateColumns:
         def rate(context: ResidualContext) -> Array:
-            torque = context.predicted if part is None else context.torque(part(model, context.chi))
-            own = np.gradient(context.channel_torque(torque)[channel], context.plan.motion.dt)
+            torque = context.channel_torque(context.chi if part is None else part(model, context.chi))
+            own = np.gradient(torque[channel], context.plan.motion.dt)
             return np.asarray((context.channel_shares[:, channel, row] * own)[None])
 
         return CandidateColumns(np.eye(len(acts))[row], 1, rate)

@@ -50,7 +50,10 @@ _PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Table(BaseModel):
-    """A table that allows no other keys."""
+    """A table that allows no other keys.
+
+    One with the defaults alone is `model_construct`ed: checking it would build its validator at import.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True, defer_build=True)
 
@@ -72,7 +75,7 @@ class JointTable(_Table):
     type: Literal["revolute", "prismatic"] = "revolute"
     body: bool = True
     active: bool | None = None
-    limits: _Limits = _Limits()
+    limits: _Limits = _Limits.model_construct()
 
 
 class ModifiedDHJoint(JointTable):
@@ -123,9 +126,9 @@ class CutTable(_Table):
     name: Name | None = None
     type: Literal["revolute", "prismatic", "spherical"] = "revolute"
     body_a: Name
-    frame_a: FrameTable = FrameTable()
+    frame_a: FrameTable = FrameTable.model_construct()
     body_b: Name
-    frame_b: FrameTable = FrameTable()
+    frame_b: FrameTable = FrameTable.model_construct()
 
 
 class LoopTable(_Table):
@@ -504,10 +507,10 @@ class DeviceTable(_Table):
     serial: str = ""
     source: str = ""
     gravity: _Triple
-    base: BaseTable = BaseTable()
+    base: BaseTable = BaseTable.model_construct()
     lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], _Quantity] = {}
     loops: list[LoopTable] = []
-    transmission: TransmissionTable = TransmissionTable()
+    transmission: TransmissionTable = TransmissionTable.model_construct()
     motors: list[MotorTable] = []
     coordinates: list[CoordinateTable] = []
     terms: list[AnyTerm] = []
@@ -516,7 +519,7 @@ class DeviceTable(_Table):
     collision: Annotated[list[AnyShape], Field(max_length=500)] = []
     gimbal: GimbalTable | None = None
     prior: PriorsTable = PriorsTable.model_validate({})
-    base_parameters: BaseParametersTable = BaseParametersTable()
+    base_parameters: BaseParametersTable = BaseParametersTable.model_construct()
     targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
     published: list[PublishedTable] = []
     counterweights: list[CounterweightTable] = []

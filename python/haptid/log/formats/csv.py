@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
+from haptid.log.formats.arrow import numbers
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
 from haptid.log.units import known_unit
@@ -229,7 +230,7 @@ def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> It
                 check_utf8=False,
             ),
         ):
-            yield [column.to_numpy(zero_copy_only=False) for column in batch.columns]
+            yield [numbers(column) for column in batch.columns]
 
 
 def _plain_batches(source: IO[bytes], dialect: _Dialect, include: list[int]) -> Iterator[list[Array]]:

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import compute, parquet, types
+from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
+from haptid.log.formats.arrow import numbers
 from haptid.log.formats.sniff import (
     MOST_CHANNELS,
     Budget,
@@ -103,7 +104,7 @@ def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[R
         places = [channels[name] for name in wanted]
         table = file.read_row_group(k, columns=list(dict.fromkeys(p.column for p in places)), use_threads=False)
     found = [_taken(table[place.column].combine_chunks(), place) for place in places]
-    return [column.to_numpy(zero_copy_only=False) for column in found]
+    return [numbers(column) for column in found]
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,8 @@ def _length(file: parquet.ParquetFile, column: str, fields: tuple[str, ...], kin
     if types.is_fixed_size_list(kind):
         length = int(kind.list_size)
     else:
+        from pyarrow import compute  # slow to import, and few logs have lists or structs
+
         length = 0
         for batch in file.iter_batches(batch_size=_TOLD, columns=[column], use_threads=False):
             lengths = compute.drop_null(compute.list_value_length(_inner(batch.column(0), fields)))
@@ -157,6 +160,8 @@ def _length(file: parquet.ParquetFile, column: str, fields: tuple[str, ...], kin
 
 def _inner(values: pa.Array, fields: tuple[str, ...]) -> pa.Array:
     for field in fields:
+        from pyarrow import compute  # as above
+
         values = compute.struct_field(values, field)
     return values
 
@@ -165,6 +170,8 @@ def _taken(values: pa.Array, place: _Place) -> pa.Array:
     """A channel of a column's values."""
     values = _inner(values, place.fields)
     if place.element is not None:
+        from pyarrow import compute  # as above
+
         lengths = compute.list_value_length(values)
         short = compute.less_equal(lengths, place.element)
         if compute.any(short).as_py():
@@ -207,15 +214,6 @@ def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_timestamp(kind))
 
 
-def _numbers(values: pa.Array) -> np.ndarray:
-    """The values of a piece of a column: `to_numpy`, which imports pandas where that is installed, only if it must."""
-    plain = types.is_integer(values.type) or types.is_float32(values.type) or types.is_float64(values.type)
-    if not plain or values.null_count or not len(values):
-        return np.asarray(values.to_numpy(zero_copy_only=False))
-    whole = np.frombuffer(values.buffers()[1], dtype=values.type.to_pandas_dtype())
-    return whole[values.offset : values.offset + len(values)]
-
-
 def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[Array]) -> list[RawChannel]:
     """Channels of one column, (n,) each, in their rooms; integers stay integers unless one of them is null."""
     whole = [types.is_integer(place.kind) or types.is_timestamp(place.kind) for place in places]
@@ -226,6 +224,6 @@ def _read(file: parquet.ParquetFile, places: Sequence[_Place], rooms: Sequence[A
             values = _taken(batch.column(0), place)
             if values.null_count and out[k].dtype != np.float64:
                 out[k] = out[k].astype(np.float64)
-            out[k][row : row + len(values)] = _numbers(values)
+            out[k][row : row + len(values)] = numbers(values)
         row += batch.num_rows
     return [column[:row] for column in out]
