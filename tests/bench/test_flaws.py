@@ -10,7 +10,7 @@ from scipy import signal
 
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
-from haptid.errors import DeviceFileError, ExperimentError
+from haptid.errors import DeviceFileError, ExperimentError, HaptidError
 from haptid.experiment import bench
 
 J, FV = 0.1, 0.05
@@ -188,6 +188,27 @@ def test_a_spring_and_its_play_are_behind_the_motor(tmp_path, play):
     np.testing.assert_allclose(J * found.qdd[:, 0] + FV * found.qd[:, 0], spring, atol=1e-3 * scale)
     if play:
         assert np.mean(np.abs(torsion) < play / 2) > 0.02
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ("KE1 = 6e8\nDE1 = 0.2\nIAM1 = 0.04", "too fast for the simulator's step"),
+        ("KE1 = 600.0\nDE1 = -2.0\nIAM1 = 0.04", "simulation is unstable"),
+        ("KE1 = -600.0\nDE1 = 2.0\nIAM1 = 0.04", "requires a positive one"),
+        ("KE1 = 600.0\nDE1 = 2.0\nIAM1 = 0.0", "neither mass nor rotor inertia"),
+    ],
+)
+def test_springs_that_cannot_be_simulated_are_clear_errors(tmp_path, parameters, sentence):
+    with pytest.raises(HaptidError, match=sentence):
+        made(tmp_path, ELASTIC.format(play="play = 0.01"), parameters=parameters)
+
+
+def test_the_fastest_spring_that_is_simulated_is_the_closed_form(tmp_path):
+    """Rotor and link of an axis swing against each other at the root of k (1 / J + 1 / I)."""
+    with pytest.raises(ExperimentError) as caught:
+        made(tmp_path, ELASTIC.format(play=""), parameters="KE1 = 6e8\nDE1 = 0.0\nIAM1 = 0.04")
+    assert caught.value.found == pytest.approx(1e-4 * np.sqrt(6e8 * (1 / J + 1 / 0.04)), rel=1e-6)
 
 
 def test_wrong_flaws_are_clear_errors(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
-from haptid.errors import DeviceFileError, ExperimentError, SettingError
+from haptid.errors import DeviceFileError, ExperimentError, IdentifiabilityError, LogTimeError, SettingError
 from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.methods.simulation_based import base_columns
@@ -18,6 +19,7 @@ from haptid.estimation.nonlinear import variable_projection
 from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
+from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, noise_shares
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 
 TERMS = [
@@ -228,6 +230,73 @@ def test_missing_stiffness_and_missing_springs_are_clear_errors():
     setup = bench.Setup(model, np.zeros(len(model.device.parameters)), bench.Controller((1.0,), (0.1,)))
     with pytest.raises(ExperimentError, match="stiffness KE1 is 0"):
         bench.elastic.balanced_start(model, setup.chi, np.zeros(2))
+
+
+@cache
+def quasi_static(noise: float, stiffness: float = 6000.0, seconds: float = 6.0) -> haptid.Log:
+    """Both sides of the axis far below the resonance of its stiff spring, with white noise of the positions, rad."""
+    rng, t = np.random.default_rng(5), DT * np.arange(round(seconds / DT))
+    s = 2j * np.pi * np.array([0.5, 1.1, 1.9, 2.8, 3.7])
+    Q = (1.5 / np.abs(s)) * np.exp(1j * rng.uniform(0, 2 * np.pi, 5))
+    motor = Q * (J * s**2 + (FV + D) * s + stiffness) / (D * s + stiffness)
+    torque = motor * (IA * s**2 + FVM * s) + (stiffness + D * s) * (motor - Q)
+    q, theta, tau = ((x[:, None] * np.exp(s[:, None] * t)).real.sum(axis=0) for x in (Q, motor, torque))
+    seen = np.column_stack([q, theta]) + noise * rng.standard_normal((len(t), 2))
+    return haptid.Log(Path("made"), "", t, seen, tau[:, None], recorded().channels)
+
+
+def rows_of(motion: haptid.Motion, found: haptid.Estimate) -> np.ndarray:
+    """Weighted rows of the axis in closed form, both one below the other, (2 rows, p); the ends have none."""
+    weights, end = found.weights, (len(motion) - int(found.observation.motors[0].rows.sum())) // 2
+    (q, th), (v, w), (a, b) = (np.asarray(x) for x in motion.kinematics(end, len(motion) - end))
+    zero = np.zeros_like(q)
+    motor = np.column_stack([zero, th - q, w - v, b, zero, w])
+    whole = np.column_stack([a, zero, zero, b, v, w])
+    return np.concatenate([weights[0] * motor, weights[1] * whole])
+
+
+def test_shares_of_noise_are_those_of_rows_in_closed_form():
+    """What other columns do not explain of a column, and the added noise in it."""
+    settings, log = haptid.Treatment(cutoff_hz=12.0), quasi_static(1.5e-5)
+    noisy, clean = (haptid.treat(one, settings) for one in (log, quasi_static(0.0)))
+    found = haptid.estimate(haptid.observe(axis(), noisy), haptid.WLS())
+    W = rows_of(noisy, found)
+    D = W - rows_of(clean, found)
+    V = np.linalg.pinv(W.T @ W)
+    expected = np.linalg.norm(D @ V, axis=0) ** 2 / np.linalg.norm(W @ V, axis=0) ** 2
+    assert 0.02 < expected[1] < 0.5
+    shares = noise_shares(found, [log], [log.position - quasi_static(0.0).position])
+    np.testing.assert_allclose(shares, expected, rtol=0.01)
+
+
+def test_stiffness_that_noise_hides_is_refused_with_the_motion_that_shows_it():
+    settings = haptid.Treatment(cutoff_hz=40.0, decimation=10, parallel_cutoff_hz=12.0)
+    found = haptid.estimate(haptid.observe(axis(), haptid.treat(quasi_static(2e-4), settings)), haptid.WLS())
+    assert found["KE1"].value < 3000.0  # and its standard error says nothing of it
+    assert found["KE1"].relative_se < 25.0
+    with pytest.raises(IdentifiabilityError, match="is noise of the encoders") as caught:
+        expect_elasticity(found, 3.7)
+    assert "Excite motor 1 up to" in caught.value.advice
+    fine = haptid.estimate(haptid.observe(axis(), haptid.treat(quasi_static(1e-6), settings)), haptid.WLS())
+    expect_elasticity(fine, 3.7)
+
+
+def test_a_torque_of_the_wrong_sign_of_damping_is_refused():
+    log = quasi_static(1e-6)
+    late = replace(log, torque=np.roll(log.torque, -30, axis=0))
+    settings = haptid.Treatment(cutoff_hz=40.0, decimation=10, parallel_cutoff_hz=12.0)
+    found = haptid.estimate(haptid.observe(axis(), haptid.treat(late, settings)), haptid.WLS())
+    with pytest.raises(IdentifiabilityError, match=r"no stable spring|does not show the stiffness"):
+        expect_elasticity(found, 3.7)
+
+
+def test_sampling_too_slow_for_a_spring_is_refused():
+    fast = recorded()
+    every = (np.ascontiguousarray(x[::20]) for x in (fast.t, fast.position, fast.torque))
+    slow = haptid.Log(Path("made"), "", *every, fast.channels)
+    with pytest.raises(LogTimeError, match="too few to see a spring"):
+        expect_fast_sampling(axis(), [slow])
+    expect_fast_sampling(axis(), [fast])
 
 
 def test_logs_without_links_are_told():

@@ -33,6 +33,7 @@ from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.study.schema import fault
 from haptid.treatment_choice.calibration import Calibration, find_calibration
+from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
@@ -148,6 +149,7 @@ def identify(
     _check_size(as_filed)
     study = study.on(as_filed.device)
     logs = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    expect_fast_sampling(as_filed, logs)
     study, logs = _completed(study, as_filed, logs, progress)
     progress("choosing a treatment", 0.0)
     with _naming_still_joints(as_filed, logs, study):
@@ -167,6 +169,7 @@ def identify(
     if isinstance(study.method, MotorSide):
         final = with_noise_uncertainty(final)
     else:
+        expect_elasticity(final, proposal.bandwidth_hz)
         final = with_treatment_uncertainty(final, proposal.delays, proposal.effects, proposal.rounding)
     final = calibration.with_uncertainty(final) if calibration else final
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)

@@ -16,7 +16,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError, IdentifiabilityError
+from haptid.errors import ConvergenceError, HaptidError, IdentifiabilityError, LogTimeError, SimulationError
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.estimation.methods.motor_side import MotorSide
 from haptid.estimation.methods.simulation_based import base_columns
@@ -27,6 +27,7 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
+from haptid.treatment_choice.elasticity import KNOWN, not_shown, parameters_of
 from haptid.treatment_choice.propose import propose
 
 # Damping ratio of the filters and, of initial values, the least one.
@@ -35,10 +36,10 @@ _DAMPING, _LEAST_DAMPING = 0.05, 0.02
 _PER_OCTAVE, _FINEST = 2, 1 / 16
 # Frequencies from this share of the bandwidth to this multiple of it, and length of log that they are tried on, s.
 _FROM, _TO, _SECONDS = 0.3, 4.0, 20.0
+# Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
+_SAMPLED = 0.2
 # Convergence of the first estimate, standard errors.
 _ROUGH = 1.0
-# Largest relative standard error of a stiffness that counts as known.
-_KNOWN = 0.25
 # End of the names of the channels that are added.
 _SIMULATED = " (simulated)"
 
@@ -76,13 +77,19 @@ def complete_logs(
     proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
     treatment = _shared(proposal.treatment)
     part = chosen[0]
-    most = round(_SECONDS / float(part.dt))
-    short = part if len(part.t) <= most else part.busiest(most)
-    frequencies = _frequencies(model, short, treatment, proposal.bandwidth_hz)
+    frequencies = _frequencies(model, part.busiest(_SECONDS), treatment, proposal.bandwidth_hz)
+    _expect_between_samples(part, frequencies, proposal.bandwidth_hz)
     first = estimate(_rows(model, [_followed(model, log, frequencies) for log in chosen], treatment), WLS())
     initial = _stable(first, frequencies)
-    found = estimate(first.observation, MotorSide(initial=initial, tolerance=_ROUGH))
-    _expect_known(found, frequencies, proposal.bandwidth_hz)
+    try:
+        found = estimate(first.observation, MotorSide(initial=initial, tolerance=_ROUGH))
+    except (ConvergenceError, SimulationError) as error:
+        raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
+    for drive in model.device.elastic:
+        for name in parameters_of(model, drive, "spring"):
+            value, se = found[name].value, float(found.se[found.names.index(name)])
+            if not (value > 0 and se < KNOWN * value):
+                raise not_shown(drive, name, value, se, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log, frequencies), treatment) for log in logs], found
 
 
@@ -124,7 +131,7 @@ def _shared(treatment: Treatment) -> Treatment:
 
 def _frequencies(model: DynamicModel, log: Log, treatment: Treatment, bandwidth: float) -> Array:
     """Frequency of each elastic motor's link on its spring, (motors,), Hz: coordinate search over their logarithms."""
-    highest = min(_TO * bandwidth, 0.2 / float(log.dt))
+    highest = min(_TO * bandwidth, _SAMPLED * log.rate_hz)
     octaves = np.log2(highest / (_FROM * bandwidth))
     tried = highest / 2 ** np.linspace(0, octaves, max(3, round(octaves * _PER_OCTAVE)))
     f = np.full(len(model.device.elastic), tried[0])
@@ -226,19 +233,31 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     return replace(log, position=made)
 
 
-def _expect_known(found: Estimate, frequencies: Array, bandwidth: float) -> None:
-    """Raise IdentifiabilityError where the log does not show a stiffness."""
-    for drive, frequency in zip(found.model.device.elastic, frequencies, strict=True):
-        terms = {t.name for t in found.model.terms if t.on == f"elastic {drive.name}" and t.nature == "spring"}
-        for name, value, se in zip(found.names, found.beta.tolist(), found.se.tolist(), strict=True):
-            if name.removesuffix("R") in terms and not (value > 0 and se < _KNOWN * value):
-                raise IdentifiabilityError(
-                    f"the log does not show the stiffness of motor {drive.name}: {name} is {value:.3g} with a standard "
-                    f"error of {se:.2g} (limit {_KNOWN:.0%} of it), from motion up to {bandwidth:.3g} Hz; the link on "
-                    f"its spring is near {frequency:.3g} Hz or above.",
-                    where=drive.name,
-                    found=se / abs(value),
-                    limit=_KNOWN,
-                    advice=f"Excite motor {drive.name} up to {0.7 * frequency:.3g} Hz, with a finer encoder if it is "
-                    "coarse; or measure positions of the joints too.",
-                )
+def _expect_between_samples(log: Log, frequencies: Array, bandwidth: float) -> None:
+    """Raise LogTimeError where the best frequency of a link is the highest that the sampling rate permits."""
+    highest = _SAMPLED * log.rate_hz
+    if highest < _TO * bandwidth and frequencies.max() > 0.9 * highest:
+        needed = _TO * bandwidth / _SAMPLED
+        raise LogTimeError(
+            f"{log.path.name} has {log.rate_hz:.4g} samples a second: too few for the resonance of a link that is not "
+            f"measured, which is at {highest:.3g} Hz or above (limit {_SAMPLED:g} of the rate).",
+            where=log.path.name,
+            found=log.rate_hz,
+            limit=needed,
+            advice=f"Record at {needed:.3g} Hz or more, or positions of the joints too.",
+        )
+
+
+def _without_solution(
+    logs: Sequence[Log], frequencies: Array, highest: float, error: HaptidError
+) -> IdentifiabilityError:
+    """The error of logs from which the estimation of stiffness does not converge."""
+    tried = ", ".join(f"{f:.3g}" for f in frequencies)
+    return IdentifiabilityError(
+        f"{logs[0].path.name}: no stiffness is found from the motors' positions alone, with motion up to {highest:.3g} "
+        f"Hz. It began with links that follow their motors up to {tried} Hz. {str(error).removesuffix(error.advice).strip()}",
+        where=logs[0].path.name,
+        found=highest,
+        advice=f"Excite up to {2 * highest:.3g} Hz, or record positions of the joints too. If that shows nothing either, "
+        "the motors are rigid for such motion: remove the elastic terms.",
+    )

@@ -42,11 +42,7 @@ def noise_effect(
     """
     if treatment.cutoff_hz is None:
         return {}
-    rng = np.random.default_rng(0)
-    noise = [
-        np.stack([s.noise_like(len(log.t), float(log.dt), rng) for s in own], axis=1)
-        for log, own in zip(logs, spectra, strict=True)
-    ]
+    noise = encoder_noise(logs, spectra)
 
     def fit(positions: Sequence[Array]) -> Array:
         moved = [replace(log, position=q) for log, q in zip(logs, positions, strict=True)]
@@ -64,6 +60,15 @@ def noise_effect(
         "encoder noise": _NOISE_KNOWN * (0.5 * (more[0] + more[1]) - as_is)[None],
         "position filter": _FILTER_KNOWN * (twice - as_is)[None],
     }
+
+
+def encoder_noise(logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]) -> list[Array]:
+    """Noise with the spectrum of that in the positions of each log, (samples, channels), rad or m."""
+    rng = np.random.default_rng(0)
+    return [
+        np.stack([s.noise_like(len(log.t), float(log.dt), rng) for s in own], axis=1)
+        for log, own in zip(logs, spectra, strict=True)
+    ]
 
 
 def of_torque(observation: Observation, shift: Array) -> float:

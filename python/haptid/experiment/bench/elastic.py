@@ -6,9 +6,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
+from haptid.dynamics.forward import INVERTIBLE, ForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError
+
+# Fastest motion over the rate of the simulator's steps: the fourth-order Runge-Kutta method is stable up to 2.78.
+_FASTEST = 2.5
 
 
 def rotors(device: Device) -> list[int]:
@@ -92,6 +96,49 @@ def stiffness(model: DynamicModel, chi: Array, motor: str) -> float:
             advice=f"Give {name} under [parameters] in the experiment, N m/rad or N/m.",
         )
     return found
+
+
+def check_springs(model: DynamicModel, chi: Array, q: Array, step: float) -> None:
+    """Raise ExperimentError where springs are unstable by themselves, or too fast for the simulator's step.
+
+    Args:
+        q: positions of the active joints, (active,).
+        step: of the simulator, s.
+    """
+    if not model.device.elastic:
+        return
+    raw = model.device.parameters.S @ chi
+    for k, (term, value) in enumerate(zip(model.terms, raw[10 * len(model.device.joints) :], strict=True)):
+        own = term.on.startswith("elastic ")
+        if not own and term.nature != "rotor":
+            raw[10 * len(model.device.joints) + k] = 0.0  # friction is the simulator's own
+        if own and term.nature == "viscous" and value < 0:
+            raise ExperimentError(
+                f"the damping {term.name} of the spring of {term.on.replace('elastic', 'motor')} is {value:g}; "
+                "with a negative one the simulation is unstable.",
+                where=term.name,
+                found=float(value),
+                limit=0.0,
+                advice=f"Give {term.name} = 0 or more under [parameters] in the experiment.",
+            )
+    c = (model.device.row_map @ q)[:, None]
+    c[_torsions(model.device)] = 1.0  # beyond any play
+    still, forward = np.zeros_like(c), ForwardDynamics(model, raw)
+    stiff, damped = (part[0] for part in forward.gradients(c, still, still))
+    M, n = forward.mass(c)[0], len(c)
+    if np.linalg.cond(M) > 1 / INVERTIBLE:
+        return  # a body without inertia has an error of its own
+    flow = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, stiff), -np.linalg.solve(M, damped)]])
+    fastest = float(np.abs(np.linalg.eigvals(flow)).max())
+    if fastest * step > _FASTEST:
+        raise ExperimentError(
+            f"springs of this stiffness and damping move at {fastest / (2 * np.pi):.3g} Hz, too fast for the "
+            f"simulator's step of {step:g} s (limit {_FASTEST / (2 * np.pi * step):.3g} Hz).",
+            where="physics.step",
+            found=fastest * step,
+            limit=_FASTEST,
+            advice=f"Give [physics] step = {0.5 * _FASTEST / fastest:.1g}, or make this motor rigid.",
+        )
 
 
 def _torsions(device: Device) -> list[int]:

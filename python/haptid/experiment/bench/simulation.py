@@ -19,7 +19,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingDependencyError, SimulationError
 from haptid.experiment.bench.amplifiers import AppliedTorque
 from haptid.experiment.bench.bodies import has_counterpart
-from haptid.experiment.bench.elastic import balanced_start, planned_torque
+from haptid.experiment.bench.elastic import balanced_start, check_springs, planned_torque
 from haptid.experiment.bench.held_forces import HeldForces
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
@@ -71,6 +71,7 @@ def simulate(
     """
     saturation = _saturation(setup)
     check_trajectory(setup.model, trajectory, setup.chi, saturation)
+    check_springs(setup.model, setup.chi, trajectory.q[0], setup.physics.step)
     mujoco = load_mujoco()
     with _quiet(mujoco):
         plant = _Plant(mujoco, setup, trajectory)

@@ -1,0 +1,171 @@
+"""What a log shows of springs behind motors; where it does not, an error with the motion that would show it.
+
+Far below its resonance a link moves with its rotor, and inertia can be shifted from one to the other, stiffness with
+it, without a change of the torque: only the torsion's acceleration tells them apart, which falls with the fourth power
+of frequency. Where the noise of the encoders is larger, least squares finds a soft spring and a light link in place of
+a stiff one, with small residuals and small standard errors. So the noise is compared with what distinguishes stiffness:
+the part of its column that no other column explains.
+
+Source: Fuller (1987), Measurement Error Models, section 2.2, for the attenuation by such a share of noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device.device import Motor
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import IdentifiabilityError, LogTimeError
+from haptid.estimation import Estimate
+from haptid.log import Log
+from haptid.log.spectrum import bandwidth, spectra
+from haptid.motion.treatment import treat
+from haptid.observation.observation import Observation, observe
+from haptid.treatment_choice.noise_effect import encoder_noise
+
+# Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
+KNOWN, _NOISE = 0.25, 0.1
+# Fewest samples in a period of the fastest motion: the filters of an elastic device need the torque of all of it.
+_SAMPLES = 7.0
+# Length of a log on which its noise is compared with the motion, s.
+_SECONDS = 120.0
+# Largest factor by which more motion is advised from one log.
+_FARTHEST = 4.0
+
+
+def expect_fast_sampling(model: DynamicModel, logs: Sequence[Log]) -> None:
+    """Raise LogTimeError where an elastic device was sampled too slowly for its motion."""
+    if not model.device.elastic:
+        return
+    for log in logs:
+        highest, rate = bandwidth(log.busiest(_SECONDS)), log.rate_hz
+        if rate < _SAMPLES * highest:
+            raise LogTimeError(
+                f"{log.path.name} has {rate:.4g} samples a second, and motion up to {highest:.3g} Hz: too few to see a "
+                f"spring behind a motor (at least {_SAMPLES:g} samples a period, {_SAMPLES * highest:.3g} Hz).",
+                where=log.path.name,
+                found=rate,
+                limit=_SAMPLES * highest,
+                advice="Record at a higher rate.",
+            )
+
+
+def expect_elasticity(found: Estimate, highest: float) -> None:
+    """Raise IdentifiabilityError where logs of both sides do not show a stiffness, or show no stable spring.
+
+    Args:
+        found: of a device with elastic motors, whose links were measured.
+        highest: frequency that the motion goes up to, Hz.
+    """
+    model = found.model
+    if not model.device.elastic:
+        return
+    logs = [m.log for m in found.observation.motions if m.log is not None]
+    logs = [part for log in logs for part in log.busiest(_SECONDS).parts()]
+    shares = noise_shares(found, logs, encoder_noise(logs, [spectra(log) for log in logs]))
+    for drive in model.device.elastic:
+        for name in parameters_of(model, drive, "spring"):
+            at = found.names.index(name)
+            value, se, share = found.beta[at], found.se[at], shares[at]
+            if share > _NOISE:
+                raise _hidden(drive, name, min(share, 1.0), highest)
+            if not (value > 0 and se < KNOWN * value):
+                raise not_shown(drive, name, float(value), float(se), highest)
+        for name in (*parameters_of(model, drive, "viscous"), *parameters_of(model, drive, "rotor")):
+            low, high = found[name].conf_int(0.99)
+            if high < 0:
+                raise IdentifiabilityError(
+                    f"no stable spring has the parameters of motor {drive.name}: {name} is "
+                    f"{found[name].value:.3g} ({low:.3g} .. {high:.3g} at 99 %).",
+                    where=name,
+                    found=found[name].value,
+                    limit=0.0,
+                    advice="A late torque does this (give `torque_delay_s`), as do positions of the two sides that "
+                    "are in another order, or of another sign or gear, than the device file says.",
+                )
+
+
+def _hidden(drive: Motor, name: str, share: float, highest: float) -> IdentifiabilityError:
+    """The error of a stiffness that the encoders' noise hides.
+
+    With strokes as they are, the torsion's acceleration grows with the fourth power of frequency, and its noise in the
+    filters that pass it with the power 2.5: the share of noise falls with the third power.
+    """
+    return IdentifiabilityError(
+        f"the log does not show the stiffness of motor {drive.name}: {100 * share:.0f} % of what distinguishes {name} "
+        f"from the inertias is noise of the encoders (limit {100 * _NOISE:.0f} %), with motion up to {highest:.3g} Hz.",
+        where=drive.name,
+        found=share,
+        limit=_NOISE,
+        advice=_advice(drive, (share / _NOISE) ** (1 / 3) * highest, (share / _NOISE) ** 0.5),
+    )
+
+
+def not_shown(drive: Motor, name: str, value: float, se: float, highest: float) -> IdentifiabilityError:
+    """The error of a stiffness whose standard error is too large."""
+    share = se / value if value > 0 else np.inf
+    times = float(np.clip(np.sqrt(share / KNOWN), 1.3, _FARTHEST))
+    return IdentifiabilityError(
+        f"the log does not show the stiffness of motor {drive.name}: {name} is {value:.3g} with a standard "
+        f"error of {se:.2g} (limit {100 * KNOWN:.0f} % of it), from motion up to {highest:.3g} Hz.",
+        where=drive.name,
+        found=share,
+        limit=KNOWN,
+        advice=_advice(drive, times * highest, None),
+    )
+
+
+def _advice(drive: Motor, frequency: float, finer: float | None) -> str:
+    """The motion that would show a stiffness."""
+    encoder = "" if finer is None else f", or measure with encoders {finer:.2g} times as fine"
+    return (
+        f"Excite motor {drive.name} up to {frequency:.2g} Hz or above, with the same strokes{encoder}. If nothing "
+        f"shows it there either, this motor is rigid for such motion: remove its elastic term."
+    )
+
+
+def noise_shares(found: Estimate, logs: Sequence[Log], noise: Sequence[Array]) -> Array:
+    """Share of the positions' noise in the part of each column that no other column explains, (p,).
+
+    Noise is added to the positions and subtracted from them: with G the weighted sum of squares of the rows and N that
+    of the noise in them, the half sum of both is G + N, as far as columns are linear in the noise. A share above one
+    is one of motion that the true column hardly has.
+
+    Args:
+        found: for its model, treatment and weights.
+        logs: whose rows are compared.
+        noise: of their positions, each (samples, channels), rad or m.
+    """
+    treatment = found.observation.motions[0].treatment
+
+    def squares(sign: float) -> Array:
+        moved = [
+            replace(log, position=np.asarray(log.position[:]) + sign * n) for log, n in zip(logs, noise, strict=True)
+        ]
+        return _squares(observe(found.model, *(treat(log, treatment) for log in moved)), found.weights)
+
+    G = squares(0.0)
+    N = 0.5 * (squares(1.0) + squares(-1.0)) - G
+    size = np.sqrt(np.diag(G))
+    v = np.linalg.pinv(G / np.outer(size, size), hermitian=True) / size[:, None]
+    return np.asarray(np.einsum("ij,ik,kj->j", v, N, v) / np.einsum("ij,ik,kj->j", v, G, v))
+
+
+def _squares(rows: Observation, weights: Array) -> Array:
+    """W' W of weighted rows, (p, p)."""
+    made = np.zeros((len(rows.base), len(rows.base)))
+    for motor, weight in zip(rows.motors, weights, strict=True):
+        R = weight * motor.whole[:, :-1]
+        made[np.ix_(motor.columns, motor.columns)] += R.T @ R
+    return made
+
+
+def parameters_of(model: DynamicModel, drive: Motor, nature: str) -> Iterator[str]:
+    """Names of the base parameters of one nature of an elastic motor: spring, viscous (its damper) or rotor."""
+    names = {name.removesuffix("R"): name for name in model.base.names}
+    on = f"motor {drive.name}" if nature == "rotor" else f"elastic {drive.name}"
+    return (names[t.name] for t in model.terms if t.on == on and t.nature == nature and t.name in names)
