@@ -23,7 +23,7 @@ from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation import Estimate
 from haptid.log import Log
 from haptid.log.spectrum import bandwidth, spectra
-from haptid.motion.treatment import treat
+from haptid.motion.motion import treat
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.noise_effect import encoder_noise
 

@@ -253,11 +253,12 @@ def _without_solution(
 ) -> IdentifiabilityError:
     """The error of logs from which the estimation of stiffness does not converge."""
     tried = ", ".join(f"{f:.3g}" for f in frequencies)
+    why = str(error).removesuffix(error.advice).strip()
     return IdentifiabilityError(
         f"{logs[0].path.name}: no stiffness is found from the motors' positions alone, with motion up to {highest:.3g} "
-        f"Hz. It began with links that follow their motors up to {tried} Hz. {str(error).removesuffix(error.advice).strip()}",
+        f"Hz. It began with links that follow their motors up to {tried} Hz. {why}",
         where=logs[0].path.name,
         found=highest,
-        advice=f"Excite up to {2 * highest:.3g} Hz, or record positions of the joints too. If that shows nothing either, "
-        "the motors are rigid for such motion: remove the elastic terms.",
+        advice=f"Excite up to {2 * highest:.3g} Hz, or record positions of the joints too. If that shows nothing "
+        "either, the motors are rigid for such motion: remove the elastic terms.",
     )
