@@ -61,6 +61,17 @@ def test_groups_of_columns_are_recognised(layout: tuple[str, ...]) -> None:
     assert found.dt == pytest.approx(DT, rel=0.01)
 
 
+def test_several_recordings_in_one_table_whose_joints_move_alike() -> None:
+    """Times start again, positions jump there; a second joint that follows the first at another size is no copy."""
+    runs = [signals(seed) for seed in (2, 3)]
+    table = np.vstack([np.hstack([run["t"][:n], run["q"][:n], run["qd"][:n], run["tau"][:n]])
+                       for run, n in zip(runs, (1500, 2500), strict=True)])  # fmt: skip
+    table[:, [2, 5]] = 3.0 * table[:, [1, 4]] + 0.1 * table[:, [2, 5]]
+    found = Content.of({f"c{k}": x for k, x in enumerate(table.T)})
+    assert (found.time, found.positions) == ("c0", ("c1", "c2", "c3"))
+    assert found.torques == ("c7", "c8", "c9")
+
+
 def test_columns_by_joint() -> None:
     parts = signals()
     table = {f"{what}{k}": parts[what][:, k] for k in range(JOINTS) for what in ("q", "qd", "tau")}

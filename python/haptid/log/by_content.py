@@ -24,6 +24,8 @@ _EQUAL = 0.01
 _SIZE = 0.1
 # Greatest share by which the steps of a column of times differ, in the median.
 _REGULAR = 0.5
+# Rows of a recording in a table of several, in the mean at least.
+_LEAST_RUN = 100
 # Ratio of the roughness of two copies above which the rougher one is measured and the other one planned.
 _ROUGHER = 2.0
 
@@ -56,8 +58,9 @@ class Content:
         names = [name for name in names if columns[name].size == size]
         if size < 100 or not names:
             return Content()
-        start = max(0, (size - _ROWS) // 2)
-        rows = np.array([columns[name][start : start + _ROWS] for name in names], dtype=np.float64)
+        rows = _of_one_run(np.array([columns[name] for name in names], dtype=np.float64))
+        start = max(0, (rows.shape[1] - _ROWS) // 2)
+        rows = rows[:, start : start + _ROWS]
         good = np.flatnonzero(np.isfinite(rows).all(axis=1))
         names, rows = [names[k] for k in good], rows[good]
         steady = [_steady(row) for row in rows]
@@ -96,6 +99,18 @@ def _steady(row: NDArray[np.float64]) -> bool:
     steps = np.diff(row)
     middle = float(np.median(steps))
     return middle > 0 and bool((steps >= 0).all()) and float(np.median(np.abs(steps - middle))) < _REGULAR * middle
+
+
+def _of_one_run(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rows of the longest of several recordings, where a column of times starts again for each; else all rows."""
+    for row in rows:
+        again = np.flatnonzero(np.diff(row) < 0) + 1
+        if 0 < len(again) < row.size / _LEAST_RUN and np.isfinite(row).all():
+            edges = np.array([0, *again, row.size])
+            if all(_steady(row[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > 2):
+                k = int(np.argmax(np.diff(edges)))
+                return rows[:, edges[k] : edges[k + 1]]
+    return rows
 
 
 def _counts(row: NDArray[np.float64]) -> bool:
@@ -138,13 +153,15 @@ def _whole_block(at: dict[int, int], first: int, size: int) -> dict[int, int]:
 
 
 def _measured(rows: NDArray[np.float64], heads: list[int]) -> list[int]:
-    """Positions without their planned copies, which are smoother; the first ones where none is rougher."""
+    """Positions without planned copies of their size, which are smoother; the first ones where none is rougher."""
     z = _straightened(rows[heads]) if heads else rows
     rough = [float(np.std(np.diff(rows[k], 4)) / max(np.std(rows[k]), np.finfo(float).tiny)) for k in heads]
+    size = rows[heads].std(axis=1)
     gone: set[int] = set()
     for a in range(len(heads)):
         for b in range(a + 1, len(heads)):
-            if a not in gone and b not in gone and z[a] @ z[b] > _COPY:
+            alike = z[a] @ z[b] > _COPY and abs(size[a] - size[b]) < _SIZE * size[a]
+            if a not in gone and b not in gone and alike:
                 gone.add(a if rough[b] > _ROUGHER * rough[a] else b)
     return [k for a, k in enumerate(heads) if a not in gone]
 

@@ -11,16 +11,23 @@ from haptid._internal.toml_text import basic_string
 from haptid.log.read import LEROBOT, MESSAGES, Format
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.guesses import ARRAY_ELEMENT, COMMAND_WORDS, QUANTITY_WORDS, words_of
+from haptid.log.survey.names import COMMAND_WORDS, QUANTITY_WORDS, base_of, drive_unit, element_of, unit_apart, words_of
 
-# Less likely to be measured: the wanted value, and not the motion.
-_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action"})
+# Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
+_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action", "setpoint",
+                     "set", "soll", "external", "ext", "et", "model", "predicted", "pred", "last", "prev", "residual",
+                     "disturbance", "gravity", "friction"})  # fmt: skip
 # More likely than a command, where both are there.
-_MEASURED = frozenset({"measured", "meas", "actual", "act", "present", "feedback", "fb"})
+_MEASURED = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
 _TWELVE_BITS = 4096
 # Positions beyond this, m, of a prismatic joint are in mm.
 _METRES = 5.0
+# A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
+_DRIVE = ("duty", "voltage", "current", "")
+# Words of quantities and of where their values come from: never the name of a joint.
+_KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED
+_SEPARATOR = re.compile(r"([./ _])")
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
 
@@ -34,17 +41,24 @@ class _Family:
     channels: tuple[ChannelSurvey, ...]
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, int, int]:
-        """Usable ones first, then not those that are wanted, then measured ones, then many, then long ones."""
+    def rank(self) -> tuple[bool, bool, bool, int, int, int]:
+        """Usable ones first, then not those that are wanted, measured ones, torques, then many, then long ones."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
         return (
             usable > 0,
             not words & _WANTED,
             bool(words & _MEASURED),
+            _DRIVE.index(drive_unit(words)),
             usable,
             min(channel.count for channel in self.channels),
         )
+
+    @property
+    def of_a_point(self) -> bool:
+        """Whether the channels are x, y and z of a point or a force in space, and of no joint."""
+        ends = {re.split(r"[_. ]|(?<=[a-z])(?=[A-Z])", c.name)[-1].lower() for c in self.channels}
+        return ends == {"x", "y", "z"}
 
     @property
     def prefix(self) -> str:
@@ -61,8 +75,8 @@ class _Family:
 
     def ordered(self, other: _Family) -> _Family:
         """The channels in the order of another family that has the same elements."""
-        own = {m["element"]: c for c in self.channels if (m := ARRAY_ELEMENT.match(c.name))}
-        wanted = [m["element"] for c in other.channels if (m := ARRAY_ELEMENT.match(c.name))]
+        own = {m["element"]: c for c in self.channels if (m := element_of(c.name))}
+        wanted = [m["element"] for c in other.channels if (m := element_of(c.name))]
         if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels):
             return replace(self, channels=tuple(own[element] for element in wanted))
         return self
@@ -77,15 +91,19 @@ def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
 
 def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
     """The part of a channel's name that differs between the channels of its family: the joint's name."""
-    names = [c.name.rpartition("[")[2].rstrip("]") if ARRAY_ELEMENT.match(c.name) else c.name for c in family]
-    own = name.rpartition("[")[2].rstrip("]") if ARRAY_ELEMENT.match(name) else name
-    words = re.split(r"([./ ])", own)
-    alike = [re.split(r"([./ ])", one) for one in names]
-    while len(words) > 1 and all(one[-1] == words[-1] for one in alike if one):
-        words, alike = words[:-1], [one[:-1] for one in alike]
-    while len(words) > 1 and all(one[0] == words[0] for one in alike if one):
-        words, alike = words[1:], [one[1:] for one in alike]
+    split = {c.name: _SEPARATOR.split(m["element"] if (m := element_of(c.name)) else base_of(c.name)) for c in family}
+    words, others = split[name], list(split.values())
+    while len(words) > 2 and all(o[-2:] == words[-2:] for o in others) and _no_joint(words[-1], words[-2]):
+        words, others = words[:-2], [o[:-2] for o in others]
+    while len(words) > 2 and all(o[:2] == words[:2] for o in others) and _no_joint(words[0], words[1]):
+        words, others = words[2:], [o[2:] for o in others]
     return "".join(words)
+
+
+def _no_joint(part: str, separator: str) -> bool:
+    """Whether a part that all names share is none of the joints' names; of words joined by `_` only a known one is."""
+    words = words_of(part)
+    return separator != "_" or (bool(words) and words <= _KIND)
 
 
 def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family]:
@@ -94,11 +112,21 @@ def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family
         arrays: dict[str, list[ChannelSurvey]] = {}
         for channel in topic.channels:
             if channel.quantity == quantity:
-                element = ARRAY_ELEMENT.match(channel.name)
-                array = element["array"] if element and not UNIT_LIKE.search(channel.name) else ""
-                arrays.setdefault(array or _pattern(channel.name), []).append(channel)
-        found.extend(_Family(topic, array, tuple(channels)) for array, channels in arrays.items())
+                element = element_of(channel.name)
+                array = element["array"] if element else _pattern(unit_apart(channel.name)[0])
+                arrays.setdefault(array, []).append(channel)
+        found.extend(_Family(topic, array, tuple(channels)) for array, channels in _joined(arrays).items())
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSurvey]]:
+    """Families, those of one channel whose names differ in a joint's name only put together: `hip_pos`, `knee_pos`."""
+    made: dict[str, list[ChannelSurvey]] = {}
+    for array, channels in arrays.items():
+        kind = words_of(base_of(channels[0].name)) & (_KIND | {"motor", "joint"})
+        alone = len(channels) == 1 and element_of(channels[0].name) is None and "/" not in array
+        made.setdefault(" ".join(sorted(kind)) if alone else array, []).extend(channels)
+    return made
 
 
 def _pattern(name: str) -> str:
@@ -116,9 +144,6 @@ def _pattern(name: str) -> str:
     return re.sub(r"\d+", "#", "".join(parts))
 
 
-UNIT_LIKE = re.compile(r"\s\[[^\[\]]*\]$")
-
-
 def channels_table(
     topics: Sequence[TopicSurvey],
     kind: Format,
@@ -133,6 +158,8 @@ def channels_table(
         positions = [family for family in positions if len(family.channels) == len(joints)]
     if not positions:
         return ""
+    if joint_like := [family for family in positions if not family.of_a_point]:
+        positions, torques = joint_like, [family for family in torques if not family.of_a_point]
     pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
     lines = ["[channels]  # units and choices are guesses: check each of them"]
@@ -210,7 +237,7 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
 def _signal_line(key: str, family: _Family) -> str:
     units = dict.fromkeys(channel.unit for channel in family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
-    elements = [m["element"] for channel in family.channels if (m := ARRAY_ELEMENT.match(channel.name))]
+    elements = [m["element"] for channel in family.channels if (m := element_of(channel.name))]
     if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
         topic = f"topic = {basic_string(family.topic.name)}, " if family.topic.name else ""
         joints = ", ".join(e if e.isdecimal() else basic_string(e) for e in elements)

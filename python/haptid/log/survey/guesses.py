@@ -3,36 +3,25 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
 
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.survey.channels import ChannelSurvey, Quantity
+from haptid.log.survey.names import (
+    COMMAND_WORDS,
+    QUANTITY_WORDS,
+    base_of,
+    drive_unit,
+    element_of,
+    quantity_of,
+    time_unit,
+    unit_apart,
+    words_of,
+)
 from haptid.log.units import known_unit
 
-# Words of channels' names, after the last point and without digits and units.
-QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
-    ("velocity", frozenset({"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "omega", "qdot"})),
-    ("torque", frozenset({"tau", "torque", "torques", "effort", "efforts", "eff", "u", "current", "currents", "moment",
-                          "load", "force", "i", "amps", "iq"})),
-    ("position", frozenset({"q", "pos", "position", "positions", "angle", "angles", "th", "theta", "joint", "enc",
-                            "encoder", "phi"})),
-)  # fmt: skip
-# Settings, and differences from what is wanted.
-_NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err"})
-# Names of joints and not only of their positions.
-_JOINT = frozenset({"joint"})
-# A command of nothing in particular stands for a torque.
-COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
-_CURRENT = frozenset({"current", "currents", "i", "amps", "iq"})
-# Before one of these words "current" means the present value.
-_PRESENT = re.compile(r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state))", re.I)
-_SPLIT = re.compile(r"[^a-z]+")
-# Rates in names of positions: `D_Theta`, `theta_dot`; `q_d` is what is desired.
-_RATE = re.compile(r"^d(?P<second>d)?_|(?P<second_dot>d)?dot(?=[^a-z]|$)", re.I)
-ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
@@ -54,11 +43,10 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
         return channel, 0.0
     scales = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     known = known_unit(stated) if stated else None
-    suffix = channel.name.rpartition("_")[2]
     if known is not None and known[0] == "time":
         unit, reason = known[1], f"the file states {stated}"
-    elif suffix in scales and "_" in channel.name:
-        unit, reason = suffix, "by its name"
+    elif told := time_unit(channel.name):
+        unit, reason = told, "by its name"
     elif channel.name.endswith("@time"):
         unit, reason = "ns", "as stamps of a waveform are read"
     elif column.dtype.kind in "iu" and channel.low > 1e17:
@@ -73,22 +61,19 @@ def guessed(
     channel: ChannelSurvey, name: str, source: str, stated: str, topic: frozenset[str] = frozenset()
 ) -> ChannelSurvey:
     """What a channel is, by its name and that of its topic, its stated unit and its range."""
-    base = (m["array"] if (m := ARRAY_ELEMENT.match(name)) else name).split(" [")[0].split(" (")[0]
-    base = _PRESENT.sub("", base)
+    base, stated = base_of(name), stated or unit_apart(name)[1]
     words = words_of(base) or words_of(name)
-    quantity = _quantity(words_of(last_part(base)), words)
-    if quantity == "position" and (rate := _RATE.search(base.rpartition(".")[2])):
-        quantity = "other" if rate["second"] or rate["second_dot"] else "velocity"
+    quantity = quantity_of(base)
     if words and words <= COMMAND_WORDS:
         quantity = "torque"
-    if quantity == "other" and "state" in words and ARRAY_ELEMENT.match(name):  # an array, and no state of a switch
+    if quantity == "other" and "state" in words and element_of(name):  # an array, and no state of a switch
         quantity = "position"
     if quantity == "other" and topic and base == "data":
         words, quantity = topic, next((q for q, known in QUANTITY_WORDS if topic & known), "other")
-    elif quantity == "other" and (m := ARRAY_ELEMENT.match(name)):
+    elif quantity == "other" and (m := element_of(name)):
         words = words_of(m["element"])
         quantity = next((q for q, known in QUANTITY_WORDS if words & known), "other")
-    elif source == "lerobot" and (m := ARRAY_ELEMENT.match(name)):  # joint.pos, joint.torque in one list
+    elif source == "lerobot" and (m := element_of(name)):  # joint.pos, joint.torque in one list
         inner = words_of(m["element"].rpartition(".")[2])
         quantity = next((q for q, known in QUANTITY_WORDS if inner & known), quantity)
     known = known_unit(stated) if stated else None
@@ -110,6 +95,8 @@ def unit_of(
     if quantity == "position":
         if channel.whole and largest > _COUNTS:
             return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
+        if {"pos", "estimate"} <= words:
+            return "turn", "called as by ODrive, which counts turns"
         if largest > _RADIANS and not (source == "rosjoint" and channel.high - channel.low < _RADIANS):
             more = (
                 "; LeRobot also writes -100..100 of a motor's range, which is no angle" if source == "lerobot" else ""
@@ -120,31 +107,19 @@ def unit_of(
         more = "as ROS prescribes" if source == "rosjoint" else _UNSTATED
         return "rad", f"{more}, and its range of {largest:.3g} fits"
     if quantity == "torque":
-        counted = channel.whole and largest > _WHOLE
-        if words & _CURRENT and (largest > _AMPERES or not counted):
+        counted, kind = channel.whole and largest > _WHOLE, drive_unit(words)
+        if kind == "current" and (largest > _AMPERES or not counted):
             own = "; whole numbers: mA, or the driver's own unit (a servo's 2.69 or 6.5 mA)" if counted else ""
             return ("mA" if largest > _AMPERES else "A"), f"called a current, up to {largest:.4g}{own}"
         if counted:
             return "counts", f"whole numbers up to {largest:.4g}, of a driver, a servo's load or a PWM; not N m"
+        if kind == "voltage":
+            return "V", f"called a voltage, up to {largest:.4g}"
+        if kind == "duty":
+            return "counts", f"a duty cycle, up to {largest:.4g}; not N m"
         more = "as ROS prescribes; some drivers write A, mA or per cent" if source == "rosjoint" else _UNSTATED
         return "N m", f"{more}; up to {largest:.4g}"
     return "", ""
-
-
-def last_part(name: str) -> str:
-    """The last part of a path, as of a field of a topic."""
-    return re.split(r"[/.]", name)[-1]
-
-
-def _quantity(last: frozenset[str], words: frozenset[str]) -> Quantity:
-    """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
-    if last & _NEITHER:
-        return "other"
-    for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
-        for quantity, known in QUANTITY_WORDS:
-            if known_words & known:
-                return quantity
-    return "other"
 
 
 def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
@@ -152,7 +127,3 @@ def commanded(channel: ChannelSurvey, unit: str) -> ChannelSurvey:
     if channel.quantity != "torque" or not channel.reason.startswith(_UNSTATED) or channel.unit == unit:
         return channel
     return replace(channel, unit=unit, reason=f"{_UNSTATED}; that of the device's motors")
-
-
-def words_of(name: str) -> frozenset[str]:
-    return frozenset(_SPLIT.split(name.lower())) - {""}

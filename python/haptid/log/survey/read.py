@@ -7,7 +7,6 @@ person to check; nothing is read by it.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,8 +23,9 @@ from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
-from haptid.log.survey.draft import UNIT_LIKE, channels_table
-from haptid.log.survey.guesses import ARRAY_ELEMENT, MAY_TURN, commanded, guessed, last_part, timed, unit_of, words_of
+from haptid.log.survey.draft import channels_table
+from haptid.log.survey.guesses import MAY_TURN, commanded, guessed, timed, unit_of
+from haptid.log.survey.names import element_of, is_time, words_of
 from haptid.log.turns import turning_unit
 
 # Channels of a topic or table that are looked at, and columns of a table that are read together.
@@ -34,9 +34,6 @@ _MOST, _TOGETHER = 400, 16
 _NUMBERS = 20_000_000
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
-_TIME = re.compile(
-    r"(?:.*[._ ])?(?:t|time|times|timestamp|stamp|date|date[_ ]?time|secs?|seconds|elapsed)(?:_\w{1,3})?", re.IGNORECASE
-)
 
 
 def survey(
@@ -152,7 +149,7 @@ def _topic(
         for name, found in ranges.items()
         if name not in rows.stamps
     ]
-    joints = dict.fromkeys(m["element"] for name in ranges if (m := ARRAY_ELEMENT.match(name)))
+    joints = dict.fromkeys(m["element"] for name in ranges if (m := element_of(name)))
     delay = float(np.median(behind)) * 1e-6 if behind.size else math.nan
     rate = (received.size - 1) / span if span > 0 else 0.0
     empty = dict(rows.empty)
@@ -182,7 +179,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             found, register = _Range(), register_of(column)
             found.add(register.signed(column.astype(np.float64, copy=False)) if register else column)
             channel = replace(found.channel(name, column.size), register=register)
-            if _TIME.fullmatch(last_part(name.split(" [")[0].split(" (")[0])) or name.endswith("@time"):
+            if is_time(name):
                 channel, own = timed(channel, column, stated.get(name, ""))
                 rate = rate or own
             else:
@@ -192,12 +189,13 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     by_rates = 0.0
     if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
         content = Content.of(_columns(path, kind, names[:_MOST], Request()))
+        channels, own = _with_times(channels, content.time, path, kind)
+        rate = rate or own
         if not any(channel.quantity == "position" for channel in channels):
-            channels, own = _recognised(channels, content, path, kind)
-            rate = rate or own
+            channels = _recognised(channels, content)
         by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
     channels = _turning(channels, path, kind)
-    named = (m["element"] for c in channels if (m := ARRAY_ELEMENT.match(c.name)) and not UNIT_LIKE.search(c.name))
+    named = (m["element"] for c in channels if (m := element_of(c.name)))
     joints = dict.fromkeys(element for element in named if not element.isdecimal())
     if kind is LEROBOT:
         from haptid.log.formats import lerobot  # needs pyarrow
@@ -206,17 +204,24 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
 
 
-def _recognised(
-    channels: Sequence[ChannelSurvey], content: Content, path: Path, kind: Format
+def _with_times(
+    channels: Sequence[ChannelSurvey], name: str, path: Path, kind: Format
 ) -> tuple[list[ChannelSurvey], float]:
-    """Channels without telling names by how they move, and the rate that their times have; 0 where there are none."""
-    made, rate = [], 0.0
+    """Channels with that of times, known by its even growth where no name says it, and its rate; else 0."""
+    if not name or any(channel.quantity == "time" for channel in channels):
+        return list(channels), 0.0
+    k = next(k for k, channel in enumerate(channels) if channel.name == name)
+    channel, rate = timed(channels[k], _columns(path, kind, [name], Request())[name], "")
+    return [*channels[:k], channel, *channels[k + 1 :]], rate
+
+
+def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[ChannelSurvey]:
+    """Channels without telling names by how they move."""
+    made = []
     rates = dict(zip(content.positions, content.rates, strict=False))
     for channel in channels:
         largest = max(abs(channel.low), abs(channel.high))
-        if channel.name == content.time:
-            channel, rate = timed(channel, _columns(path, kind, [channel.name], Request())[channel.name], "")
-        elif channel.name in content.positions:
+        if channel.name in content.positions:
             unit, reason = unit_of("position", frozenset(), largest, channel, "")
             reason = f"their rates are in {rates.get(channel.name, 'no column')} and on; {reason}"
             channel = replace(channel, quantity="position", unit=unit, reason=reason)
@@ -228,7 +233,7 @@ def _recognised(
             reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
             channel = replace(channel, quantity="torque", unit=unit, reason=reason)
         made.append(channel)
-    return made, rate
+    return made
 
 
 def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:

@@ -1,0 +1,148 @@
+"""What a channel's name says: its words, its quantity, and the unit that is written in it."""
+
+from __future__ import annotations
+
+import re
+
+from haptid.log.survey.channels import Quantity
+from haptid.log.units import known_unit
+
+# Words of channels' names, in the languages of the laboratories that publish logs.
+_VELOCITY = frozenset({"qd", "dq", "v", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "vitesse",
+                       "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
+_CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
+                      "corrente"})  # fmt: skip
+_VOLTAGE = frozenset({"voltage", "volt", "volts", "vm", "spannung"})
+_DUTY = frozenset({"pwm", "duty"})
+_TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff", "moment",
+                     "drehmoment", "couple", "coppia"})  # fmt: skip
+_EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
+_FORCE = frozenset({"load", "force", "kraft", "u", "mt", "ctrl"})
+_POSITION = frozenset({"q", "qm", "ql", "pos", "position", "positions", "angle", "angles", "theta", "enc", "encoder",
+                       "pot", "winkel", "lage", "weg", "posicion", "posizione"})  # fmt: skip
+# Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
+_ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp"})
+# In this order: a word that tells the quantity, before one that may belong to any.
+QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
+    ("velocity", _VELOCITY),
+    ("torque", _TORQUE | _CURRENT - {"i"}),
+    ("position", _POSITION),
+    ("torque", _FORCE | _VOLTAGE | _DUTY | {"i"}),
+    ("position", _ANGLE),
+)
+# Settings, differences from what is wanted, what is no joint's, and what is no motor's.
+_NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip",
+                      "orientation", "quaternion", "quat", "pose", "bus", "supply", "battery", "temp",
+                      "temperature"})  # fmt: skip
+# Names of joints and not only of their positions.
+_JOINT = frozenset({"joint", "j", "axis"})
+# A command of nothing in particular stands for a torque.
+COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
+_TIME = frozenset({"t", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds", "elapsed",
+                   "zeit", "temps", "tempo", "tiempo", "millis", "micros", "utime", "tick", "ticks"})  # fmt: skip
+_TIME_UNIT = {"s": "s", "ms": "ms", "msec": "ms", "millis": "ms", "us": "us", "usec": "us", "micros": "us",
+              "utime": "us", "ns": "ns", "nsec": "ns"}  # fmt: skip
+
+# A run of capitals, or letters with or without a capital before them: `MotorCur`, `TCPForce`.
+_TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
+# Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
+_GLUED = re.compile(
+    r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|[jqm])?"
+    r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle)"
+    r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
+)
+# Before one of these words "current" means the present value.
+_PRESENT = re.compile(
+    r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state|pose|orient))", re.I
+)
+# Rates in names of positions: `D_Theta`, `dTheta`, `theta_dot`; `q_d` is what is desired.
+_RATE = re.compile(
+    r"(?i:^d(?P<second>d)?_)|^d(?P<capital>d)?(?=[A-Z]|theta|phi|pos|angle|th\d*$)|(?i:(?P<dot>d)?dot(?=[^a-z]|$))"
+)
+_ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
+_BRACKETED = re.compile(r"(?P<space>\s*)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+_OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
+# `Torque / Nm`, `torque in Nm`, `Torque Nm`; a single letter after a space is more often a name.
+_WRITTEN = re.compile(r"(?<=\w)(?:\s?/\s?(?P<slash>[^\s/.]+)|\s+in\s+(?P<stated>\S+)|\s+(?P<bare>[^\s\w]|\S{2,}))$")
+
+
+def unit_apart(name: str) -> tuple[str, str]:
+    """A name without the unit that is written at its end, and that unit; empty where there is none."""
+    if match := _BRACKETED.search(name):
+        unit = match["unit"].strip()
+        if match["space"] or known_unit(unit) or _OTHER_UNITS.fullmatch(unit):
+            return name[: match.start()], unit
+        return name, ""
+    match = None if name.startswith("/") or name.count("/") > 1 else _WRITTEN.search(name)
+    unit = next((part for part in match.groups() if part), "") if match else ""
+    return (name[: match.start()].rstrip(), unit) if match and known_unit(unit) else (name, "")
+
+
+def element_of(name: str) -> re.Match[str] | None:
+    """The array and the element of a name such as `position[2]`; None where a unit is in the brackets."""
+    match = _ARRAY_ELEMENT.match(name)
+    return match if match and (match["element"].isdecimal() or unit_apart(name)[0] == name) else None
+
+
+def base_of(name: str) -> str:
+    """The name without its unit and its element."""
+    match = element_of(name)
+    return _PRESENT.sub("", match["array"] if match else unit_apart(name)[0])
+
+
+def words_of(name: str) -> frozenset[str]:
+    """Words of a name in lower case, also of those that are written together."""
+    words: set[str] = set()
+    for token in _TOKEN.findall(name):
+        glued = _GLUED.fullmatch(token.lower())
+        words.update(part for part in glued.groups() if part) if glued else words.add(token.lower())
+    return frozenset(words)
+
+
+def last_part(name: str) -> str:
+    """The last part of a path, as of a field of a topic."""
+    return re.split(r"[/.]", name)[-1]
+
+
+def quantity_of(name: str) -> Quantity:
+    """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
+    last = words_of(last_part(name))
+    if last & _NEITHER:
+        return "other"
+    rate = _RATE.search(name.rpartition(".")[2])
+    if rate:
+        name = _RATE.sub(" ", name.rpartition(".")[2])
+        last = words_of(name)
+    words = words_of(name) or last
+    for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
+        for quantity, known in QUANTITY_WORDS:
+            if known_words & known:
+                return quantity if quantity != "position" or not rate else _rate_of(rate)
+    return "other"
+
+
+def _rate_of(rate: re.Match[str]) -> Quantity:
+    """What a rate of positions is: of the second order, none that is used."""
+    return "other" if any(rate.groups()) else "velocity"
+
+
+def drive_unit(words: frozenset[str]) -> str:
+    """What a motor's signal is by its words: `"current"`, `"voltage"`, `"duty"`, or empty for a torque or a force."""
+    if words & (_TORQUE | {"force"}) - _EFFORT:
+        return ""
+    kinds = (("current", _CURRENT), ("voltage", _VOLTAGE), ("duty", _DUTY))
+    return next((kind for kind, known in kinds if words & known), "")
+
+
+def is_time(name: str) -> bool:
+    """Whether a name may be that of times; whether they grow is another matter."""
+    words = [token.lower() for token in _TOKEN.findall(last_part(unit_apart(name)[0]))]
+    while len(words) > 1 and words[-1] in _TIME_UNIT and words[-1] not in _TIME:
+        words.pop()
+    return (bool(words) and (words[-1] in _TIME or "timestamp" in words)) or name.endswith("@time")
+
+
+def time_unit(name: str) -> str:
+    """Unit of times that their name tells; empty where it does not."""
+    words = [token.lower() for token in _TOKEN.findall(last_part(unit_apart(name)[0]))]
+    return _TIME_UNIT.get(words[-1], "") if words and (len(words) > 1 or len(words[0]) > 2) else ""

@@ -1,0 +1,95 @@
+"""Drafted channels of tables as recorders write them: abbreviations, capitals, units in names, joints' names."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid.log.survey import survey
+from haptid.log.survey.names import element_of, quantity_of, time_unit, unit_apart
+
+T = np.arange(0.0, 4.0, 0.005)
+Q = np.sin(3.0 * T) + 0.3 * np.cos(7.0 * T)
+TAU = Q + np.cos(5.0 * T)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "time", "position", "torque"),
+    [
+        ("Zeit [ms];Winkel [°];Drehzahl [1/min];Drehmoment [Nm];Strom [A]",
+         (1e3 * T, 50 * Q, 30 * Q, TAU, TAU), ("Zeit [ms]", "ms"), (["Winkel [°]"], "deg"),
+         (["Drehmoment [Nm]"], "N m")),
+        ("Time(ms);Axis1.ActPos;Axis1.SetPos;Axis1.ActTorque", (1e3 * T, 50 * Q, 50 * Q, TAU),
+         ("Time(ms)", "ms"), (["Axis1.ActPos"], "deg"), (["Axis1.ActTorque"], "N m")),
+        ("IPOC;AIPos.A1;AIPos.A2;MACur.A1;MACur.A2", (1e3 * T, 50 * Q, 60 * Q, TAU, TAU),
+         ("IPOC", "ms"), (["AIPos.A1", "AIPos.A2"], "deg"), (["MACur.A1", "MACur.A2"], "A")),
+        ("tick;m[0].q;m[0].tauEst;m[1].q;m[1].tauEst", (1e3 * T, Q, TAU, Q, TAU),
+         ("tick", "ms"), (["m[0].q", "m[1].q"], "rad"), (["m[0].tauEst", "m[1].tauEst"], "N m")),
+        ("time;mp1;mp2;ip1;ip2;mt1;mt2;et1;et2", (T, Q, Q, Q, Q, TAU, TAU, 0 * T, 0 * T),
+         ("time", "s"), (["mp1", "mp2"], "rad"), (["mt1", "mt2"], "N m")),
+        ("time;hip_angle;knee_angle;hip_vel;knee_vel;hip_current;knee_current", (T, Q, Q, Q, Q, TAU, TAU),
+         ("time", "s"), (["hip_angle", "knee_angle"], "rad"), (["hip_current", "knee_current"], "A")),
+        ("time in s;Torque Nm;Angle/deg", (T, TAU, 50 * Q),
+         ("time in s", "s"), (["Angle/deg"], "deg"), (["Torque Nm"], "N m")),
+        ("micros;enc_count;pwm", (1e6 * T, np.rint(4000 * Q), np.rint(99 * TAU)),
+         ("micros", "us"), (["enc_count"], "counts"), (["pwm"], "counts")),
+        ("time;pos_estimate;vel_estimate;Iq_setpoint;Iq_measured", (T, Q, Q, TAU, TAU),
+         ("time", "s"), (["pos_estimate"], "turn"), (["Iq_measured"], "A")),
+        ("time;current_pos_x;current_pos_y;current_pos_z;joint_1;joint_2;joint_1_torque;joint_2_torque;force_x;force_y;force_z",
+         (T, Q, Q, Q, Q, Q, TAU, TAU, TAU, TAU, TAU),
+         ("time", "s"), (["joint_1", "joint_2"], "rad"), (["joint_1_torque", "joint_2_torque"], "N m")),
+    ],
+)  # fmt: skip
+def test_headers_of_recorders(
+    tmp_path: Path,
+    header: str,
+    columns: tuple[np.ndarray, ...],
+    time: tuple[str, str],
+    position: tuple[list[str], str],
+    torque: tuple[list[str], str],
+) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(columns), fmt="%.5f", delimiter=";", header=header, comments="", encoding="utf-8")
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["time"], channels["time_unit"]) == time
+    assert (channels["position"]["channels"], channels["position"]["unit"]) == position
+    assert (channels["torque"]["channels"], channels["torque"]["unit"]) == torque
+
+
+def test_the_joints_of_a_device_are_found_in_words_joined_by_an_underscore(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    header = "time,elbow_joint_pos,shoulder_pan_joint_pos,elbow_joint_effort,shoulder_pan_joint_effort"
+    np.savetxt(path, np.column_stack((T, Q, Q, TAU, TAU)), delimiter=",", header=header, comments="")
+    channels = tomllib.loads(survey(path, (("shoulder_pan_joint",), ("elbow_joint",))).table)["channels"]
+    assert channels["position"]["channels"] == ["shoulder_pan_joint_pos", "elbow_joint_pos"]
+    assert channels["torque"]["channels"] == ["shoulder_pan_joint_effort", "elbow_joint_effort"]
+
+
+def test_names_that_only_look_like_a_quantity() -> None:
+    for name in (
+        "water_level",
+        "bus_voltage",
+        "battery_current",
+        "tcp_force",
+        "position_error",
+        "torque_limit",
+        "pose",
+    ):
+        assert quantity_of(name) == "other", name
+    assert [quantity_of(name) for name in ("dTheta", "theta_dot", "q_d", "load_angle")] == [
+        "velocity", "velocity", "position", "position"
+    ]  # fmt: skip
+    assert quantity_of("ddTheta") == "other"
+
+
+def test_units_and_elements_in_brackets() -> None:
+    assert unit_apart("speed(deg/s)") == ("speed", "deg/s")
+    assert unit_apart("Motor A") == ("Motor A", "")
+    assert unit_apart("/arm/m") == ("/arm/m", "")
+    assert element_of("angle[deg]") is None
+    assert element_of("position[arm/upper]") is not None
+    assert element_of("position[2]") is not None
+    assert [time_unit(name) for name in ("time_ms", "t", "record_time_nsec", "millis")] == ["ms", "", "ns", "ms"]
