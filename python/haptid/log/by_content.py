@@ -6,8 +6,9 @@ there. Torques are what is left. All of it is a guess for a person to check.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +76,12 @@ class Content:
         used = {*at, *at.values()}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
-        left = [k for k in range(len(names)) if k in moving and k not in used and not _copied(rows, k, used)]
-        groups = [left[k : k + len(heads)] for k in range(0, len(left), len(heads) or 1)] if heads else []
-        groups = [_filled(group, rows, used) for group in groups]
-        groups = [group for group in groups if len(group) == len(heads)]
-        groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
+        # Torques of a mechanism that is all inertia are rates of rates too, of another period: seen where nothing else is.
+        for used in (used, {*heads, *(at[k] for k in heads if k in at)}):
+            groups = _left(rows, [k for k in moving if k not in used], heads, used)
+            groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
+            if groups:
+                break
 
         def named(group: list[int]) -> tuple[str, ...]:
             return tuple(names[k] for k in group)
@@ -92,6 +94,13 @@ class Content:
             tuple(map(named, groups[1:])),
             step,
         )
+
+
+def _left(rows: NDArray[np.float64], left: Sequence[int], heads: Sequence[int], used: set[int]) -> list[list[int]]:
+    """Groups as large as that of the positions, of the columns that are left and are no copies of those in use."""
+    left = [k for k in left if not _copied(rows, k, used)]
+    groups = [list(left[k : k + len(heads)]) for k in range(0, len(left), len(heads) or 1)] if heads else []
+    return [group for group in (_filled(group, rows, used) for group in groups) if len(group) == len(heads)]
 
 
 def _steady(row: NDArray[np.float64]) -> bool:
@@ -107,7 +116,7 @@ def _of_one_run(rows: NDArray[np.float64]) -> NDArray[np.float64]:
         again = np.flatnonzero(np.diff(row) < 0) + 1
         if 0 < len(again) < row.size / _LEAST_RUN and np.isfinite(row).all():
             edges = np.array([0, *again, row.size])
-            if all(_steady(row[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > 2):
+            if all(_steady(row[a:b]) for a, b in pairwise(edges) if b - a > 2):
                 k = int(np.argmax(np.diff(edges)))
                 return rows[:, edges[k] : edges[k + 1]]
     return rows
