@@ -76,7 +76,7 @@ class Content:
         used = {*at, *at.values()}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
-        # Torques of a mechanism that is all inertia are rates of rates too, of another period: taken if nothing else is.
+        # Torques of a mechanism that is all inertia are rates of rates too, of another period: taken if nothing else is
         for taken in (used, {*heads, *(at[k] for k in heads if k in at)}):
             groups = _left(rows, [k for k in moving if k not in taken], heads, taken)
             groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
