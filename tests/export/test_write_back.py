@@ -73,6 +73,20 @@ def test_everything_else_stays_byte_for_byte(tmp_path: Path) -> None:
     assert "<!-- kept -->" in made
 
 
+def test_a_urdf_that_xacro_has_written_is_edited_and_friction_of_zero_stays_zero(tmp_path: Path) -> None:
+    """Its name space alone, and macros in comments, make it no xacro file."""
+    path = tmp_path / "arm.urdf"
+    start = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '
+    path.write_text(ARM.replace("<robot ", start).replace("<!-- kept -->", "<!-- ${kept} <xacro:x/> -->"))
+    model, _ = identified(path, "urdf")
+    chi = np.nan_to_num(model.device.chi_prior)
+    friction = np.array([name.startswith(("FV", "FC")) for name in model.device.parameters.names])
+    export_into((model, model.base.of(np.where(friction, 0.0, chi))), tmp_path / "out", path, "urdf")
+    made = (tmp_path / "out" / "arm.urdf").read_text()
+    assert start in made
+    assert set(re.findall(r'(?:damping|friction)="([^"]*)"', made)) <= {"0", "0.0"}
+
+
 def test_a_file_of_another_robot_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(ARM)

@@ -19,6 +19,7 @@ from haptid.robot_files.xml import parse, read_bytes, refused
 
 _FORMATS = "URDF, xacro, MJCF, SDF, USD, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
 # What xacro expands; its name space alone stands in many URDFs that it has written.
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _XACRO = re.compile(rb"<xacro:|\$\{|\$\(")
 
 
@@ -60,7 +61,7 @@ def read_robot(
         return read_mjcf(path, roots, snap)
     if root.tag == "sdf":
         return read_sdf(root, roots, snap)
-    if root.tag == "robot" and (suffix == ".xacro" or _XACRO.search(content)):
+    if root.tag == "robot" and is_xacro(path, content):
         expanded = expand_xacro(path, roots, xacro_arguments or {})
         if b"<link" not in expanded:
             raise refused(str(path), "it expands to no <link>", "Give the file of the robot, which calls these macros.")
@@ -68,3 +69,8 @@ def read_robot(
     if root.tag == "robot":
         return read_urdf(content, str(path), snap)
     raise refused(str(path), f"its root is <{root.tag[:60]}>", f"Give {_FORMATS}.", root.line)
+
+
+def is_xacro(path: Path, content: bytes) -> bool:
+    """Whether a URDF is to be expanded before it is one."""
+    return path.suffix.lower() == ".xacro" or bool(_XACRO.search(_COMMENT.sub(b"", content)))

@@ -44,13 +44,16 @@ def standard_parameters_of(model: DynamicModel, beta: Array) -> Array:
 
 
 def inward(conditions: Cone, x: Array) -> Array:
-    """x with the inertia of a small ball added to every part on the boundary, so that it is strictly inside, (n,)."""
+    """x with the inertia of a small ball added to the bodies on the boundary, so that they are strictly inside, (n,).
+
+    Friction may be zero.
+    """
     moved = np.array(x)
     for part in conditions.parts:
-        margin = part.margin(x)
-        if margin < INSIDE:
+        margin, wanted = part.margin(x), INSIDE if any(block.is_link for block in part.blocks) else 0.0
+        if margin < wanted:
             ball = conditions.ball[part.columns]
-            moved[part.columns] += (INSIDE - margin) / part.margin(conditions.ball) * ball
+            moved[part.columns] += (wanted - margin) / part.margin(conditions.ball) * ball
     return moved
 
 

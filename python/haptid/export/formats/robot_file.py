@@ -27,7 +27,7 @@ from haptid.export.output import Export, write
 from haptid.export.provenance import ExportSource, provenance
 from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
-from haptid.robot_files.read import read_robot
+from haptid.robot_files.read import is_xacro, read_robot
 from haptid.robot_files.tree import Inertial, inverse
 from haptid.robot_files.xml import Element, parse, read_bytes
 
@@ -58,7 +58,7 @@ def export_into(
     tree = read_robot(path)
     content = read_bytes(path)
     root = parse(content, str(path))
-    if tree.form != form or (form == "urdf" and any(":" in name and "xacro" in name for name in root.attributes)):
+    if tree.form != form or (form == "urdf" and is_xacro(path, content)):
         raise _cannot(
             path, f"it is not plain {form.upper()}", f"Give the {form.upper()} that the device was imported from."
         )
