@@ -30,7 +30,8 @@ from haptid.errors import HaptidError
 from haptid.estimation.nonlinear import variable_projection
 from haptid.executors import DaskExecutor, ProcessExecutor
 from haptid.experiment import bench
-from haptid.export import export_c
+from haptid.export import export_c, export_urdf
+from haptid.inference.diagnosis import diagnose
 from haptid.log import Channels, Signal, read_log
 from haptid.report import read_report
 from haptid.robot_files import import_robot
@@ -518,3 +519,36 @@ def test_names_are_suggested() -> None:
     assert errors.keys_here("logs.0.pth", ["path"]) == 'Did you mean "path"? Keys here: path.'
     assert errors.keys_here("logs", ()) == ""
     assert errors.listed("abcd", 2) == "a, b and 2 more"
+
+
+def test_advice_names_the_decimation_only_where_there_is_one(tmp_path: Path) -> None:
+    model, read = device(tmp_path), read_log(log(tmp_path), CHANNELS)
+    for given, advice in (
+        ({"cutoff_hz": 900.0}, "Lower cutoff_hz."),
+        ({"parallel_cutoff_hz": 900.0}, "Lower parallel_cutoff_hz."),
+        ({"parallel_cutoff_hz": 60.0, "decimation": 10}, "Lower parallel_cutoff_hz, or reduce the decimation."),
+    ):
+        with pytest.raises(errors.TreatmentError) as raised:
+            haptid.observe(model, haptid.treat(read, haptid.Treatment(**{"cutoff_hz": 30.0} | given)))
+        assert raised.value.advice == advice
+
+
+def test_an_export_that_fails_speaks_of_no_experiment_alone(tmp_path: Path) -> None:
+    model, stribeck = device(tmp_path), '[[terms]]\nkind = "stribeck"\njoints = ["1"]\nvelocity = 1\n'
+    more = device(tmp_path, DEVICE + stribeck)
+    sticking = truth(more)
+    sticking[more.base.names.index("FS1")] = 0.01
+    for given, said in (((more, sticking), "without this term"), ((model, -truth(model)), "physical")):
+        with pytest.raises(HaptidError, match=said) as raised:
+            export_urdf(given, tmp_path / "urdf")
+        assert "experiment" not in str(raised.value)
+        assert "bench" not in str(raised.value)
+
+
+def test_what_is_looked_up_by_a_wrong_name_says_which_there_are(tmp_path: Path) -> None:
+    model, made = moved(tmp_path)
+    estimate = haptid.estimate(haptid.observe(model, made), haptid.OLS())
+    for value in (estimate, diagnose(estimate)):
+        with pytest.raises(errors.UnknownNameError, match=r"no .* 'nope'.*Known"):
+            value["nope"]
+    assert len(f"{estimate.observation}".splitlines()) <= 20

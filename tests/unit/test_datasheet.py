@@ -111,7 +111,7 @@ def test_what_is_not_known_is_said(given):
     made = data_sheet(quiet, workspace(model, LIMITS), poses=27)
     assert made["back-drive friction"].value is None
     assert made["passive stiffness"].value is None
-    with pytest.raises(KeyError):
+    with pytest.raises(errors.UnknownNameError):
         made["bandwidth of the user"]
 
 

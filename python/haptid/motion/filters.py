@@ -257,14 +257,14 @@ def expect_carried(name: str, cutoff_hz: float, dt: float) -> None:
         raise bad_setting(name, cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
 
 
-def high_cutoff(name: str, cutoff_hz: float, limit_hz: float) -> TreatmentError:
+def high_cutoff(name: str, cutoff_hz: float, limit_hz: float, decimation: int = 1) -> TreatmentError:
     """Error of a cut-off at or above the Nyquist frequency after decimation."""
     return TreatmentError(
         f"{name} is {cutoff_hz:g} Hz, and must be well below {limit_hz:g} Hz, half the rate of samples or rows.",
         where=name,
         found=cutoff_hz,
         limit=limit_hz,
-        advice=f"Lower {name}, or reduce the decimation.",
+        advice=f"Lower {name}, or reduce the decimation." if decimation > 1 else f"Lower {name}.",
     )
 
 

@@ -165,7 +165,7 @@ class Treatment:
             return None if self.decimation == 1 else self.parallel_shape.share * 0.5 / dt / self.decimation
         limit = 0.5 / dt / self.decimation
         if self.parallel_cutoff_hz >= limit:
-            raise high_cutoff("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
+            raise high_cutoff("parallel_cutoff_hz", self.parallel_cutoff_hz, limit, self.decimation)
         return self.parallel_cutoff_hz
 
     def reach(self, dt: float) -> float:

@@ -21,6 +21,7 @@ from haptid.end_effector.characterisation.model import IdentifiedModel
 from haptid.end_effector.compensation import TYPICAL_HAND, Compensation
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
 from haptid.end_effector.datasheet.z_width import StepDevice, passive_stiffness, stable_stiffness, stepped_stiffness
+from haptid.errors import index_of
 from haptid.uncertainty.quantities import Field
 
 # Cells of the grid over the workspace.
@@ -81,11 +82,8 @@ class DataSheet:
     middle: int
 
     def __getitem__(self, name: str) -> SheetRow:
-        """The row of this name; KeyError where there is none."""
-        for row in self.rows:
-            if row.name == name:
-                return row
-        raise KeyError(name)
+        """The row of this name; an `UnknownNameError` where there is none."""
+        return self.rows[index_of(name, [row.name for row in self.rows], "figure of the data sheet")]
 
 
 def data_sheet(

@@ -125,7 +125,7 @@ def effects(model: DynamicModel, chi: Array, made: tuple[SimulatedBody, ...]) ->
             where=link,
             found=0.0,
             limit=0.0,
-            advice="Give it a body: [[bodies]] with link, mass, com and inertia in the experiment.",
+            advice="Give it mass, com and inertia: [[bodies]] of an experiment, [[prior.bodies]] of the device file.",
         )
     return tuple(found.values())
 
@@ -170,11 +170,11 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
         effect.offset += value * share
     else:
         raise ExportError(
-            f"term {term.name} = {value:g} is of kind {term.kind!r}, which the bench cannot simulate; supported are "
+            f"term {term.name} = {value:g} is of kind {term.kind!r}, which simulated joints do not have; supported are "
             "rotor, viscous, coulomb (of width 0), spring and offset.",
             where=term.name,
             found=value,
-            advice=f"Set {term.name} to 0 in the parameters, or take a device without this term.",
+            advice=f"Take a device without this term, or set {term.name} to 0.",
         )
 
 
@@ -260,6 +260,6 @@ def _unphysical_body(link: str, what: str, found: object) -> PhysicalConsistency
         f"link {link}: {what}, which no rigid body has, so it cannot be simulated.",
         where=link,
         found=found,
-        advice="Base parameters do not define a body: give the link's mass, com and inertia under [[bodies]] in the "
-        "experiment.",
+        advice="Base parameters do not define a body: give the link's mass, com and inertia: [[bodies]] of an "
+        "experiment, or [[prior.bodies]] of the device file.",
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from haptid.device.device import DistributionLaw
 from haptid.dynamics.model import DynamicModel
+from haptid.errors import index_of
 from haptid.export.expressions.emit import Function
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
@@ -51,7 +52,7 @@ class Code:
     passive: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> Function:
-        return next(function for function in self.functions if function.name == name)
+        return self.functions[index_of(name, [function.name for function in self.functions], "function")]
 
     def __contains__(self, name: str) -> bool:
         return any(function.name == name for function in self.functions)
