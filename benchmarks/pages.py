@@ -180,8 +180,12 @@ def branches(figures: Figures) -> str:
 
 def workbench_figures(figures: Figures) -> str:
     """Every figure with its unit."""
-    rows = ((name.rpartition(", ")[0], f"{figure:.2g}", name.rpartition(", ")[2]) for name, figure in figures.items())
-    return aligned([("", "figure", "unit"), *rows])
+
+    def cells(name: str, figure: float) -> tuple[str, str, str]:
+        what, _, unit = name.rpartition(", ")
+        return what, f"{figure:.2g}" if abs(figure) < 10 else f"{figure:.0f}", unit
+
+    return aligned([("", "figure", "unit"), *(cells(*item) for item in figures.items())])
 
 
 def aligned(cells: Any) -> str:

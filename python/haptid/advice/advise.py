@@ -38,6 +38,7 @@ from haptid.inference.diagnosis.plausibility import GOOD
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
+from haptid.uncertainty.figures import per_cent
 
 Proof = Literal["unseen error", "possible bodies", "prior bodies"]
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
@@ -154,7 +155,7 @@ class Action:
     def _proof(self) -> str:
         on = f"the error{f' of {self.motor}' if self.motor else ''} on {self.blocks} unseen time blocks"
         if self.kind in MASKS:
-            rows = f"{self.before:.3g} % of all rows, {self.after:.3g} % of the others without them"
+            rows = f"{per_cent(self.before, 3)} of all rows, {per_cent(self.after, 3)} of the others without them"
             return f": {on} is {rows}."
         if self.proof == "unseen error":
             size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
@@ -319,8 +320,8 @@ def _other_motion(found: Identification, before: float) -> Iterator[str]:
     worst, path = max(errors, default=(0.0, ""))
     if worst > max(_FAR * before, _LARGE):
         yield (
-            f"The error on {path} is {worst:.3g} %, on unseen blocks of the fit {before:.3g} %: the motion of the fit "
-            "does not determine the model for other motion, or something differs in that log. Identify from several of "
+            f"The error on {path} is {per_cent(worst, 3)}, on unseen blocks of the fit {per_cent(before, 3)}: the "
+            "motion of the fit does not determine the model for other motion, or something differs in that log. Identify from several of "
             "the logs, and validate with another one, to tell."
         )
 

@@ -51,6 +51,7 @@ def advise(
     from haptid.inference.diagnosis import diagnose
     from haptid.study import read_study
     from haptid.study.identify import identify
+    from haptid.uncertainty.figures import per_cent
 
     with errors_shown(), progress_bars(quiet or as_json) as bars:
         progress = progress_callback(bars)
@@ -70,7 +71,9 @@ def advise(
         print_lines(*(made.sentences or (none,)))
         if after is not None:
             kinds = ", ".join(action.kind for action in after.actions)
-            text = f"{after.study} has {kinds}: identified again, the error on unseen rows is {after.after:.3g} %"
-            print_lines(f"{text} instead of {after.before:.3g} %.")
+            text = (
+                f"{after.study} has {kinds}: identified again, the error on unseen rows is {per_cent(after.after, 3)}"
+            )
+            print_lines(f"{text} instead of {per_cent(after.before, 3)}.")
         elif apply is not None:
             out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")

@@ -15,6 +15,7 @@ from haptid.estimation import Estimate
 from haptid.observation.plan import Plan
 from haptid.observation.rows import chunks, gathered
 from haptid.study.identify import Identification, Run
+from haptid.uncertainty.figures import per_cent
 from haptid.validation.validation import Validation
 
 # A quarter of all imports, which numbers without a report do not need: each is loaded where it is called.
@@ -220,7 +221,7 @@ def criterion(found: Identification) -> str:
         )
     worst = max(found.unseen, key=lambda v: v.comparable.relative)
     motors = worst.comparable.motors
-    text = f"Relative torque error on unseen motion: {worst.comparable.relative:.2g} %"
+    text = f"Relative torque error on unseen motion: {per_cent(worst.comparable.relative)}"
     if len(motors) > 1:
         largest = max(motors, key=lambda motor: motor.relative)
         whole = (
@@ -228,7 +229,7 @@ def criterion(found: Identification) -> str:
             if worst.comparable.mixed
             else "of all motors together"
         )
-        text += f" {whole}, {largest.relative:.2g} % of {largest.label}, the largest"
+        text += f" {whole}, {per_cent(largest.relative)} of {largest.label}, the largest"
     text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
     if found.meets_criteria is None:
         return text

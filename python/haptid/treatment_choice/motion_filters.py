@@ -266,7 +266,7 @@ class MotionFilters:
         )
 
     def at_rest(self, reference: Treatment) -> tuple[str, ...]:
-        """Report of the rows at rest, which are in no error, where there are any worth mentioning."""
+        """Report of the rows at rest, which are left out of all errors, where there are any worth mentioning."""
         if not np.any(reference.rest_speed):
             return ()
         shares = 1 - self._shares(reference, np.zeros(len(self.model.device.row_names)))
@@ -275,5 +275,6 @@ class MotionFilters:
             return ()
         left = ", ".join(f"{100 * share:.0f}" for share in shares)
         return (
-            f"Rows at rest, where friction is anything up to dry friction, are in no error: {left} % of each motor's.",
+            f"Rows at rest, where friction is anything up to dry friction, are left out of all errors: "
+            f"{left} % of each motor's.",
         )

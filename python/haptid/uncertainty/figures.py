@@ -13,6 +13,15 @@ def short_percent(part: float, whole: float) -> str:
     return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
 
 
+def per_cent(value: float, digits: int = 2) -> str:
+    """A percentage to so many digits with its sign, never with an exponent: 3.0 %, 0.38 %, 124 %."""
+    if not np.isfinite(value):
+        return "an unknown share"
+    rounded = float(f"{value:.{digits - 1}e}")
+    places = digits - 1 - math.floor(math.log10(abs(rounded))) if rounded else 0
+    return f"{value:.{max(places, 0)}f} %"
+
+
 def with_digits(value: float, se: float) -> str:
     """A value to two digits of its standard error: 1416.0 with 192 is 1420."""
     if not (np.isfinite(se) and np.isfinite(value) and abs(value) < 1e6 and se > 1e-9):

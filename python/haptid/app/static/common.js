@@ -125,11 +125,26 @@ function scrolled(holder) {
 }
 
 let number = 0;
+// A label and its field, which stay together where a row is broken.
 export function field(parent, label, input) {
   input.id ||= `field-${++number}`;
-  el("label", { for: input.id }, parent, label);
-  parent.append(input);
+  const pair = el("span", { class: "field" }, parent);
+  el("label", { for: input.id }, pair, label);
+  pair.append(input);
   return input;
+}
+
+// A choice of a device: those of the folder, then the shipped ones; none is chosen where none is known.
+export function devices(parent, own, shipped, chosen) {
+  const select = field(parent, "Device", el("select", { required: true }));
+  const named = [...own.map((e) => [e.path, `${e.path.slice(8)} (this folder)`]), ...shipped.map((e) => [e.name, e.name])];
+  options(select, [["", "choose one"], ...named], chosen || own[0]?.path);
+  return select;
+}
+
+// Per cent, to two digits.
+export function percent(value) {
+  return `${value < 100 ? value.toPrecision(2) : value.toFixed(0)} %`;
 }
 
 export function options(select, entries, chosen = "") {

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import BODIES, NEGATIVE, Finding, Status, joined_names, worst
+from haptid.uncertainty.figures import per_cent
 from haptid.validation.validation import Validation
 
 # Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
@@ -158,7 +159,7 @@ def _size(errors: Validation) -> Reason:
         else "on unseen rows"
     )
     limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
-    return Reason(size, f"the torque error of {largest.label} is {largest.relative:.2g} % ({kind}; {limits})")
+    return Reason(size, f"the torque error of {largest.label} is {per_cent(largest.relative)} ({kind}; {limits})")
 
 
 def _precision(made: Estimate) -> Reason:

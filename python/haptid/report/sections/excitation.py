@@ -14,9 +14,11 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.excitation import advice
+from haptid.inference.diagnosis.verdict import QUOTABLE
 from haptid.report.chart import COLOURS, Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
+from haptid.uncertainty.figures import per_cent
 
 # Columns of the map over time; more blocks are merged.
 COLUMNS = 120
@@ -131,9 +133,9 @@ def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
 
 
 def _weakest(made: Estimate) -> list[dict[str, str]]:
-    """The five parameters with the largest relative standard errors, and motions that would excite them better."""
+    """Up to five parameters whose standard errors are too large to quote, and motions that would excite them better."""
     relative = [(made.parameters[k].relative_se, k) for k in made.free_parameters]
-    ranked = sorted((pair for pair in relative if not np.isnan(pair[0])), reverse=True)[:5]
+    ranked = sorted((pair for pair in relative if pair[0] >= QUOTABLE), reverse=True)[:5]
     return [
-        {"name": made.base.names[k], "deviation": f"{value:.3g} %", "advice": advice(made, k)} for value, k in ranked
+        {"name": made.base.names[k], "deviation": per_cent(value), "advice": advice(made, k)} for value, k in ranked
     ]

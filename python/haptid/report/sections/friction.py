@@ -71,13 +71,13 @@ def _chart(
     points = [joint for joint in steady if joint.label == label]
     if points:
         curves.append(_points(points))
-    top = float(torque[-1])
+    top, ranges = float(torque[-1]), sum(len(p.velocity) for p in points)
     caption = (
         f"The model's friction is {figure(top)} {unit} at {figure(float(speed[-1]))} {speed_unit} and "
         f"{figure(float(torque[0]))} {unit} at the opposite velocity. Points: measured torque minus all modelled "
         f"parts but friction, {len(some)} of {len(data)} rows"
         + (
-            f", and {sum(len(p.velocity) for p in points)} time ranges at constant velocity with 95 % intervals."
+            f", and {ranges} time {'range' if ranges == 1 else 'ranges'} at constant velocity with 95 % intervals."
             if points
             else "."
         )

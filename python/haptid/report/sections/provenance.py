@@ -76,7 +76,7 @@ def _estimate(source: ReportSource) -> dict[str, str]:
     raw, scaled = made.observation.condition
     return {
         "method": weighting(made.method).name,
-        "possible": "yes" if isinstance(made.method, PhysicallyConsistent) else "no",
+        "constraints": "physical" if isinstance(made.method, PhysicallyConsistent) else "none",
         "rows": str(made.observation.rows),
         "condition": f"{raw:.4g} raw, {scaled:.4g} with unit columns",
         "intervals": interval(made),

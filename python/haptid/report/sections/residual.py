@@ -75,11 +75,15 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
     caption = (
         f"Largest mean of a bin: {figure(float(abs(means[largest])))} {track.units[motor]}, at "
         f"{figure(float(centres[largest]))} {unit}; the residual's RMS is {figure(rms)}. "
-        f"{len(some)} of {len(x)} rows are drawn, evenly spaced; means are over all rows."
+        f"{_drawn(len(some), len(x))}; means are over all rows."
     )
     alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {_BINS} bins."
     drawing = plot(axis(what, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
     return Chart(f"{what}-{k}-{motor}", f"{label}: against {what}", alt, caption, drawing)
+
+
+def _drawn(some: int, rows: int) -> str:
+    return f"All {rows} rows are drawn" if some == rows else f"{some} of {rows} rows are drawn, evenly spaced"
 
 
 def binned(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:

@@ -67,8 +67,8 @@ def _charts(track: Track, k: int, motor: int, bins: int) -> tuple[Chart, Chart]:
     shade = shaded(track.t0, track.step, ~track.used[motor], bins)
     time, group = axis("time", "s"), f"log-{k}"
     torque = [
-        envelope("measured", MEASURED, track.t0, track.step, measured, bins) | {"width": 2.2},
-        envelope("predicted", PREDICTED, track.t0, track.step, predicted, bins),
+        envelope("measured", MEASURED, track.t0, track.step, measured, bins) | {"width": 4.2},
+        envelope("predicted", PREDICTED, track.t0, track.step, predicted, bins) | {"width": 1.8},
     ]
     left = [envelope("residual", RESIDUAL, track.t0, track.step, residual, bins)]
     rms, size = (float(np.sqrt(np.nanmean(y**2))) for y in (residual, measured))

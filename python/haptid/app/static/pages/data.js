@@ -1,5 +1,5 @@
 // Data: logs are dropped, their channels guessed with reasons and drawn; a study is drafted from them.
-import { acting, answered, bytes, call, el, field, link, options, reached, table, typed } from "../common.js";
+import { acting, answered, bytes, call, devices, el, field, link, options, reached, table, typed } from "../common.js";
 import { Editor } from "../editor.js";
 import { Form } from "../form.js";
 import { remedies } from "../remedies.js";
@@ -115,9 +115,7 @@ async function drafting(main, path, logs, device, own) {
   el("h2", { id: "study" }, part, "Study");
   el("p", {}, part, "A study names the device, the logs with their roles and channels, and how to identify. A draft is made of the guesses above: check units and channels before it is saved.");
   const form = el("form", { class: "row" }, part);
-  const choice = field(form, "Device", el("select"));
-  const shipped = await call("shipped");
-  options(choice, [...own.map((e) => [e.path, `${e.path.slice(8)} (this folder)`]), ...shipped.map((e) => [e.name, e.name])], device);
+  const choice = devices(form, own, await call("shipped"), device);
   const first = field(form, "Identify from", el("select"));
   options(first, logs.map((log) => [log, log.slice(5)]), path);
   const second = field(form, "Validate with", el("select"));

@@ -1,5 +1,5 @@
 // Experiment: an exciting motion is searched for by a job, played back on the drawing, rehearsed and downloaded.
-import { acting, call, el, field, link, options, table, typed } from "../common.js";
+import { acting, call, devices, el, field, link, table, typed } from "../common.js";
 import { Progress } from "../progress.js";
 import { Curves } from "../curves.js";
 import { samples } from "./data.js";
@@ -17,8 +17,7 @@ export async function show(main, query) {
   const [{ lists, bench }, shipped] = await Promise.all([call("workspace"), call("shipped")]);
   el("p", { class: "quiet" }, main, "A motion that makes every base parameter visible, within the limits of the device. Empty fields are the limits of the device file; one number is for all joints, or one for each with commas.");
   const form = el("form", {}, main), first = el("div", { class: "row" }, form);
-  const device = field(first, "Device", el("select"));
-  options(device, [...lists.device.map((e) => [e.path, `${e.path.slice(8)} (this folder)`]), ...shipped.map((e) => [e.name, e.name])], query.get("device") ?? "");
+  const device = devices(first, lists.device, shipped, query.get("device"));
   const name = field(first, "Save as experiments/", el("input", { type: "text", size: 18, required: true, autocomplete: "off", value: "motion" }));
   const seconds = field(first, "Duration, s", el("input", { type: "number", min: 1, max: 3600, value: 20, required: true }));
   const evaluations = field(first, "Motions evaluated, at most", el("input", { type: "number", min: 1, max: 100000, value: 1000, required: true }));

@@ -1,11 +1,11 @@
 // Home: what the folder has, what runs, and a trial on the virtual bench.
-import { acting, bytes, call, el, field, link, typed, when } from "../common.js";
+import { acting, bytes, call, el, field, link, percent, typed, when } from "../common.js";
 
 const KINDS = [
   ["device", "Devices", (e) => link("device", { path: e.path }), (e) => e.about.description ?? ""],
   ["study", "Studies", (e) => link("solve", { path: e.path }), (e) => e.about.device ?? ""],
   ["log", "Logs", (e) => link("data", { path: e.path }), (e) => `${bytes(e.size)}${e.results.length ? `, in ${e.results.length} result${e.results.length > 1 ? "s" : ""}` : ""}`],
-  ["result", "Results", (e) => link("results", { path: e.path }), (e) => `${e.about.device ?? ""}${e.about.error_percent === null || e.about.error_percent === undefined ? "" : `, error ${Number(e.about.error_percent.toPrecision(2))} %`}`],
+  ["result", "Results", (e) => link("results", { path: e.path }), (e) => `${e.about.device ?? ""}${e.about.error_percent === null || e.about.error_percent === undefined ? "" : `, error ${percent(e.about.error_percent)}`}`],
 ];
 
 export async function show(main, query) {

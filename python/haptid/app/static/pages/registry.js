@@ -1,5 +1,5 @@
 // Registry: devices by serial number, their results over time, drift, and logs that nothing was made of.
-import { acting, bytes, call, el, field, link, typed, when } from "../common.js";
+import { acting, bytes, call, el, field, link, percent, typed, when } from "../common.js";
 
 export async function show(main, query) {
   el("h1", {}, main, "Registry");
@@ -39,7 +39,7 @@ function one(main, place, device, look) {
     dates.set(entry.path, { box, date });
     el("a", { href: link("results", { path: entry.path }) }, item, entry.path.slice(8));
     el("small", {}, item, `${entry.title}; ${entry.about.method ?? ""}`);
-    if (entry.about.error_percent !== null) el("small", {}, item, `error ${entry.about.error_percent.toPrecision(2)} %`);
+    if (entry.about.error_percent !== null) el("small", {}, item, `error ${percent(entry.about.error_percent)}`);
     if (entry.about.met !== null) el("span", { class: `badge ${entry.about.met ? "ok" : "bad"}` }, item, entry.about.met ? "criterion met" : "criterion not met");
     removing(main, item, entry.path, look);
   }

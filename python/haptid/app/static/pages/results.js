@@ -1,5 +1,5 @@
 // Results: the sections of a result's report by the report's own script; comparison and drift of several.
-import { acting, call, el, field, link, typed, when } from "../common.js";
+import { acting, call, el, field, link, percent, typed, when } from "../common.js";
 import { drawAll, startTables } from "/report/charts.js";
 
 export async function show(main, query) {
@@ -33,7 +33,7 @@ async function list(main) {
       box.addEventListener("change", () => { if (box.checked) chosen.set(entry.path, entry); else chosen.delete(entry.path); told(); });
       el("a", { href: link("results", { path: entry.path }) }, item, entry.path.slice(8));
       el("small", {}, item, `${entry.title}; ${entry.about.device ?? ""}; ${entry.about.method ?? ""}`);
-      if (entry.about.error_percent !== null && entry.about.error_percent !== undefined) el("small", {}, item, `error ${entry.about.error_percent.toPrecision(2)} %`);
+      if (entry.about.error_percent !== null && entry.about.error_percent !== undefined) el("small", {}, item, `error ${percent(entry.about.error_percent)}`);
       if (entry.about.met !== null && entry.about.met !== undefined) el("span", { class: `badge ${entry.about.met ? "ok" : "bad"}` }, item, entry.about.met ? "criterion met" : "criterion not met");
       el("small", {}, item, when(entry.modified));
     }
