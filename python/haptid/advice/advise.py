@@ -321,8 +321,8 @@ def _other_motion(found: Identification, before: float) -> Iterator[str]:
     if worst > max(_FAR * before, _LARGE):
         yield (
             f"The error on {path} is {per_cent(worst, 3)}, on unseen blocks of the fit {per_cent(before, 3)}: the "
-            "motion of the fit does not determine the model for other motion, or something differs in that log. Identify from several of "
-            "the logs, and validate with another one, to tell."
+            "motion of the fit does not determine the model for other motion, or something differs in that "
+            "log. Identify from several of the logs, and validate with another one, to tell."
         )
 
 

@@ -71,9 +71,7 @@ def advise(
         print_lines(*(made.sentences or (none,)))
         if after is not None:
             kinds = ", ".join(action.kind for action in after.actions)
-            text = (
-                f"{after.study} has {kinds}: identified again, the error on unseen rows is {per_cent(after.after, 3)}"
-            )
-            print_lines(f"{text} instead of {per_cent(after.before, 3)}.")
+            errors = f"{per_cent(after.after, 3)} instead of {per_cent(after.before, 3)}"
+            print_lines(f"{after.study} has {kinds}: identified again, the error on unseen rows is {errors}.")
         elif apply is not None:
             out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")
