@@ -28,7 +28,7 @@ def test_a_good_model_is_good_for_everything():
     made = given(0.2, {})
     assert (made.torque, made.compensation, made.parameters) == ("ok", "ok", "ok")
     assert made.sentences == (
-        "The model is good for predicting torque: the torque error of motor 1 is 0.2 % (on unseen rows; limits 5 and "
+        "The model is good for predicting torque: the torque error of motor 1 is 0.20 % (on unseen rows; limits 5 and "
         "20 %).",
         "It is good for compensation of friction and gravity.",
         "It is good for quoting single parameters: all 4 have standard errors below 10 %.",
