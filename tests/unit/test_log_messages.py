@@ -17,7 +17,8 @@ import recorders
 from haptid import errors
 from haptid.log import Channels, Log, Merge, Signal, read_log
 from haptid.log.formats import messages
-from haptid.log.formats.messages import containers, decoding, definitions
+from haptid.log.formats.messages import definitions, ros
+from haptid.log.formats.messages.mcap import MAGIC
 from haptid.log.request import Request
 from recorders import START, STORE, STORE1, arm, joint_state, mcap, ros1, ros2, shuffled
 
@@ -359,7 +360,7 @@ def test_hostile_containers_are_one_error_in_bounded_memory(tmp_path: Path, what
     import tracemalloc
 
     path = tmp_path / "run.mcap"
-    path.write_bytes(containers.MCAP_MAGIC + record(0x01, bytes(8)) + HOSTILE[what]() + containers.MCAP_MAGIC)
+    path.write_bytes(MAGIC + record(0x01, bytes(8)) + HOSTILE[what]() + MAGIC)
     tracemalloc.start()
     try:
         with pytest.raises(errors.LogError):
@@ -457,7 +458,7 @@ def test_layouts_agree_with_the_library_that_wrote_them(rows: int) -> None:
         }
     message = store.types["lab/msg/All"](**values)
     data = bytes(store.serialize_cdr(message, "lab/msg/All"))
-    batch = decoding.RosDecoder(definition, "lab/msg/All", cdr=True).decode([data] * 2, None)
+    batch = ros.RosDecoder(definition, "lab/msg/All", cdr=True).decode([data] * 2, None)
     assert batch.other == 0
     for name, value in values.items():
         if not isinstance(value, str):
@@ -475,6 +476,6 @@ def test_more_orders_of_joints_than_layouts_are_kept() -> None:
         message = joint_state(START, [names[k] for k in order], row[order])
         data.append(bytes(STORE.serialize_cdr(message, KIND)))
     text = STORE.generate_msgdef(KIND)[0]
-    batch = decoding.RosDecoder(text, KIND, cdr=True).decode(data, None)
+    batch = ros.RosDecoder(text, KIND, cdr=True).decode(data, None)
     for k, name in enumerate(names):
         np.testing.assert_array_equal(batch.values[f"position[{name}]"], values[:, k])

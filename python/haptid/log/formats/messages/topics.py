@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.errors import LogChannelError, LogTimeError
-from haptid.log.formats.messages.containers import Container, Topic, containers
-from haptid.log.formats.messages.decoding import HEADER, Batch, Decoder, decoder_of
+from haptid.log.formats.messages.batch import HEADER, Batch, Decoder
+from haptid.log.formats.messages.container import Container, Topic
+from haptid.log.formats.messages.containers import containers
+from haptid.log.formats.messages.decoding import decoder_of
 from haptid.log.formats.sniff import RawChannel, channel_list, corrupt, opened_file
 from haptid.log.merging import Stream, at_stamps
 from haptid.log.request import Request
