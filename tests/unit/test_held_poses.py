@@ -159,7 +159,7 @@ def test_mass_and_moments_of_a_payload_come_from_poses_and_no_inertia(arm, chi, 
     assert "do not determine the inertia" in found.left_out[0]
     known = haptid.inference.AttachedBody("weight", "3", mass=0.5)
     gains = haptid.identify_payloads(arm, poses, [(known, loaded)], gains=True).gains
-    assert gains.labels == ("motor 2", "motor 3")
+    assert gains.quantities.names == ("motor 2", "motor 3")
     assert "motor 1 is left out" in gains.left_out[0]
     np.testing.assert_allclose(gains.values, 1.0, atol=0.05)
     with pytest.raises(errors.SettingError, match="mixed"):

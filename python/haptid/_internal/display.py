@@ -30,6 +30,12 @@ class Overview:
     rows: Sequence[Sequence[str]] = ()
     notes: Sequence[str] = ()
 
+    @staticmethod
+    def of_text(text: str) -> Overview:
+        """Of a text whose first line is the title."""
+        title, *lines = text.splitlines()
+        return Overview(title, ("",), [[line] for line in lines])
+
     def text(self) -> str:
         """Lines for a prompt."""
         rows = [list(self.headings), *map(list, self.rows[:_FEW])] if self.rows else []

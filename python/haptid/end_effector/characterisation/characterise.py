@@ -237,8 +237,7 @@ class Characterisation:
         return inverse_dynamics(self.model, beta, self.handle.qa, still, still)
 
     def _shown(self) -> Overview:
-        title, *lines = self.summary().splitlines()
-        return Overview(title, ("",), [[line] for line in lines])
+        return Overview.of_text(self.summary())
 
 
 def characterise(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.estimation.method import Fit
+from haptid.uncertainty.quantities import Quantities
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,10 @@ class Spread:
     dof: Array
     blocks: int
     alone: np.ndarray
+
+    def quantities(self, names: Sequence[str], units: Sequence[str], values: Array) -> Quantities:
+        """The values (q,) of these combinations with their names, units and uncertainty."""
+        return Quantities(tuple(names), tuple(units), values, self.covariance, self.dof, tuple(self.alone.tolist()))
 
 
 class Intervals(Protocol):

@@ -6,6 +6,7 @@ of Statistics 6.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,9 +21,43 @@ from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, toget
 from haptid.uncertainty.quantities import aligned, half_width
 
 
+class FamilyWise(ABC):
+    """Base of results with a p-value for each of some named parameters, corrected for their number by Holm."""
+
+    names: tuple[str, ...]
+    confidence: float
+
+    @property
+    @abstractmethod
+    def p(self) -> Array:
+        """p-value of each parameter by itself, (k,)."""
+
+    @cached_property
+    def holm(self) -> Array:
+        """p-values with Holm's correction over all parameters, (k,)."""
+        return together(self.p)
+
+    @cached_property
+    def differs(self) -> tuple[str, ...]:
+        """Names of the parameters that differ significantly."""
+        return significant(self.names, self.holm, self.confidence)
+
+    @property
+    def _ranked(self) -> list[int]:
+        """Indices of the parameters that differ, in order of significance."""
+        return sorted((self.names.index(name) for name in self.differs), key=lambda k: float(self.p[k]))
+
+    @abstractmethod
+    def summary(self) -> str:
+        """As text, the title in its first line."""
+
+    def _shown(self) -> Overview:
+        return Overview.of_text(self.summary())
+
+
 @displayed
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(FamilyWise):
     """Differences between two independent estimates, second minus first, parameter by parameter.
 
     Each difference has Welch's test: its variance is the sum of both, its degrees of freedom are those of Welch (1947),
@@ -91,16 +126,6 @@ class Comparison:
         return freeze(two_sided(self.difference, self.se, self.dof))
 
     @cached_property
-    def holm(self) -> Array:
-        """p-values with Holm's correction over all parameters, (k,)."""
-        return together(self.p)
-
-    @cached_property
-    def differs(self) -> tuple[str, ...]:
-        """Names of the parameters that differ significantly."""
-        return significant(self.names, self.holm, self.confidence)
-
-    @cached_property
     def flipped(self) -> tuple[str, ...]:
         """Those that differ and have changed sign, both values being significantly different from zero."""
         sides = ((self.first, self.first_se, self.first_dof), (self.second, self.second_se, self.second_dof))
@@ -111,7 +136,7 @@ class Comparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What differs, in order of significance; then the notes."""
-        order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
+        order = self._ranked
         rest = len(self.names) - len(order)
         at = family_wise(self.confidence, len(self.names))
         last = f"The other {rest} do not differ {at}." if rest else f"All differ {at}."
@@ -151,14 +176,10 @@ class Comparison:
         magnitude = "its magnitude differs too" if size_too else "its magnitude does not differ significantly"
         return f"{self.names[k]} changes its sign, {values}; {magnitude}."
 
-    def _shown(self) -> Overview:
-        title, *lines = self.summary().splitlines()
-        return Overview(title, ("",), [[line] for line in lines])
-
 
 @displayed
 @dataclass(frozen=True, eq=False)
-class Series:
+class Series(FamilyWise):
     """Two or more independent estimates of the same parameters.
 
     Each parameter has Welch's test of equal means (1951, eq. 20), with each estimate's own standard error and degrees
@@ -214,11 +235,6 @@ class Series:
         return np.array([misfit(*one, columns) for one in each])
 
     @cached_property
-    def holm(self) -> Array:
-        """p-values with Holm's correction over all parameters, (k,)."""
-        return together(self.p)
-
-    @cached_property
     def detectable(self) -> Array:
         """Smallest change of one estimate that is found in 80 % of such comparisons, of the least precise one, (k,)."""
         k, lasts = int(len(self) > 1), []
@@ -232,11 +248,6 @@ class Series:
     def level(self) -> Array:
         """Largest family-wise confidence level at which each parameter counts as different, (k,)."""
         return 1.0 - self.holm
-
-    @property
-    def differs(self) -> tuple[str, ...]:
-        """Names of the parameters that differ significantly."""
-        return significant(self.names, self.holm, self.confidence)
 
     def pair(self, first: str, second: str) -> Comparison:
         """Two of the estimates by their labels, as `compare` has them."""
@@ -259,7 +270,7 @@ class Series:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What differs, in order of significance; then the notes."""
-        order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
+        order = self._ranked
         at = family_wise(self.confidence, len(self.names))
         sentences = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
         rest = len(self.names) - len(order)
@@ -282,10 +293,6 @@ class Series:
             mark = "*" if name in self.differs else ""
             rows.append([name, *cells, confidence_text(self.holm[k]), mark, f"{self.detectable[k]:.2g}", self.units[k]])
         return "\n".join([*aligned(rows), "", *self.sentences])
-
-    def _shown(self) -> Overview:
-        title, *lines = self.summary().splitlines()
-        return Overview(title, ("",), [[line] for line in lines])
 
 
 def detectable(se: Array, dof: Array, confidence: float) -> Array:

@@ -77,42 +77,10 @@ def compare(
         SharedRowsError: two were made from the same rows.
         ModelMismatchError: they have no parameter in common.
     """
-    if not 0 < confidence < 1:
-        raise SettingError(
-            f"confidence is {confidence!r}.",
-            where="confidence",
-            found=confidence,
-            limit=(0, 1),
-            advice="Write a number between 0 and 1, such as 0.95.",
-        )
-    if len(estimates) < 2:
-        raise SettingError(
-            f"{len(estimates)} estimates cannot be compared; give 2 or more.",
-            where="estimates",
-            found=len(estimates),
-            limit=2,
-        )
+    _check_settings(estimates, confidence)
     pair = ("the first estimate", "the second estimate") if len(estimates) == 2 and labels is None else None
-    called = tuple(labels or pair or (str(k + 1) for k in range(len(estimates))))
-    if len(called) != len(estimates) or len(set(called)) != len(called):
-        raise SettingError(
-            f"{len(set(called))} different labels are given for {len(estimates)} estimates, {list(called)!r}; give one "
-            "for each.",
-            where="labels",
-            found=len(set(called)),
-            limit=len(estimates),
-        )
-    shared = [
-        block for k, one in enumerate(estimates) for other in estimates[:k] if (block := shared_block(other, one))
-    ]
-    if shared and independent:
-        block = shared[0]
-        raise SharedRowsError(
-            f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
-            f"{block.log[:12]}, so the standard error of their difference is not known.",
-            where=(block.log, block.start),
-            advice="Compare estimates from logs, or time ranges, without common rows.",
-        )
+    called = _labels(estimates, labels or pair)
+    shared = _shared_rows(estimates, independent)
     names = common_parameters(estimates)
     picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
     notes = list(_notes(estimates, called, names))
@@ -144,6 +112,63 @@ def compare(
         joint=tests,
     )
     return made.pair(*pair) if pair else made
+
+
+def _check_settings(estimates: Sequence[Comparable], confidence: float) -> None:
+    """Raise SettingError for a confidence that is none, or for fewer than two estimates."""
+    if not 0 < confidence < 1:
+        raise SettingError(
+            f"confidence is {confidence!r}.",
+            where="confidence",
+            found=confidence,
+            limit=(0, 1),
+            advice="Write a number between 0 and 1, such as 0.95.",
+        )
+    if len(estimates) < 2:
+        raise SettingError(
+            f"{len(estimates)} estimates cannot be compared; give 2 or more.",
+            where="estimates",
+            found=len(estimates),
+            limit=2,
+        )
+
+
+def _labels(estimates: Sequence[Comparable], labels: Sequence[str] | None) -> tuple[str, ...]:
+    """A different label for each estimate: those given, or their numbers.
+
+    Raises:
+        SettingError: those given are not one for each.
+    """
+    called = tuple(labels or (str(k + 1) for k in range(len(estimates))))
+    if len(called) != len(estimates) or len(set(called)) != len(called):
+        raise SettingError(
+            f"{len(set(called))} different labels are given for {len(estimates)} estimates, {list(called)!r}; give one "
+            "for each.",
+            where="labels",
+            found=len(set(called)),
+            limit=len(estimates),
+        )
+    return called
+
+
+def _shared_rows(estimates: Sequence[Comparable], independent: bool) -> bool:
+    """Whether two estimates were made from the same rows.
+
+    Raises:
+        SharedRowsError: they were, and have to be independent.
+    """
+    shared = [
+        block for k, one in enumerate(estimates) for other in estimates[:k] if (block := shared_block(other, one))
+    ]
+    if shared and independent:
+        block = shared[0]
+        raise SharedRowsError(
+            f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
+            f"{block.log[:12]}, so the standard error of their difference is not known.",
+            where=(block.log, block.start),
+            advice="Compare estimates from logs, or time ranges, without common rows.",
+        )
+    return bool(shared)
 
 
 def _scores(estimate: Comparable) -> Clusters | None:

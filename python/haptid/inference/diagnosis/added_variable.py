@@ -125,16 +125,21 @@ class AugmentedRows:
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
         return AddedVariableTest(beta[-k:], made.covariance, float(made.dof.min()), explained, shift)
 
+    def each(self, which: Sequence[int], labels: Sequence[str]) -> list[tuple[str, AddedVariableTest]]:
+        """Tests of single candidates, one of each motor, with its label; without those that are collinear."""
+        tests = [(label, self.test([e])) for label, e in zip(labels, which, strict=True)]
+        return [(label, one) for label, one in tests if one is not None]
+
     def _pick(self, motor: MotorRows, kept: np.ndarray) -> MotorRows:
         """Some columns only, renumbered by their places in `kept`; most candidates are of one motor."""
         place = {int(column): k for k, column in enumerate(motor.columns)}
         own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
         at = np.array([place[int(kept[k])] for k in own] + [len(motor.columns)])
-        asked = (motor.name, np.concatenate([own, at]).tobytes())
-        if asked not in self._picked:
+        key = (motor.name, np.concatenate([own, at]).tobytes())
+        if key not in self._picked:
             triangles = np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r"))
-            self._picked[asked] = replace(motor, columns=own, triangles=triangles)
-        return self._picked[asked]
+            self._picked[key] = replace(motor, columns=own, triangles=triangles)
+        return self._picked[key]
 
 
 def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> AugmentedRows:

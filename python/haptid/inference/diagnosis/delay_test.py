@@ -18,8 +18,7 @@ NEGLIGIBLE, LARGE = 0.05, 0.25
 def time_delay(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[str]) -> Finding:
     """The delay of every motor's torque, with its confidence interval."""
     motion = augmented.estimate.observation.motions[0]
-    tests = [(label, augmented.test([e])) for label, e in zip(labels, which, strict=True)]
-    found = [(label, one) for label, one in tests if one is not None]
+    found = augmented.each(which, labels)
     if not found:
         return Finding("time delay", "ok", {}, "The torque's delay is not identifiable from this motion.")
     p = together(np.array([one.p for _, one in found]))

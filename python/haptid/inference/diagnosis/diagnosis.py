@@ -14,7 +14,7 @@ from haptid.inference.diagnosis import delay_test, exogeneity, lack_of_fit, plau
 from haptid.inference.diagnosis.added_variable import AugmentedRows, augment, device_rows
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
-from haptid.inference.diagnosis.finding import Finding, Status, worst
+from haptid.inference.diagnosis.finding import ORDER, Finding, Status, worst
 from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.rigid_range import FrequencyRange, frequency_ranges, rigid_range
@@ -61,17 +61,19 @@ class Diagnosis:
         """Fitness for each use, and what to do next."""
         return verdict(self.estimate, self.validation, self.findings)
 
+    @property
+    def _ranked(self) -> list[Finding]:
+        """The findings, the worst first."""
+        return sorted(self.findings, key=lambda finding: -ORDER.index(finding.status))
+
     def summary(self) -> str:
         """The verdict, then a line for each finding, the worst first."""
         width = max(len(finding.name) for finding in self.findings)
-        order = {"bad": 0, "doubt": 1, "ok": 2}
-        ranked = sorted(self.findings, key=lambda finding: order[finding.status])
-        lines = [f"  {f.status:5s}  {f.name:{width}s}  {f.sentence}" for f in ranked]
+        lines = [f"  {f.status:5s}  {f.name:{width}s}  {f.sentence}" for f in self._ranked]
         return "\n".join([*self.verdict.sentences, "", *lines, *(f"  -      {text}" for text in self.left_out)])
 
     def _shown(self) -> Overview:
-        ranked = sorted(self.findings, key=lambda finding: ("bad", "doubt", "ok").index(finding.status))
-        rows = [[finding.name, finding.status, finding.sentence] for finding in ranked]
+        rows = [[finding.name, finding.status, finding.sentence] for finding in self._ranked]
         return Overview(f"Diagnosis: {self.status}", ("check", "status", "finding"), rows, self.verdict.sentences)
 
 

@@ -34,9 +34,9 @@ from haptid.uncertainty.multiple_testing import together
 
 # Bias of a parameter in standard errors: harmless up to the first; beyond the second its interval undercovers.
 HARMLESS, BIASED = 0.5, 1.0
-# Smallest standard error used as a divisor.
 # Cut-off of the narrow position filter over the bandwidth of the motion.
 _ABOVE_MOTION = 3.0
+# Smallest standard error used as a divisor.
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -138,8 +138,7 @@ def unexplained_columns(
 def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[str], by: Instruments) -> Finding:
     """Are errors in W correlated with the residual, motor by motor, and how large is the bias of the parameters?"""
     made = augmented.estimate
-    tests = [(label, augmented.test([e])) for label, e in zip(labels, which, strict=True)]
-    found = [(label, one) for label, one in tests if one is not None]
+    found = augmented.each(which, labels)
     if not found:
         return Finding("errors in W", "ok", {}, "The instruments explain all of W.")
     p = together(np.array([one.p for _, one in found]))

@@ -92,12 +92,10 @@ class DriveGains:
     """True gain of motors over that of the device file.
 
     Attributes:
-        labels: of the motors whose gain the known masses determine, (gains,).
-        quantities: their factors, with covariance and degrees of freedom.
+        quantities: factors of the motors whose gain the known masses determine, by label.
         left_out: sentences on the other motors.
     """
 
-    labels: tuple[str, ...]
     quantities: Quantities
     left_out: tuple[str, ...]
 
@@ -106,33 +104,20 @@ class DriveGains:
         """True gain over the file's, (gains,)."""
         return self.quantities.values
 
-    @property
-    def se(self) -> Array:
-        """Standard errors, (gains,)."""
-        return self.quantities.se
-
-    @property
-    def dof(self) -> Array:
-        """Degrees of freedom, (gains,)."""
-        return self.quantities.dof
-
-    def conf_int(self, level: float = 0.95) -> Array:
-        """Confidence intervals, (gains, 2)."""
-        return self.quantities.conf_int(level)
-
     def summary(self) -> str:
         """A line for each motor."""
+        found = self.quantities
         lines = [
             f"{label}: {with_digits(value, se)} of the file's gain, "
             f"95 % interval {with_digits(low, se)} .. {with_digits(high, se)}"
-            for label, value, se, (low, high) in zip(self.labels, self.values, self.se, self.conf_int(), strict=True)
+            for label, value, se, (low, high) in zip(found.names, found.values, found.se, found.conf_int(), strict=True)
         ]
         return "\n".join([*lines, *self.left_out])
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadIdentification:
-    """Payloads, and drive gains where asked for, from logs of the bare device and logs with payloads.
+    """Payloads, and drive gains on request, from logs of the bare device and logs with payloads.
 
     Attributes:
         payloads: one for each, in the order given.

@@ -11,6 +11,7 @@ IEEE/RSJ IROS.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import add
 
@@ -173,10 +174,10 @@ def _fitted(rows: Sequence[LoadedRows], like: Observation, gains: bool) -> tuple
     """The fit, and sentences on motors left out because their gain is not determined."""
     motors = [k for k in range(len(like.motors)) if all(load.observation.motors[k].rows.sum() for load in rows)]
     without = [like.motors[k].label for k in range(len(like.motors)) if k not in motors]
-    said = [f"{label} is left out: a recording has no rows of it." for label in without]
+    notes = [f"{label} is left out: a recording has no rows of it." for label in without]
     if not gains:
-        return joint_fit(rows, motors, ()), tuple(said)
-    # A motor whose gain is free and undetermined says nothing of the others' scale, so its rows are left out too.
+        return joint_fit(rows, motors, ()), tuple(notes)
+    # A motor whose gain is free and undetermined does not determine the others' scale, so its rows are left out too.
     while motors:
         # The null space is that of a step from the file's gains; standard errors are those of the converged fit.
         try:
@@ -187,13 +188,13 @@ def _fitted(rows: Sequence[LoadedRows], like: Observation, gains: bool) -> tuple
             se = np.sqrt(np.maximum(np.diag(fit.spread(fit.of_gains()).covariance), 0.0))
             se[~fit.determined(fit.of_gains())] = np.inf
             if se.max() <= LARGEST_GAIN_SE:
-                return fit, tuple(said)
+                return fit, tuple(notes)
             worst = int(np.argmax(se))
             size = "" if np.isinf(se[worst]) else f" (standard error {100 * se[worst]:.0f} %)"
         else:
             worst, size = _least_loaded(rows, motors), ""
         label = like.motors[motors.pop(worst)].label
-        said.append(f"{label} is left out: the known masses do not determine its gain{size}; they load it too little.")
+        notes.append(f"{label} is left out: the known masses do not determine its gain{size}; they load it too little.")
     raise IdentifiabilityError(
         "the known masses determine the gain of no motor.",
         found=0,
@@ -218,9 +219,8 @@ def _least_loaded(rows: Sequence[LoadedRows], motors: Sequence[int]) -> int:
 def _gains(fit: JointFit, like: Observation, left_out: tuple[str, ...]) -> DriveGains:
     labels = tuple(like.motors[k].label for k in fit.gains)
     made, factor = fit.spread(fit.of_gains()), np.exp(fit.theta)
-    covariance = made.covariance * np.outer(factor, factor)
-    quantities = Quantities(labels, ("1",) * len(labels), factor, covariance, made.dof, tuple(made.alone.tolist()))
-    return DriveGains(labels, quantities, left_out)
+    made = replace(made, covariance=made.covariance * np.outer(factor, factor))
+    return DriveGains(made.quantities(labels, ("1",) * len(labels), factor), left_out)
 
 
 def _padded(rows: Array, fit: JointFit, columns: np.ndarray) -> Array:
@@ -235,21 +235,14 @@ def _base(own: DynamicModel, fit: JointFit, layout: Layout) -> Quantities:
     p = len(layout.varying)
     rows = np.eye(len(fit.scale))[:p]
     known = np.flatnonzero(fit.determined(rows))
-    spread = fit.spread(rows[known])
-    return Quantities(
-        tuple(own.base.names[k] for k in known),
-        tuple(own.base.units[k] for k in known),
-        fit.x[known],
-        spread.covariance,
-        spread.dof,
-        tuple(spread.alone.tolist()),
-    )
+    names, units = ([of[k] for k in known] for of in (own.base.names, own.base.units))
+    return fit.spread(rows[known]).quantities(names, units, fit.x[known])
 
 
 def _payload(
     model: DynamicModel, body: AttachedBody, fit: JointFit, place: tuple[np.ndarray, Array, Array], static: bool
 ) -> PayloadEstimate:
-    """What the fit says of one payload."""
+    """One payload, as far as the fit determines it."""
     columns, offset, basis = place
     joint = model.device.joints[model.device.joint_names.index(body.link)]
     phi = offset + basis @ fit.x[columns]
@@ -257,15 +250,8 @@ def _payload(
     ways = _padded(basis, fit, columns)
     known = fit.determined(ways) | ~moving
     shown = np.flatnonzero(known & moving)
-    spread = fit.spread(ways[shown])
-    parameters = Quantities(
-        tuple(INERTIAL[k] + body.link for k in shown),
-        tuple(INERTIAL_UNITS[k] for k in shown),
-        phi[shown],
-        spread.covariance,
-        spread.dof,
-        tuple(spread.alone.tolist()),
-    )
+    names, units = [INERTIAL[k] + body.link for k in shown], [INERTIAL_UNITS[k] for k in shown]
+    parameters = fit.spread(ways[shown]).quantities(names, units, phi[shown])
     figures, determined = _figures(body, joint, phi, basis, fit, columns, bool(known[9]))
     consistent = nearest_body(joint, phi, offset, basis, fit, columns, determined) if known[9] else None
     return PayloadEstimate(body, parameters, figures, _left_out(body, known, determined, static), consistent)
@@ -301,10 +287,8 @@ def _figures(
     given = np.zeros(10, dtype=bool)
     given[0], given[1:4], given[4:] = body.mass is not None, body.com is not None, body.inertia is not None
     shown = np.flatnonzero(determined & ~given)
-    spread, values = fit.spread(ways[shown]), body_figures(joint, phi)[shown]
-    names, units = tuple(FIGURES[k] for k in shown), tuple(FIGURE_UNITS[k] for k in shown)
-    made = Quantities(names, units, values, spread.covariance, spread.dof, tuple(spread.alone.tolist()))
-    return made, determined
+    names, units = [FIGURES[k] for k in shown], [FIGURE_UNITS[k] for k in shown]
+    return fit.spread(ways[shown]).quantities(names, units, body_figures(joint, phi)[shown]), determined
 
 
 def _left_out(body: AttachedBody, known: np.ndarray, determined: np.ndarray, static: bool) -> tuple[str, ...]:
