@@ -99,10 +99,10 @@ def on_the_bench(seeds: int, pieces: int = PIECES) -> dict[str, float]:
         inside.append(covered(body.conf_int(), truth))
         error.append(abs(body.values[0] / MASS - 1))
         assert known.gains is not None
-        own = GAINS[[int(label[-1]) - 1 for label in known.gains.labels]]
-        hits = covered(known.gains.conf_int(), own)
+        own = GAINS[[int(label[-1]) - 1 for label in known.gains.quantities.names]]
+        hits = covered(known.gains.quantities.conf_int(), own)
         row = np.full(3, np.nan)
-        row[[int(label[-1]) - 1 for label in known.gains.labels]] = hits
+        row[[int(label[-1]) - 1 for label in known.gains.quantities.names]] = hits
         gains.append(row)
         gain_error.append(np.abs(known.gains.values / own - 1).max())
     shares = 100 * np.mean(inside, axis=0)

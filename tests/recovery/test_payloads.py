@@ -187,7 +187,7 @@ def test_gains_are_inside_their_intervals(model):
         bare = recorded(model, None, seed, gains=GAINS, seconds=6.0)
         loaded = recorded(model, LOAD, 100 + seed, gains=GAINS, seconds=6.0)
         found = haptid.identify_payloads(model, bare, [(unknown(mass=0.8), loaded)], gains=True).gains
-        low, high = found.conf_int().T
+        low, high = found.quantities.conf_int().T
         inside.append(((low < GAINS) & (high > GAINS)).mean())
         off.append(np.abs(found.values / GAINS - 1).max())
     assert np.sum(inside) >= stats.binom.ppf(1e-6, 30, 0.95)

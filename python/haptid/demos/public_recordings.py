@@ -20,7 +20,7 @@ from haptid._internal.extras import needing
 from haptid.errors import LogFileError, unknown_name
 
 Progress = Callable[[str, float], None]
-# After which a connection that is silent is given up, s.
+# Time without data after which a download fails, s.
 _PATIENCE = 30.0
 _BLOCK = 2**16
 
@@ -126,11 +126,11 @@ def fetch_recording(recording: PublicRecording, folder: Path, progress: Progress
     with publishing(folder) as scratch:
         for file in recording.files:
 
-            def told(count: int, name: str = file.name, before: int = done) -> None:
+            def report(count: int, name: str = file.name, before: int = done) -> None:
                 if progress is not None:
                     progress(f"{recording.name}: {name}", (before + count) / total)
 
-            _download(recording.address + file.source, scratch / file.name, file, told)
+            _download(recording.address + file.source, scratch / file.name, file, report)
             done += file.bytes
         names = [file.name for file in recording.files]
         if recording.joined is not None:

@@ -1,6 +1,6 @@
 """Dynamic models: base parameters, regressor, inverse and forward dynamics, kinematics and workspace of a device.
 
-It knows devices and their numbers (a pose, a motion, parameter values), but no log and no estimate.
+It depends on devices and on numbers (a pose, a motion, parameter values), not on logs or estimates.
 """
 
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters

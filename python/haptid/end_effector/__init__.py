@@ -1,6 +1,6 @@
 """The model at the end-effector: torque decomposition, hand-force estimation, compensation and characterisation.
 
-It uses estimates and treated motions, and knows no study, report or experiment.
+It uses estimates and treated motions, and imports no study, report or experiment.
 """
 
 from haptid.end_effector.characterisation import (

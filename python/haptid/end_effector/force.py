@@ -22,7 +22,7 @@ from haptid.estimation import Estimate
 from haptid.motion.motion import Motion
 from haptid.observation.reversals import friction_uncertainty, smoothed_friction
 from haptid.observation.rows import chunks
-from haptid.uncertainty.quantities import LEVEL, half_width
+from haptid.uncertainty.quantities import LEVEL, covariance_root, half_width
 from haptid.validation.validation import Validation, fit_errors
 
 # Speed below which the sign of a velocity is smoothed, rad/s or m/s.
@@ -249,7 +249,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             turned = np.einsum("nij,nj->ni", handle.rotation, moment[low:high])
             motors = motors + s.treated(np.einsum("nij,ni->jn", handle.row_jacobian[:, 3:], turned))
             shown = s.filtered(np.ascontiguousarray(turned.T))
-        parts = (s.torque(raw_parameters(model, column)) for column in spread_columns(estimate).T)
+        parts = (s.torque(raw_parameters(model, column)) for column in covariance_root(estimate.covariance).T)
         yield Torques(
             t=s.t,
             qa=to_joints @ s.centres(s.c),
@@ -258,12 +258,6 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             covariance=_spread(parts, s.sizes(friction_uncertainty(soft, chi, s.c, s.cd, speed))),
             moment=shown,
         )
-
-
-def spread_columns(estimate: Estimate) -> Array:
-    """A square root of the parameter covariance: columns whose outer products sum to it, (p, p)."""
-    values, vectors = np.linalg.eigh(estimate.covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _spread(parts: Iterable[Array], errors: Array) -> Array:

@@ -27,7 +27,6 @@ from haptid.end_effector.force import (
     lever_of,
     noise_of,
     noted,
-    spread_columns,
 )
 from haptid.errors import setting_error
 from haptid.estimation import Estimate
@@ -35,6 +34,7 @@ from haptid.estimation.feasibility.feasible import check_beta
 from haptid.motion.channels import coordinate_torque, state
 from haptid.motion.motion import Motion
 from haptid.observation.reversals import friction_uncertainty, smoothed_friction
+from haptid.uncertainty.quantities import covariance_root
 from haptid.validation.validation import Validation
 
 # Time constants after which a singular pose no longer affects the low-pass: 0.7 % is left.
@@ -254,7 +254,9 @@ class _Path:
             return smooth(found.wrench(observer.follow(model, beta, dt, self.qa, self.qda, torque).mean[rows]))
 
         variance = noise.copy()
-        for column in spread_columns(estimate).T:  # the observer is linear in parameters and torques together
+        for column in covariance_root(
+            estimate.covariance
+        ).T:  # the observer is linear in parameters and torques together
             variance += filtered(column, none) ** 2
         sizes = self._friction_errors(observer)[rows]
         for m, size in enumerate(sizes):

@@ -31,8 +31,8 @@ from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
 WELL_CONDITIONED = 200.0
-# Standard error of the torque in other motion above which an estimate is uncertain, per cent, and what is said then.
-TORQUE_TOLD, _UNDETERMINED = 3.0, "The torque of other motion in the log's poses is uncertain"
+# Standard error of the torque in other motion above which an estimate is uncertain, per cent, and the note on it.
+_LARGEST_SE, _UNDETERMINED = 3.0, "The torque of other motion in the log's poses is uncertain"
 
 
 @runtime_checkable
@@ -393,10 +393,10 @@ def judged(made: Estimate) -> Estimate:
     """An estimate with status and notes on the torque of other motion, by its present covariance."""
     notes = tuple(note for note in made.notes if not note.startswith(_UNDETERMINED))
     size, unbounded = made.torque_uncertainty, bool(made.single_block)
-    if unbounded or not size > TORQUE_TOLD:
+    if unbounded or not size > _LARGEST_SE:
         return made if notes == made.notes else replace(made, notes=notes)
     text = (
-        f"{_UNDETERMINED}: its standard error is {size:.3g} % of the measured torque (limit {TORQUE_TOLD:g} %). Record "
+        f"{_UNDETERMINED}: its standard error is {size:.3g} % of the measured torque (limit {_LARGEST_SE:g} %). Record "
         f"longer, or motion that differs more in speed and acceleration from pose to pose."
     )
     return replace(made, status="uncertain" if made.status == "ok" else made.status, notes=(text, *notes))

@@ -84,7 +84,7 @@ class Fit:
     """A solution and the rows it was computed from.
 
     Attributes:
-        observation: the rows as least squares saw them: whitened or weighted one by one where the method does that.
+        observation: the rows that least squares was applied to, whitened or weighted one by one as the method does.
         weights: of each motor's rows, (motors,).
         solution: of these rows with these weights.
         unit_residual: whether the weighted residual has unit variance; otherwise its variance is estimated.
@@ -193,7 +193,7 @@ class PointEstimate(Method, Protocol):
 
 
 def rows_of(method: Method, observation: Observation) -> Observation:
-    """The rows as least squares sees them."""
+    """The rows that least squares is applied to."""
     return method.rows(observation) if isinstance(method, ByRows) else observation
 
 

@@ -181,7 +181,7 @@ class RecursiveIdentification:
         """
         observation = self.observation()
         out, unknown = unexcited(observation.stack()[:-1, :-1])
-        if len(self) < LEAST_BLOCKS:  # their scatter says nothing yet
+        if len(self) < LEAST_BLOCKS:  # too few to estimate their scatter
             unknown = tuple(range(len(observation.base)))
         weights = np.ones(len(observation.motors))
         for _ in range(_PASSES):

@@ -21,8 +21,8 @@ def torque_uncertainty(observation: Observation, covariance: Array, W: Array | N
     """Standard error of the torque in other motion, per cent of the measured torque, root mean square of the motors.
 
     The other motion has the log's poses, each with velocities and accelerations that the coordinates had at other
-    times. A condition number says how much the errors of single parameters may exceed those of the torque; this says
-    what is left of them in the torque, at the log's own noise and length.
+    times. A condition number bounds the ratio of the errors of single parameters to those of the torque; this is the
+    error of the torque itself, at the log's own noise and length.
 
     Args:
         observation: the rows of the fit.

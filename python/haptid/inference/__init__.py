@@ -1,6 +1,6 @@
 """Statistical inference from estimates: targets, comparison, drift, elimination, drive gains, payloads, diagnosis.
 
-May import estimation, validation and all before them; it reads no files and knows no study.
+May import estimation, validation and all before them; it reads no files and imports no study.
 """
 
 from haptid.inference.alarm import Alarm, ModelAlarm

@@ -1,4 +1,4 @@
-"""`ModelAlarm`: says when a model no longer holds along a stream, with a stated rate of false alarms.
+"""`ModelAlarm`: detects when a model no longer holds along a stream, with a stated rate of false alarms.
 
 Charts of residuals by time block (Shewhart 1931; Montgomery 2013, Introduction to Statistical Quality Control, section
 6.4, charts of individual values): the logarithm of every motor's mean square residual, of one block and of the mean of
@@ -20,6 +20,7 @@ from haptid.estimation import Estimate
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block
 from haptid.uncertainty.distributions import t_quantile
+from haptid.uncertainty.quantities import covariance_root
 
 # Fewest blocks of the reference, and blocks whose mean is charted for slow changes.
 _FEWEST, _MEAN = 12, 8
@@ -59,7 +60,7 @@ class Alarm:
 
 
 class ModelAlarm:
-    """Watches the residuals of a model along a stream of blocks.
+    """Control charts of the residuals of a model along a stream of blocks.
 
     The false-alarm rate holds where the logarithms of the blocks' residuals are normal and the motion is of the kind of
     the reference: the blocks are independent but for the correlation that the reference shows.
@@ -110,7 +111,7 @@ class ModelAlarm:
                 if level - chart.middle > chart.single:
                     ratio = float(np.exp(0.5 * (level - chart.middle)))
                     found.append(_alarm(motor, *self._silence(motor, k), block, block, ratio))
-                    last.clear()  # it has been said; what lasts will be said of the blocks to come
+                    last.clear()  # reported; what lasts is reported of later blocks
                 elif len(last) == _MEAN and (mean := float(np.mean([x for x, _ in last]))) > chart.mean:
                     found.append(_alarm(motor, "lasting", 1.0, last[0][1], block, float(np.exp(0.5 * mean))))
                     last.clear()
@@ -138,7 +139,7 @@ class _Chart:
         """Prediction limits of a normal sample (Student t), for one value and for a mean."""
         n = len(levels)
         if n < _FEWEST:
-            return _Chart(0.0, np.inf, np.inf)  # a motor that hardly moved: nothing is known of it
+            return _Chart(0.0, np.inf, np.inf)  # a motor with too few rows: no limits
         away = levels - levels.mean()
         sd, quantile = float(np.std(levels, ddof=1)), float(t_quantile(1 - alpha, float(n - 1)))
         lags = np.arange(1, _MEAN)
@@ -158,8 +159,7 @@ def _levels(reference: Estimate, motors: tuple[MotorRows, ...], leverage: bool) 
         leverage: whether these are the rows of the fit, whose residuals are smaller by their leverage; others' are
             larger by what the parameters' uncertainty adds.
     """
-    values, vectors = np.linalg.eigh(reference.covariance)
-    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    spread = covariance_root(reference.covariance)
     made = np.full((len(motors), len(motors[0].rows)), np.nan)
     own = {motor.name: k for k, motor in enumerate(reference.fit.observation.motors)}
     for m, motor in enumerate(motors):

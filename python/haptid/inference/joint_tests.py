@@ -149,7 +149,7 @@ def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Itera
 
 
 def _projection(B: Array, root: Array) -> Array:
-    """Combinations that tell the columns of B, (p, r), best in a difference of precision root'root, (q, p)."""
+    """Combinations that detect the columns of B, (p, r), best in a difference of precision root'root, (q, p)."""
     u, size, _ = np.linalg.svd(root @ B / np.maximum(np.linalg.norm(root @ B, axis=0), 1e-300), full_matrices=False)
     return np.asarray(u[:, size > _RANK * max(size.max(initial=0.0), 1e-300)].T @ root)
 
@@ -190,11 +190,11 @@ def _tested(
         return None
     half = (root[1] / np.sqrt(root[0])).T / size
     difference = half @ sum(h @ C @ value for h, value in zip(H, values, strict=True))
-    doubt = 0.0
+    squares = 0.0
     for h, V, one in zip(H, parts, clusters, strict=True):
         share = half @ h @ V @ h.T @ half.T
-        doubt += (np.trace(share @ share) + np.trace(share) ** 2) / one.freedom(C)
-    freedom = m * (m + 1) / doubt
+        squares += (np.trace(share @ share) + np.trace(share) ** 2) / one.freedom(C)
+    freedom = m * (m + 1) / squares
     rest = freedom - m + 1
     if rest < _FEWEST:
         return None

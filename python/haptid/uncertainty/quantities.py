@@ -176,6 +176,13 @@ def correlations(covariance: Array) -> Array:
     return freeze(made)
 
 
+def covariance_root(covariance: Array) -> Array:
+    """Columns whose outer products sum to a covariance, (k, s); directions of no variance are left out."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 0
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows of cells as lines of a table, the first column flush left and the others flush right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

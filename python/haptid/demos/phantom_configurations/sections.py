@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.demos.phantom_configurations.fits import Fit, accuracy
 from haptid.demos.phantom_configurations.redesign import redesign_section
 from haptid.demos.phantom_configurations.results import Evaluation, Results
-from haptid.demos.phantom_configurations.tables import beside, cells2, ours, published, table1, table2, truth
+from haptid.demos.phantom_configurations.tables import cells2, error_comparison, ours, published, table1, table2, truth
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
 from haptid.motion.motion import Motion
@@ -78,7 +78,7 @@ def _errors(found: Results) -> DocumentSection:
         for title, columns in table2(found).items()
         if title.startswith(shown) and "late" not in title
     ]
-    tables.append(TextTable("Published, and all rows here, per cent", beside(found)))
+    tables.append(TextTable("Published, and all rows here, per cent", error_comparison(found)))
     text = (
         "100 norm(measured - predicted) / norm(measured) of the treated torque on the unseen half, by motor. At a "
         "reversal a joint sticks for some milliseconds and its friction is between the two Coulomb values, which no "

@@ -80,8 +80,8 @@ def cells2(found: Results, columns: _Columns) -> _Cells:
     return layout(rows, {key: found.demo.mountings[key] for key in found.fits}, columns, 2)
 
 
-def beside(found: Results) -> _Cells:
-    """Each published error beside those on all rows, the reversals too, and which is smaller."""
+def error_comparison(found: Results) -> _Cells:
+    """Each published error next to those on all rows, the reversals too, and which is smaller."""
     made = table2(found)
     by_key = titles(found)
     ours = {key: made[f"{by_key[key]}, all rows"] for key in ("exact", "encoders")}

@@ -82,11 +82,11 @@ class _LinearMotion:
 
     @property
     def depends(self) -> tuple[Laurent, ...]:
-        """See Motion."""
+        """See SymbolicMotion."""
         return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
 
     def states(self, rng: np.random.Generator, points: Points) -> States:
-        """See Motion."""
+        """See SymbolicMotion."""
         field, count, actives = points.field, points.count, len(self.rates[0])
         active = field.draw(rng, 3, actives, count)
         G: Residues = np.array([[entry.modulo(points) for entry in row] for row in self.rates])

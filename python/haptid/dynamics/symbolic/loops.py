@@ -73,11 +73,11 @@ class DyadMotion:
 
     @property
     def depends(self) -> tuple[Laurent, ...]:
-        """See Motion."""
+        """See SymbolicMotion."""
         return ()
 
     def states(self, rng: np.random.Generator, points: Points) -> States:
-        """See Motion."""
+        """See SymbolicMotion."""
         field, count = points.field, points.count
         moved, links = self._closed(rng, points)
         active = field.draw(rng, 3, len(self.active), count)
@@ -270,7 +270,7 @@ _TURNS = {"revolute": "turning", "prismatic": "sliding", "spherical": "spherical
 def dyads(
     joints: Sequence[SymbolicJoint], cuts: Sequence[SymbolicCut], passive: Sequence[int]
 ) -> tuple[Dyad, ...] | str:
-    """The dyads of cuts and passive joints, or the sentence that says why there are none."""
+    """The dyads of cuts and passive joints, or the reason why there are none."""
     left = list(passive)
     made = []
     for cut in cuts:

@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import unknown_name
 from haptid.estimation import Estimate
-from haptid.uncertainty.quantities import Field
+from haptid.uncertainty.quantities import Field, covariance_root
 
 # Number of places, evenly chosen, over which the least degrees of freedom of a quantity are taken.
 DOF_PLACES = 16
@@ -70,9 +70,7 @@ def covariance_factor(identified: IdentifiedModel) -> Array | None:
     """
     if identified.covariance is None:
         return None
-    values, vectors = np.linalg.eigh(identified.covariance)
-    kept = values > 0
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+    return covariance_root(identified.covariance)
 
 
 def trusted(identified: IdentifiedModel, se: Array) -> Array:

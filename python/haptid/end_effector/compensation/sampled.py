@@ -214,7 +214,7 @@ def _realised(top: Array, bottom: Array) -> tuple[Array, Array, Array, Array]:
 def _moved(device: tuple[bytes, ...], n: int, hand: HandModel | None, seconds: float) -> tuple[Array, Array]:
     """Motion of device and hand under a constant torque over a time: factors of state and torque.
 
-    The state is positions, then velocities. Kept, because a search asks for many controllers of one device.
+    The state is positions, then velocities. Kept, because a search evaluates many controllers of one device.
     """
     M, D, K, J = (np.frombuffer(x).reshape(-1, n) for x in device)
     if hand is not None:

@@ -54,7 +54,7 @@ class Bootstrap:
                 shifts.append(np.asarray(np.linalg.solve(H, score), dtype=np.float64))
             if len(shifts) == self.draws:
                 break
-        if len(shifts) < 2:  # hardly any draw excites all directions
+        if len(shifts) < 2:  # almost no draw excites all directions
             shifts, alone = [np.zeros(k)] * 2, np.arange(len(own))
         covariance = np.atleast_2d(np.cov(np.array(shifts) @ own.T, rowvar=False)) * blocks / max(1, blocks - 1)
         return Spread(covariance, np.full(len(own), float(max(1, blocks - 1))), blocks, alone)

@@ -93,7 +93,7 @@ def open_parameters(observation: Observation, A: Array, *covariances: Array) -> 
     """Base parameters that the log leaves open, those with the most torque first.
 
     There are some where torque of the reference motion has, in a direction, a variance above that of the weak prior:
-    the prior says more than the log. Of the parameters those are named whose own does.
+    the prior is more informative than the log. Of the parameters those are named whose own does.
 
     Args:
         A: of `reference_torque`, (p, p).

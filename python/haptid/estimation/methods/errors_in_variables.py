@@ -44,7 +44,7 @@ class TLS(_NoisyColumns):
     noise covariance up to a factor: the mean squares of the columns and of the torque. Columns of Coulomb friction and
     offsets are exact. The factor is the smallest generalised eigenvalue; on the R factor.
 
-    Where the noise comes from encoders, `ErrorsInVariables()` knows its size and is the better method: columns of one
+    Where the noise comes from encoders, `ErrorsInVariables()`, which takes its size as known, is better: columns of one
     device are not noisy in proportion to their size.
 
     Sources: Golub and Van Loan (1980), SIAM J. Numerical Analysis 17(6); Van Huffel and Vandewalle (1991), The Total

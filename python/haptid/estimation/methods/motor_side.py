@@ -79,7 +79,7 @@ class MotorSide(SimulationBased):
         return linearised_observation(rows, beta, parts, [motor.unit for motor in motors])
 
 
-# What is said of the intervals.
+# Note on the intervals.
 UNPROVEN = (
     "The coverage of intervals from the motor side alone has not been studied over many logs: take them for a lower "
     "bound of the uncertainty, that of damping above all. Positions of both sides have intervals that are validated."

@@ -55,10 +55,10 @@ class AppliedTorque:
         return int((j - k) * self._per + self._late[j])
 
     def _delivered(self, j: int) -> Array:
-        """Torque that the command of period j asks for."""
+        """Torque that is commanded in period j."""
         step, rounded = self._step
-        asked = self._commanded[j]
-        return np.asarray(self._gain * np.where(rounded, step * np.rint(asked / step), asked))
+        command = self._commanded[j]
+        return np.asarray(self._gain * np.where(rounded, step * np.rint(command / step), command))
 
     def _lagged(self, pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
         """The first-order lag of a torque, one simulator step after another; each has the torque of its middle."""

@@ -288,8 +288,8 @@ class HeldPoses:
         if len(self.poses) < 2:
             raise _value_count("poses", len(self.poses), ["the first", "the last"])
         poses = [per_coordinate("poses", pose, names) for pose in self.poses]
-        beside = None if self.approach is None else per_coordinate("approach", self.approach, names)
-        stops = [(poses[0], 0.0), *_both_sides(poses[1:-1], self.dwell, beside), (poses[-1], self.dwell)]
+        offset = None if self.approach is None else per_coordinate("approach", self.approach, names)
+        stops = [(poses[0], 0.0), *_both_sides(poses[1:-1], self.dwell, offset), (poses[-1], self.dwell)]
         speed = per_coordinate("speed", self.speed, names)
         most = per_coordinate("acceleration", self.acceleration or (np.inf,), names)
         seconds = []
@@ -327,16 +327,16 @@ class Grid:
         )
         steps = np.linspace(-1, 1, self.points) if self.points > 1 else np.zeros(1)
         poses = [centre + amplitude * pose for pose in _snake(steps, len(names))]
-        beside = None if self.approach is None else per_coordinate("approach", self.approach, names)
-        stops = [(centre, 0.0), *_both_sides(poses, self.dwell, beside), (centre, self.dwell)]
+        offset = None if self.approach is None else per_coordinate("approach", self.approach, names)
+        stops = [(centre, 0.0), *_both_sides(poses, self.dwell, offset), (centre, self.dwell)]
         return _held(stops, [self.move] * (len(stops) - 1), dt)
 
 
-def _both_sides(poses: list[Array], dwell: float, beside: Array | None) -> list[tuple[Array, float]]:
+def _both_sides(poses: list[Array], dwell: float, offset: Array | None) -> list[tuple[Array, float]]:
     """Stops at poses, each from both sides where a distance is given."""
-    if beside is None:
+    if offset is None:
         return [(pose, dwell) for pose in poses]
-    return [stop for pose in poses for side in (-beside, beside) for stop in ((pose + side, 0.0), (pose, dwell))]
+    return [stop for pose in poses for side in (-offset, offset) for stop in ((pose + side, 0.0), (pose, dwell))]
 
 
 def _held(stops: list[tuple[Array, float]], seconds: list[float], dt: float) -> Rates:

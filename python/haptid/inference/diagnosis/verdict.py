@@ -30,8 +30,8 @@ MEANING: Mapping[str, str] = MappingProxyType(
         "friction by load": "dry friction grows with the load torque",
         "torque by position": "the model lacks a position-dependent torque",
         "ripple": "a torque is periodic in position (cogging or teeth)",
-        "excitation": "the motion hardly excites some parameters",
-        "collinearity": "some parameters are hardly distinguishable from one another",
+        "excitation": "some parameters are poorly excited",
+        "collinearity": "some parameters are nearly collinear",
         "errors in W": "noise or filtering of the positions biases parameters",
         "whiteness": "the residuals are not white (a term may be missing)",
     }
@@ -115,7 +115,7 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
 
 
 def _meaning(finding: Finding) -> str:
-    """What a finding means; negative friction says nothing about the size of the torque."""
+    """What a finding means; negative friction does not bear on the size of the torque."""
     if finding.name == "units and signs" and BODIES not in finding.sentence and NEGATIVE in finding.sentence:
         return "a friction or rotor parameter is negative"
     return MEANING[finding.name]
