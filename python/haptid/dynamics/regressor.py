@@ -56,7 +56,8 @@ class CoreChannels:
 
         Exact, except for the channels that Python computes, which are differentiated by central differences.
         """
-        slopes, by_python = np.split(by_channel, [self.motion.shape[0] * self.motion.shape[1]], axis=-2)
+        own = self.motion.shape[0] * self.motion.shape[1]
+        slopes, by_python = by_channel[..., :own, :], by_channel[..., own:, :]
         slopes = slopes.reshape(*slopes.shape[:-2], *self.motion.shape).copy()
         for s, step in enumerate(DIFFERENCE_STEPS if by_python.size else ()):
             for j in range(self.motion.shape[1]):

@@ -6,8 +6,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Frame, NewtonClosure
-from haptid.device.geometry import link_frames
 from haptid.device.loops.newton import conditioning
+from haptid.device.loops.pins import Pins
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import TrajectoryError
@@ -94,48 +94,11 @@ def loop_conditioning(model: DynamicModel, q: Array) -> Array:
     Args:
         q: positions of all joints, (samples, joints).
     """
-    cuts = [cut for cut in model.device.closure.cuts if cut.kind != "prismatic"]
-    passive = [j for j in range(len(model.device.joints)) if j not in model.device.active]
-    if isinstance(model.device.closure, NewtonClosure):
-        return model.device.closure.conditioning(q)
-    if not cuts or not passive:
-        return np.ones(len(q))
-    axes, origins = link_frames(model.device.joints, q.T)
-    J = np.zeros((len(passive), len(cuts), 3, len(q)))
-    for k, cut in enumerate(cuts):
-        for frame, sign in ((cut.frame_a, 1.0), (cut.frame_b, -1.0)):
-            link = frame.link
-            if link < 0:
-                continue
-            point = origins[link] + np.tensordot(frame.translation, axes[link], axes=1)
-            while link >= 0:
-                if link in passive:
-                    axis = axes[link, 2]
-                    turning = axis if model.device.joints[link].prismatic else _cross(axis, point - origins[link])
-                    J[passive.index(link), k] += sign * turning
-                link = model.device.joints[link].parent
-    by_passive = J.reshape(len(passive), -1, len(q))
-    by_passive /= np.maximum(np.sqrt((by_passive**2).sum(axis=1, keepdims=True)), 1e-12)
-    return _smallest_singular_value(by_passive)
-
-
-def _smallest_singular_value(J: Array) -> Array:
-    """Of each matrix, (samples,), from (columns, rows, samples), to 1e-8 of the largest.
-
-    From the eigenvalues of J'J: a third of the time of a singular value decomposition.
-    """
-    if len(J) == 2:  # unit columns, as of one planar loop: in closed form
-        a, b, c = ((J[i] * J[k]).sum(axis=0) for i, k in ((0, 0), (1, 1), (0, 1)))
-        squared = (a + b) / 2 - np.hypot((a - b) / 2, c)
-    else:
-        of_samples = np.ascontiguousarray(J.transpose(2, 0, 1))
-        squared = np.linalg.eigvalsh(of_samples @ of_samples.transpose(0, 2, 1))[:, 0]
-    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of (3, samples)."""
-    return np.stack([a[i] * b[k] - a[k] * b[i] for i, k in ((1, 2), (2, 0), (0, 1))])
+    closure = model.device.closure
+    if isinstance(closure, NewtonClosure):
+        return closure.conditioning(q)
+    pins = Pins.of(model.device)
+    return np.ones(len(q)) if pins is None else pins.at(q.T[list(model.device.active)]).conditioning
 
 
 def frame_origin(at: Array, frame: Frame) -> Array:

@@ -6,6 +6,7 @@ to all positions, velocities and accelerations, whatever the number of harmonics
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.device import Followed
-from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved
+from haptid.dynamics.regressor import CoreChannels
 from haptid.experiment.collision import CollisionModel
 from haptid.experiment.collision.distances import Distances
 from haptid.experiment.excitation.criteria import Criterion, Scaling
@@ -132,9 +133,10 @@ class Evaluation:
         return self.gradients.bounds.over_time(self.states, self.gradients.dt)
 
     @cached_property
-    def flatness(self) -> Array:
-        """Relative violation of the least distance from flat loops, (n,)."""
-        return self.gradients.bounds.flatness(self.states[0])
+    def _flat(self) -> tuple[np.ndarray, Array, Callable[[], Array]] | None:
+        """See `LoopLimit.violated`; None without loops that can become flat."""
+        loops = self.gradients.bounds.loops
+        return None if loops is None else loops.violated(self.states[0], self.gradients.margin)
 
     @cached_property
     def excesses(self) -> list[tuple[float, str]]:
@@ -142,7 +144,8 @@ class Evaluation:
         values, names = self.violations
         made = [(float(worst), name) for worst, name in zip(values.max(axis=1), names, strict=True)]
         made += [(float(excess.max()), name) for excess, name in self.over_time]
-        made.append((float(self.flatness.max()), FLAT_LOOPS))
+        if self._flat is not None:
+            made.append((float(self._flat[1].max(initial=-self.gradients.margin)), FLAT_LOOPS))
         if self.nearest is not None and len(self.nearest.distance):
             collision, k = self._collision, int(np.argmin(self.nearest.distance))
             worst = (self.gradients.bounds.limits.clearance - float(self.nearest.distance[k])) / collision.size
@@ -231,21 +234,14 @@ class Evaluation:
         if violated.any():
             there = np.ascontiguousarray(states[:, :, violated])
             by_state[:, :, violated] = bounds.gradients(there, 2 / n * over[:, violated])
-        flat = np.maximum(self.flatness + margin, 0.0)
-        violated = flat > 0
-        if violated.any():
-            by_state[0][:, violated] += 2 / n * flat[violated] * self._flat_slopes(violated)
+        cost = float((over**2).sum()) / n
+        if self._flat is not None and self._flat[0].any():
+            at, excess, slopes = self._flat
+            by_state[0][:, at] += 2 / n * (excess + margin) * slopes()
+            cost += float(((excess + margin) ** 2).sum()) / n
         near, by_distance = self._collisions()
         lasting = [np.maximum(excess + margin, 0.0) for excess, _ in self.over_time]
         if any(x.any() for x in lasting):
             by_state += bounds.over_time_gradients(states, self.gradients.dt, [2 / len(x) * x for x in lasting])
         near += sum(float((x**2).mean()) for x in lasting)
-        cost = (float((over**2).sum()) + float((flat**2).sum())) / n + near
-        return weight * cost, weight * (by_state + by_distance)
-
-    def _flat_slopes(self, at: np.ndarray) -> Array:
-        """Derivatives of `flatness` by positions at some samples, (active, samples), by forward differences."""
-        there, bounds, step = self.states[:, :, at], self.gradients.bounds, DIFFERENCE_STEPS[0]
-        near = [moved(there, 0, j, step)[0] for j in range(there.shape[1])]
-        found = bounds.flatness(np.concatenate(near, axis=1)).reshape(len(near), -1)
-        return np.asarray((found - self.flatness[at]) / step)
+        return weight * (cost + near), weight * (by_state + by_distance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -10,11 +10,12 @@ from typing import TypeVar
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device import CollisionShape, Joint
+from haptid.device import CollisionShape, Joint, NewtonClosure
+from haptid.device.loops.pins import Pins
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.regressor import CoreChannels
+from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels
 from haptid.errors import IncompleteDeviceError, SettingError
-from haptid.experiment.bench.limits import FLAT, loop_conditioning
+from haptid.experiment.bench.limits import FLAT
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
 from haptid.experiment.collision import CollisionModel
 from haptid.experiment.excitation.actuation import Actuation
@@ -207,9 +208,11 @@ class MotionBounds:
             states: as for `by_sample`.
             dt: sampling period, s.
         """
-        jerk = np.diff(states[2], axis=1) / dt
-        limited = [j for j, most in enumerate(self.jerk) if np.isfinite(most)]
-        made = [(np.abs(jerk[j]) / self.jerk[j] - 1, f"the jerk of joint {self.names[j]}") for j in limited]
+        limited = np.flatnonzero(np.isfinite(self.jerk)).tolist()
+        made = [
+            (np.abs(np.diff(states[2, j])) / dt / self.jerk[j] - 1, f"the jerk of joint {self.names[j]}")
+            for j in limited
+        ]
         return made + self.actuation.over_time(states)
 
     def over_time_gradients(self, states: Array, dt: float, weights: list[Array]) -> Array:
@@ -266,11 +269,54 @@ class MotionBounds:
             if joint.velocity_limit is not None:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
 
-    def flatness(self, q: Array) -> Array:
-        """Relative violation of the conditioning limit, (n,), from positions of the active joints, (active, n)."""
-        return np.asarray(
-            1 - loop_conditioning(self.model, self.model.device.closure.positions(q).T) / self.limits.conditioning
-        )
+    @cached_property
+    def loops(self) -> LoopLimit | None:
+        """The least distance from flat loops; None where none can become flat."""
+        closure = self.model.device.closure
+        pins = closure if isinstance(closure, NewtonClosure) else Pins.of(self.model.device)
+        return None if pins is None else LoopLimit(pins, self.limits.conditioning)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopLimit:
+    """Least distance of loops from flat.
+
+    Attributes:
+        loops: pins of linear loops, or loops whose rates vary.
+        least: distance, as of `bench.loop_conditioning`.
+    """
+
+    loops: Pins | NewtonClosure
+    least: float
+
+    def violated(self, q: Array, margin: float) -> tuple[np.ndarray, Array, Callable[[], Array]]:
+        """Where the relative violation is above minus a margin, (n,), what it is there, (k,), and its slopes.
+
+        Args:
+            q: positions of the active joints, (active, n), rad or m.
+            margin: relative to the limit.
+
+        Returns:
+            The last as a function, of derivatives by the active joints, (active, k).
+        """
+        enough = (1 + margin) * self.least
+        if isinstance(self.loops, Pins):
+            found = self.loops.at(q, enough)
+            return found.small, 1 - found.conditioning[found.small] / self.least, lambda: -found.slopes() / self.least
+        distance = self._of_varying(q)
+        small = distance < enough
+        return small, 1 - distance[small] / self.least, lambda: self._differences(q[:, small])
+
+    def _of_varying(self, q: Array) -> Array:
+        assert isinstance(self.loops, NewtonClosure)
+        return self.loops.conditioning(self.loops.positions(q).T)
+
+    def _differences(self, q: Array) -> Array:
+        """Derivatives of the violation by the active joints, (active, n), by central differences."""
+        step = DIFFERENCE_STEPS[0]
+        sides = [q + sign * step * unit[:, None] for unit in np.eye(len(q)) for sign in (1, -1)]
+        found = self._of_varying(np.concatenate(sides, axis=1)).reshape(len(q), 2, -1)
+        return np.asarray((found[:, 1] - found[:, 0]) / (2 * step * self.least))
 
 
 def _given(what: str, joint: str, value: T | None) -> T:

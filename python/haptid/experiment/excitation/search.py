@@ -293,11 +293,13 @@ class _Search:
         bounds, family, criterion, columns, noise, search, progress, information: of the search.
         tried: number of motions evaluated so far.
         first: the first feasible motion; None before there is one.
-        kept: feasible motions, each better than those before it.
+        kept: motions within the limits at the rows of the search, each better than those before it; of those of a
+            descent the best between these rows too.
         least: its cost.
         history: number of motions evaluated, and least cost, at each improvement.
         nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
         made: rows of the search, by how many of them one is taken.
+        noted: costs and motions of a descent within the limits at its rows, each better than those before it.
     """
 
     bounds: MotionBounds
@@ -315,6 +317,7 @@ class _Search:
     nearest: tuple[tuple[float, str], ...] = ((np.inf, "a limit"),)
     history: list[tuple[int, float]] = field(default_factory=list)
     made: dict[int, _Rows] = field(default_factory=dict)
+    noted: list[tuple[float, _Start]] = field(default_factory=list)
 
     def run(self) -> None:
         """Descend from random points, and follow fewer and fewer of them, the best."""
@@ -399,15 +402,18 @@ class _Search:
     def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, most: int) -> tuple[float, _Start]:
         """Quasi-Newton descent with a limit on evaluations: the penalised cost where it ends, and that point."""
         settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": CONVERGED}
-        found = optimize.minimize(
-            self._gradient,
-            start.x,
-            args=(rows, start.seed, power, weight),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, 1.0)] * len(start.x),
-            options=settings,
-        )
+        try:
+            found = optimize.minimize(
+                self._gradient,
+                start.x,
+                args=(rows, start.seed, power, weight),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[(0.0, 1.0)] * len(start.x),
+                options=settings,
+            )
+        finally:
+            self._keep_noted()
         return float(found.fun), _Start(found.x, start.seed)
 
     def _gradient(self, x: Array, rows: _Rows, seed: int, power: float, weight: float) -> tuple[float, Array]:
@@ -436,37 +442,41 @@ class _Search:
         return _stacked(plan(self.family.kind(x, self.bounds), self.bounds.model, rows.dt, phases(seed)))
 
     def evaluate(self, rows: _Rows, x: Array, seed: int) -> Evaluation:
-        """The motion at a point of the unit cube; it is kept if it is within the limits and the best so far."""
+        """The motion at a point of the unit cube; one that is within the limits and better than all before is noted."""
         if self.tried >= self.search.tries:
             raise _EvaluationsUsedError
         self.tried += 1
         made = rows.gradients.at(self._states(rows, x, seed))
         exceeded = _sorted(made.excesses)
-        if exceeded[0][0] <= 0:
-            exceeded = self._keep(made, _Start(x.copy(), seed))
-        if exceeded[0][0] < self.nearest[0][0]:
-            self.nearest = exceeded
+        if exceeded[0][0] > 0:
+            self.nearest = min(self.nearest, exceeded, key=lambda found: found[0][0])
+        elif (cost := min(made.cost(), _WORST)) < (self.noted[-1][0] if self.noted else self.least):
+            self.noted.append((cost, _Start(x.copy(), seed)))
+            if self.first is None:
+                self._keep_noted()
         if self.progress:
             self.progress(self.tried / self.search.tries, self.least)
         return made
 
-    def _keep(self, made: Evaluation, start: _Start) -> tuple[tuple[float, str], ...]:
-        """Keep a motion if it is the best, and is feasible between its rows too; the limits that it exceeds there."""
-        if min(made.cost(), _WORST) >= self.least:
-            return ((0.0, "a limit"),)
+    def _keep_noted(self) -> None:
+        """Keep the best of the noted motions that is within the limits between its rows too, if it is the best."""
+        noted, self.noted = [start for _, start in self.noted], []
         every_row = self._rows(1)
-        if made.gradients is not every_row.gradients:
+        for last, start in list(enumerate(noted, 1))[: -_LOOKED_AT - 1 : -1]:
             made = every_row.gradients.at(self._states(every_row, start.x, start.seed))
-        cost = min(made.cost(), _WORST)
-        if cost >= self.least:
-            return ((0.0, "a limit"),)
-        worst = self._between(start, 1.0 / (_DENSER * self.search.rows_hz), 2 * _INSIDE)
-        if worst[0][0] <= 0:  # flat loops change slowly: their rows are dense enough
-            self.first = self.first or start
+            cost, exceeded = min(made.cost(), _WORST), _sorted(made.excesses)
+            if exceeded[0][0] <= 0:  # flat loops change slowly: these rows are dense enough
+                exceeded = self._between(start, 1.0 / (_DENSER * self.search.rows_hz), 2 * _INSIDE)
+            self.nearest = min(self.nearest, exceeded, key=lambda found: found[0][0])
+            if exceeded[0][0] <= 0:
+                break
+        else:
+            return
+        self.first = self.first or start
+        if cost < self.least:
             self.least = cost
-            self.kept.append(start)
+            self.kept += noted[:last]
             self.history.append((self.tried, cost))
-        return worst
 
     def _between(self, start: _Start, dt: float, inside: float) -> tuple[tuple[float, str], ...]:
         """The limits that a motion exceeds at rows in steps of dt, s, or is nearer to than `inside`."""
