@@ -34,11 +34,11 @@ STARTS = 1.5
 # by a third: after some forty evaluations the cost of a descent tells much of where it ends, and few are worth
 # finishing. Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
 _ROUNDS = (
-    (1.0, 0.40, 2, 2, 3e2),
-    (0.3, 0.25, 2, 2, 1e3),
-    (0.12, 0.15, 1, 4, 3e3),
-    (0.0, 0.12, 1, 8, 1e4),
-    (0.0, 0.08, 1, 16, 1e5),
+    (1.0, 0.36, 2, 2, 3e2),
+    (0.3, 0.20, 2, 4, 1e3),
+    (0.12, 0.18, 1, 8, 3e3),
+    (0.0, 0.12, 1, 16, 1e4),
+    (0.0, 0.14, 1, 40, 1e5),
 )
 # L-BFGS-B memory, steps.
 MEMORY = 30
@@ -332,8 +332,8 @@ class _Search:
                 rows = self._rows(every if self.search.rows_hz / every >= self.family.least_rows_hz else 1)
                 followed = [self._descend(rows, start, power, weight, most) for _, start in followed]
         except _EvaluationsUsedError:
-            return
-        if self.progress:  # the last descent has converged
+            pass
+        if self.progress:
             self.progress(1.0, self.least)
 
     def _rows(self, every: int) -> _Rows:
