@@ -139,8 +139,10 @@ def searches(figures: Figures) -> str:
         lasted = figures[f"{device}, processor time, s"]
         best = figures[f"{device}, condition with unit columns of a long search"]
         so_far = ("" if value is None else f"{value:.3g}" for value in at.values())
-        lines.append((device, *so_far, *(f"{end:.3g}" for end in ends), f"{lasted:.2g} s", f"{best:.3g}"))
-    return aligned([("device", "1 s", "2 s", "5 s", "end", "worst seed", "time", "ten times as long"), *lines])
+        tries = f"{figures[f'{device}, evaluations']:.0f}"
+        lines.append((device, tries, *so_far, *(f"{end:.3g}" for end in ends), f"{lasted:.2g} s", f"{best:.3g}"))
+    columns = ("device", "evaluations", "1 s", "2 s", "5 s", "end", "worst seed", "time", "ten times as long")
+    return aligned([columns, *lines])
 
 
 def percent(error: float) -> str:

@@ -88,7 +88,9 @@ def test_pins(name, tmp_path):
     np.testing.assert_array_equal(some.small, wanted < level)
     np.testing.assert_allclose(some.conditioning, np.minimum(wanted, level), atol=1e-8)
     step = 1e-6
-    sides = [[pins.at(qa + sign * step * unit[:, None]).conditioning for sign in (1, -1)] for unit in np.eye(len(active))]
+    sides = [
+        [pins.at(qa + sign * step * unit[:, None]).conditioning for sign in (1, -1)] for unit in np.eye(len(active))
+    ]
     slopes = np.array([(up - down) / (2 * step) for up, down in sides])
     even = wanted > 0.01  # at flat poses the distance has a corner
     np.testing.assert_allclose(at.slopes()[:, even], slopes[:, even], atol=1e-5)

@@ -90,7 +90,7 @@ class PinsAtPoses:
         products = self._products()
         self.small = ~_positive(products, enough**2)
         few = np.ascontiguousarray(products[:, :, self.small].transpose(2, 0, 1))
-        self._eigenvalues, self._vectors = np.linalg.eigh(few) if len(few) else (np.zeros((0, 1)), np.zeros((0, 1, 1)))
+        self._eigenvalues, self._vectors = np.linalg.eigh(few)
         self.conditioning = np.full(len(self.small), enough)
         self.conditioning[self.small] = np.sqrt(np.maximum(self._eigenvalues[:, 0], 0.0))
 
@@ -150,29 +150,37 @@ def _by_joint(joints: Sequence[Joint], cut: Cut) -> dict[int, _Sum]:
     In the frame of the nearest link that carries both.
     """
     sides = (cut.frame_a, cut.frame_b)
-    paths = [_path(joints, frame.link) for frame in sides]
-    none = ((0,) * len(joints), -1)
-    made: dict[int, _Sum] = {}
-    for sign, frame, path, other in zip((1.0, -1.0), sides, paths, paths[::-1], strict=True):
-        turned, place = {none: np.eye(3, dtype=complex)}, {none: np.zeros(3, dtype=complex)}
-        moving, axes, origins = [j for j in path if j not in other], dict[int, _Sum](), dict[int, _Sum]()
+    one, other = (_path(joints, frame.link) for frame in sides)
+    moved: dict[int, _Sum] = {}
+    for sign, frame, moving in zip((1.0, -1.0), sides, (_without(one, other), _without(other, one)), strict=True):
+        axes, origins, end = _side(joints, moving, frame.translation)
         for j in moving:
-            joint = joints[j]
-            place = _add(place, _map(turned, lambda R, p=joint.translation: R @ p))
-            turned = _map(turned, lambda R, by=joint.rotation: R @ by)
-            axes[j] = _map(turned, lambda R: R[:, 2])
-            if joint.prismatic:
-                place = _add(place, {(angles, j): x for (angles, _), x in axes[j].items()})
-            else:
-                turns = {(tuple(m * (k == j) for k in range(len(joints))), -1): R for m, R in _TURN.items()}
-                turned = _product(turned, turns, np.matmul)
-            origins[j] = place
-        end = _add(place, _map(turned, lambda R, p=frame.translation: R @ p))
-        for j in moving:
-            arm = _add(end, _map(origins[j], np.negative))
+            arm = _add(end, _times(-1.0, origins[j]))
             turning = axes[j] if joints[j].prismatic else _product(axes[j], arm, np.cross)
-            made[j] = _map(turning, lambda x, sign=sign: sign * x)
-    return made
+            moved[j] = _times(sign, turning)
+    return moved
+
+
+def _side(
+    joints: Sequence[Joint], moving: Sequence[int], point: Array
+) -> tuple[dict[int, _Sum], dict[int, _Sum], _Sum]:
+    """Axis and origin of each joint of a chain, and the place of a point in its last link, from before the first."""
+    none = ((0,) * len(joints), -1)
+    turned: _Sum = {none: np.eye(3, dtype=complex)}
+    place: _Sum = {none: np.zeros(3, dtype=complex)}
+    axes, origins = dict[int, _Sum](), dict[int, _Sum]()
+    for j in moving:
+        joint = joints[j]
+        place = _add(place, _product(turned, {none: joint.translation}, np.matmul))
+        turned = _product(turned, {none: joint.rotation}, np.matmul)
+        axes[j] = {key: R[:, 2] for key, R in turned.items()}
+        if joint.prismatic:
+            place = _add(place, {(angles, j): x for (angles, _), x in axes[j].items()})
+        else:
+            turn = {(tuple(m * (k == j) for k in range(len(joints))), -1): R for m, R in _TURN.items()}
+            turned = _product(turned, turn, np.matmul)
+        origins[j] = place
+    return axes, origins, _add(place, _product(turned, {none: point}, np.matmul))
 
 
 def _path(joints: Sequence[Joint], link: int) -> list[int]:
@@ -184,12 +192,16 @@ def _path(joints: Sequence[Joint], link: int) -> list[int]:
     return made
 
 
-def _map(of: _Sum, function: Callable[[Array], Array]) -> _Sum:
-    return {key: function(x) for key, x in of.items()}
+def _without(path: Sequence[int], other: Sequence[int]) -> list[int]:
+    return [j for j in path if j not in other]
+
+
+def _times(factor: float, of: _Sum) -> _Sum:
+    return {key: factor * x for key, x in of.items()}
 
 
 def _add(one: _Sum, other: _Sum) -> _Sum:
-    return {key: one.get(key, 0.0) + other.get(key, 0.0) for key in {**one, **other}}
+    return {**one, **{key: one[key] + x if key in one else x for key, x in other.items()}}
 
 
 def _product(one: _Sum, other: _Sum, times: Callable[[Array, Array], Array]) -> _Sum:
@@ -198,7 +210,7 @@ def _product(one: _Sum, other: _Sum, times: Callable[[Array, Array], Array]) -> 
     for (a, factor), x in one.items():
         for (b, prismatic), y in other.items():
             key = (tuple(i + k for i, k in zip(a, b, strict=True)), max(factor, prismatic))
-            made[key] = made.get(key, 0.0) + times(x, y)
+            made = _add(made, {key: times(x, y)})
     return {key: x for key, x in made.items() if np.abs(x).max() > _ROUNDING}
 
 

@@ -15,7 +15,7 @@ from haptid.device.loops.pins import Pins
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels
 from haptid.errors import IncompleteDeviceError, SettingError
-from haptid.experiment.bench.limits import FLAT
+from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
 from haptid.experiment.collision import CollisionModel
 from haptid.experiment.excitation.actuation import Actuation
@@ -268,6 +268,11 @@ class MotionBounds:
                 yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
             if joint.velocity_limit is not None:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
+
+    def flatness(self, q: Array) -> Array:
+        """Relative violation of the least distance from flat loops, (n,), from active positions, (active, n)."""
+        q_tree = self.model.device.closure.positions(q).T
+        return np.asarray(1 - loop_conditioning(self.model, q_tree) / self.limits.conditioning)
 
     @cached_property
     def loops(self) -> LoopLimit | None:

@@ -461,22 +461,23 @@ class _Search:
     def _keep_noted(self) -> None:
         """Keep the best of the noted motions that is within the limits between its rows too, if it is the best."""
         noted, self.noted = [start for _, start in self.noted], []
-        every_row = self._rows(1)
-        for last, start in list(enumerate(noted, 1))[: -_LOOKED_AT - 1 : -1]:
+        every_row, looked_at = self._rows(1), 0
+        while noted and looked_at < _LOOKED_AT:
+            start, looked_at = noted[-1], looked_at + 1
             made = every_row.gradients.at(self._states(every_row, start.x, start.seed))
             cost, exceeded = min(made.cost(), _WORST), _sorted(made.excesses)
             if exceeded[0][0] <= 0:  # flat loops change slowly: these rows are dense enough
                 exceeded = self._between(start, 1.0 / (_DENSER * self.search.rows_hz), 2 * _INSIDE)
             self.nearest = min(self.nearest, exceeded, key=lambda found: found[0][0])
-            if exceeded[0][0] <= 0:
-                break
-        else:
+            if exceeded[0][0] > 0:
+                noted.pop()
+                continue
+            self.first = self.first or start
+            if cost < self.least:
+                self.least = cost
+                self.kept += noted
+                self.history.append((self.tried, cost))
             return
-        self.first = self.first or start
-        if cost < self.least:
-            self.least = cost
-            self.kept += noted[:last]
-            self.history.append((self.tried, cost))
 
     def _between(self, start: _Start, dt: float, inside: float) -> tuple[tuple[float, str], ...]:
         """The limits that a motion exceeds at rows in steps of dt, s, or is nearer to than `inside`."""
