@@ -43,14 +43,16 @@ def rehearsed(
     seconds: float = SECONDS,
     places: tuple[tuple[float, ...], ...] = PLACES,
     physics: bench.Physics = PHYSICS,
+    tracked: float = TRACKED,
+    stroke: bench.Stroke | None = None,
 ) -> bench.InTheLoopResult:
     """Everything that is measured of one device."""
     case = CASES[name]
     setup, code = setup_of(case, physics), code_of(case, seconds, physics)
-    kind = bench.Multisine(TRACKED, case.centre, case.amplitude, speed=case.speed)
+    kind = bench.Multisine(tracked, case.centre, case.amplitude, speed=case.speed)
     trajectory = bench.plan(kind, setup.model, setup.dt, np.random.default_rng(7))
     poses = [np.array(case.centre) + np.array(place) * case.amplitude for place in places]
-    return bench.simulate_in_the_loop(setup, code, trajectory, poses, PUSHES[case.name])
+    return bench.simulate_in_the_loop(setup, code, trajectory, poses, PUSHES[case.name], stroke=stroke)
 
 
 def figures_of(made: bench.InTheLoopResult) -> dict[str, float]:

@@ -29,6 +29,7 @@ class AppliedTorque:
         self._noise = per_coordinate("noise", given.noise, motors) * rng.standard_normal((n, many))
         step = per_coordinate("step", given.step, motors)
         self._step = np.where(step > 0, step, 1.0), step > 0
+        self._coarse = bool((step > 0).any())
         self._per, late, jitter = (round(x / h) for x in (setup.dt, given.delay, given.jitter))
         self._late = np.full(n, late) + (rng.integers(0, jitter + 1, n) if jitter else 0)
         self._before = -(-(late + jitter) // self._per)
@@ -37,6 +38,9 @@ class AppliedTorque:
 
     def pieces(self, k: int) -> list[tuple[int, Array]]:
         """Consecutive numbers of simulator steps of period k, and the torque during each, (motors,), N m or N."""
+        if self._before == 0 and self._keep is None:  # one piece
+            self.now = self._delivered(k) + self._noise[k]
+            return [(self._per, self.now)]
         whole: list[tuple[int, Array]] = []
         for j in range(max(k - self._before, 0), k + 1):
             begin = 0 if j == max(k - self._before, 0) else self._arrival(j, k)
@@ -58,7 +62,9 @@ class AppliedTorque:
         """Torque that is commanded in period j."""
         step, rounded = self._step
         command = self._commanded[j]
-        return np.asarray(self._gain * np.where(rounded, step * np.rint(command / step), command))
+        if self._coarse:
+            command = np.where(rounded, step * np.rint(command / step), command)
+        return np.asarray(self._gain * command)
 
     def _lagged(self, pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
         """The first-order lag of a torque, one simulator step after another; each has the torque of its middle."""

@@ -104,19 +104,21 @@ class Compiled:
         found = self.functions[function]
         given = [self.array(x) for x in inputs]
         made = {name: (self.real * size)() for name, size in found.outputs.items()}
-        self.library[f"{self.name}_{function}"](
-            *([self.constants] if found.takes_model else []), *given, *made.values()
-        )
+        self._call(function)(*([self.constants] if found.takes_model else []), *given, *made.values())
         return {name: np.array(values, dtype=float) for name, values in made.items()}
+
+    def _call(self, name: str) -> Any:
+        """A function of the library by its name without the prefix; as an attribute, which the library keeps."""
+        return getattr(self.library, f"{self.name}_{name}")
 
     def array(self, values: Array) -> Any:
         """A ctypes array of the values."""
-        return (self.real * len(values))(*map(float, values))
+        return (self.real * len(values)).from_buffer_copy(np.ascontiguousarray(values, self.real))
 
     def friction_compensation(self, qd: Array, share: float) -> Array:
         """Friction compensation torque, (coordinates,), N m or N."""
         tau = (self.real * self.coordinates)()
-        self.library[f"{self.name}_friction_compensation"](self.constants, self.array(qd), self.real(share), tau)
+        self._call("friction_compensation")(self.constants, self.array(qd), self.real(share), tau)
         return np.array(tau, dtype=float)
 
     def differentiator(self, cutoff_hz: float, dt: float) -> Callable[[Array], Array]:
@@ -125,7 +127,7 @@ class Compiled:
 
         def update(q: Array) -> Array:
             qd = (self.real * self.coordinates)()
-            self.library[f"{self.name}_differentiator_update"](ctypes.byref(state), self.array(q), qd)
+            self._call("differentiator_update")(ctypes.byref(state), self.array(q), qd)
             return np.array(qd, dtype=float)
 
         return update
@@ -137,7 +139,7 @@ class Compiled:
         def update(q: Array, qd: Array, tau: Array) -> Array:
             torque = (self.real * self.coordinates)()
             given = [self.array(x) for x in (q, qd, tau)]
-            self.library[f"{self.name}_observer_update"](self.constants, ctypes.byref(state), *given, torque)
+            self._call("observer_update")(self.constants, ctypes.byref(state), *given, torque)
             return np.array(torque, dtype=float)
 
         return update
@@ -147,7 +149,7 @@ class Compiled:
         scalars = [(name, self.real) for name in _SCALARS[kind]]
         vectors = [(name, self.real * self.coordinates) for name in VECTORS[kind]]
         state = type(kind, (ctypes.Structure,), {"_fields_": [*scalars, ("started", ctypes.c_int), *vectors]})()
-        failed = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
+        failed = self._call(f"{kind}_init")(ctypes.byref(state), self.real(setting), self.real(dt))
         if failed:
             wanted = f"a positive number, feasible at a step of {dt:g} s"
             raise setting_error(_SETTINGS[kind], setting, wanted, kind)

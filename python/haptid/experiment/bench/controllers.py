@@ -37,13 +37,13 @@ class Assistance:
         """See TorqueLaw."""
         velocity = self.code.differentiator(self.velocity_cutoff_hz, dt)
         frame = self.model.device.row_map
-        still = np.zeros(len(frame))
+        still, to_motors = np.zeros(len(frame)), motor_map(self.model)
 
         def step(_t: float, qa: Array) -> Array:
             q = frame @ qa
             friction = self.code.friction_compensation(velocity(q), self.friction)
             static = self.code("gravity", q)["tau"] + self.code("terms", q, still)["tau"]
-            return np.asarray(motors_of(self.model, q) @ (self.weight * static + friction))
+            return np.asarray(to_motors(q) @ (self.weight * static + friction))
 
         return step
 
@@ -84,17 +84,17 @@ class Tracking:
         kp, kd = per_coordinate("kp", self.kp, names), per_coordinate("kd", self.kd, names)
         # The planned motion passes the same filter as the encoders, so that its lag cancels in the error.
         velocity, planned_velocity = (code.differentiator(self.velocity_cutoff_hz, dt) for _ in range(2))
-        observe = code.observer(self.gain, dt)
+        observe, to_motors = code.observer(self.gain, dt), motor_map(self.model)
         planned = [x @ frame.T for x in (self.trajectory.q, self.trajectory.qd, self.trajectory.qdd)]
 
         def step(t: float, qa: Array) -> Array:
             q, k = frame @ qa, min(round(t / dt), len(self.trajectory) - 1)
             qd, (target, rate, acceleration) = velocity(q), (x[k] for x in planned)
             rates = device.drive_jacobian(q[:, None])
-            driven, to_motors = np.squeeze(rates[..., device.driven, :]), motors_of(self.model, q)
+            driven = np.squeeze(rates[..., device.driven, :])
             error, error_rate = driven @ (target - q), driven @ (planned_velocity(target) - qd)
             feedforward = code("inverse_dynamics", q, rate, acceleration)["tau"] + code("terms", q, rate)["tau"]
-            tau = kp * error + kd * error_rate + self.share * (to_motors @ feedforward)
+            tau = kp * error + kd * error_rate + self.share * (to_motors(q) @ feedforward)
             if self.report is not None:
                 self.report(observe(q, qd, driven.T @ tau))
             return np.asarray(tau)
@@ -102,8 +102,18 @@ class Tracking:
         return step
 
 
-def motors_of(model: DynamicModel, c: Array) -> Array:
-    """Map from torques of the torque rows to those of the motor coordinates, without preload, (motors, coordinates)."""
+def motor_map(model: DynamicModel) -> Callable[[Array], Array]:
+    """Map from torques of the torque rows to those of the motor coordinates, without preload, (motors, coordinates).
+
+    A function of the rows' coordinates, (active,).
+    """
     device = model.device
-    shares = device.law.shares(device.drive_jacobian(c[:, None]))
-    return np.asarray((shares[0] if shares.ndim == 3 else shares)[device.driven])
+
+    def at(c: Array) -> Array:
+        shares = device.law.shares(device.drive_jacobian(c[:, None]))
+        return np.asarray((shares[0] if shares.ndim == 3 else shares)[device.driven])
+
+    if device.drive_varies.any():
+        return at
+    constant = at(np.zeros(len(device.active)))
+    return lambda _c: constant

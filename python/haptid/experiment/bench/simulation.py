@@ -344,13 +344,17 @@ def hand_force(pushes: tuple[Push, ...], t: Array) -> Array:
 def _check_states(setup: Setup, plant: _Plant, trajectory: Trajectory, tape: _Recorder, rows: slice) -> None:
     """Raise the error of the first of some periods whose state is out of bounds."""
     q, qd, gaps = tape.exact[0, rows], tape.exact[1, rows], plant.gaps(tape.sites[rows])
+    far = abs(q[:, plant.active] - trajectory.q[rows])
+    tape.gap = max(tape.gap, float(gaps.max()))
+    within = far.max() <= setup.controller.tracking_limit and gaps.max() <= WIDEST_GAP
+    if within and abs(qd).max() < _FASTEST and (q >= plant.lowest).all() and (q <= plant.highest).all():
+        return
     bad = ~(abs(qd).max(axis=1) < _FASTEST) | (gaps > WIDEST_GAP)
-    bad |= abs(q[:, plant.active] - trajectory.q[rows]).max(axis=1) > setup.controller.tracking_limit
+    bad |= far.max(axis=1) > setup.controller.tracking_limit
     bad |= ((q < plant.lowest) | (q > plant.highest)).any(axis=1)
     if bad.any():
         k = int(np.argmax(bad))
         _check_state(setup, plant, trajectory, rows.start + k, q[k], qd[k], float(gaps[k]))
-    tape.gap = max(tape.gap, float(gaps.max()))
 
 
 def _check_state(setup: Setup, plant: _Plant, trajectory: Trajectory, k: int, q: Array, qd: Array, gap: float) -> None:
