@@ -94,7 +94,10 @@ def started(folder: Path, *options: str) -> Bench:
 def pictured(tab: Page, name: str, folder: Path) -> None:
     """A picture of what is seen of the page: into the documentation where RENEW_PICTURES is set, else thrown away."""
     folder = IMAGES if os.environ.get("RENEW_PICTURES") else folder
-    shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
+    used = tab.ask("Math.ceil(Math.max(...[...document.body.children].map((e) => e.getBoundingClientRect().bottom)))")
+    size = tab.ask("[innerWidth, innerHeight]")
+    clip = {"x": 0, "y": 0, "width": size[0], "height": min(used + 20, size[1]), "scale": 1}
+    shot = base64.b64decode(tab.call("Page.captureScreenshot", clip=clip)["data"])
     assert len(shot) > 10_000
     (folder / f"workbench-{name}.png").write_bytes(shot)
 

@@ -175,7 +175,18 @@ def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     assert end == pytest.approx(99.999)
 
 
+def pressed(tab, text):
+    """A button or a link, reached and pressed by keyboard alone."""
+    tab.wait(f"[...document.querySelectorAll('button:enabled, a')].some((one) => one.textContent === {text!r})")
+    for _ in range(80):
+        tab.press("Tab")
+        if tab.ask("document.activeElement.textContent") == text:
+            return tab.press("Enter")
+    raise AssertionError(f"not reached by keyboard: {text}")
+
+
 def test_a_study_is_drafted_checked_and_identified(bench, tab):
+    """The stages from a study to its export; what is pressed is pressed by keyboard."""
     tab.go(f"{bench.origin}/data?path=logs/sweep.csv&device=devices/two-links.toml", LAPTOP)
     tab.ask("[...document.querySelectorAll('form')].at(-2).requestSubmit()")
     tab.wait("document.getElementById('editor-study-file-said')?.textContent.startsWith('Valid')")
@@ -185,20 +196,18 @@ def test_a_study_is_drafted_checked_and_identified(bench, tab):
     tab.wait("location.pathname === '/solve' && document.body?.dataset.ready !== undefined")
     assert (bench.folder / "studies" / "two-links-2.toml").read_text() == text
     press = "[...document.querySelectorAll('button')].find((b) => b.textContent === '{}')"
-    check, run = press.format("Check"), press.format("Run")
+    run = press.format("Run")
     assert tab.ask(f"{run}.disabled")
     assert tab.ask("document.body.textContent.includes('Check first.')")
-    tab.wait(f"!{check}.disabled")
-    tab.ask(f"{check}.click()")
+    pressed(tab, "Check")
     tab.wait(f"!{run}.disabled")
     assert tab.ask("document.body.textContent.includes('No problems were found.')")
-    tab.ask(f"{run}.click()")
+    pressed(tab, "Run")
     tab.wait("document.querySelector('.steps li')")
     # The same job is there in a page that is loaded again.
     tab.go(f"{bench.origin}/solve?path=studies/two-links-2.toml", LAPTOP)
     tab.wait("document.querySelector('.steps li')")
-    tab.wait("[...document.querySelectorAll('a')].some((a) => a.textContent === 'Open the result')")
-    tab.ask("[...document.querySelectorAll('a')].find((a) => a.textContent === 'Open the result').click()")
+    pressed(tab, "Open the result")
     tab.wait("document.querySelector('main')?.dataset.drawn !== undefined")
     assert tab.ask("document.querySelectorAll('main section.part').length") > 6
     drawn = "[...document.querySelectorAll('.chart')].filter((c) => c.clientWidth).every((c) => 'drawn' in c.dataset)"
@@ -212,6 +221,11 @@ def test_a_study_is_drafted_checked_and_identified(bench, tab):
         tab.go(bench.origin + path, NARROW)
         assert tab.ask("document.documentElement.scrollWidth") <= NARROW
         assert tab.accessibility() == []
+    shown = tab.ask("document.querySelector('main pre.code').textContent")
+    pressed(tab, "Write these files")
+    written = bench.folder / "exports" / "two-links-2" / "json" / "two_links.json"
+    tab.wait("document.querySelector('main').textContent.includes('Written into exports/two-links-2')")
+    assert json.loads(written.read_text()) == json.loads(shown)
 
 
 def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab):

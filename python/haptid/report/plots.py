@@ -81,7 +81,7 @@ def outline(part: Prediction, rows: int) -> Outline:
 
 def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
     """Measured, predicted and residual torque of one motor; excluded rows are shaded."""
-    styles = ((_MEASURED, "measured", 2.2), (_PREDICTED, "predicted", 0.9), (_RESIDUAL, "residual", 0.7))
+    styles = ((_MEASURED, "measured", 3.4), (_PREDICTED, "predicted", 1.2), (_RESIDUAL, "residual", 0.7))
     for curve, (colour, name, width) in enumerate(styles):
         t, y = (np.concatenate([part.curves[k][curve][axis] for part in drawn]) for axis in (0, 1))
         panel.plot(t, y, color=colour, label=name, linewidth=width)

@@ -142,6 +142,12 @@ export function devices(parent, own, shipped, chosen) {
   return select;
 }
 
+// Numbers to two digits of their standard error.
+export function digits(se) {
+  const places = Math.min(Math.max(1 - Math.floor(Math.log10(se)), 0), 12);
+  return (value) => (se > 0 && Number.isFinite(value) ? value.toFixed(places) : String(value));
+}
+
 // Per cent, to two digits.
 export function percent(value) {
   return `${value < 100 ? value.toPrecision(2) : value.toFixed(0)} %`;

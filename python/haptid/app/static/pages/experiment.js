@@ -77,7 +77,7 @@ async function played(main, path, named) {
 async function playback(left, right, found, device) {
   const [time, ...names] = found.columns, n = names.length / 3, data = await samples(found.samples, time, names);
   el("h2", {}, left, "Motion");
-  const group = new Set(), kinds = [["Position", "rad or m"], ["Velocity", "1/s"], ["Acceleration", "1/s²"]];
+  const group = new Set(), kinds = [["Position", "rad or m"], ["Velocity", "rad/s or m/s"], ["Acceleration", "rad/s² or m/s²"]];
   kinds.forEach(([title, unit], k) => {
     const own = names.slice(k * n, (k + 1) * n);
     new Curves(left, { title, unit, names: own, t: data.t, ys: own.map((name) => data.of[name]), group });

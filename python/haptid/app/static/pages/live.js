@@ -1,5 +1,5 @@
 // Live: samples are recorded first, then drawn; parameters as they become known, and the motion that is missing.
-import { acting, answered, call, el, field, link, options, reached, table, typed } from "../common.js";
+import { acting, answered, call, digits, el, field, link, options, reached, table, typed } from "../common.js";
 import { Ring, Rolling } from "../curves.js";
 
 const SECONDS = 10; // that are seen
@@ -139,7 +139,7 @@ class Watching {
 
   told(state) {
     const { counts, analysis } = state;
-    const also = [["late", counts.late], ["repeated", counts.repeated], ["restarts", counts.restarts], ["broken", state.broken], ["of others", state.foreign]].filter(([, many]) => many);
+    const also = [["late", counts.late], ["repeated", counts.repeated], [counts.restarts === 1 ? "restart" : "restarts", counts.restarts], ["broken", state.broken], ["of others", state.foreign]].filter(([, many]) => many);
     this.counts.textContent = `UDP port ${state.port}; ${counts.written} samples written, ${counts.lost} lost${also.map(([what, many]) => `, ${many} ${what}`).join("")}`;
     this.error.textContent = state.error;
     this.held = analysis.held;
@@ -155,8 +155,11 @@ class Watching {
     } else if (analysis.trouble) this.prompt.textContent = analysis.trouble;
     this.alarms.replaceChildren(...analysis.alarms.slice(-6).reverse().map((a) => el("li", { class: "problem" }, null, a.sentence)));
     this.parameters.replaceChildren();
-    const digits = (v) => (v === null ? "unknown" : String(Number(v.toPrecision(4))));
-    const rows = analysis.parameters.map((p) => [p.name, p.se === null ? "unknown" : digits(p.value), p.se === null ? "" : `${digits(p.conf_int[0])} .. ${digits(p.conf_int[1])}`, p.unit]);
+    const rows = analysis.parameters.map((p) => {
+      if (p.se === null) return [p.name, "unknown", "", p.unit];
+      const to = digits(p.se), [low, high] = p.conf_int;
+      return [p.name, to(p.value), `${to(low)} .. ${to(high)}`, p.unit];
+    });
     if (rows.length) table(this.parameters, ["parameter", "value", "95 % interval", "unit"], rows);
   }
 
