@@ -92,8 +92,6 @@ class DynamicModel:
     @cached_property
     def mechanism(self) -> Any:
         """The compiled mechanism, `haptid._core.Mechanism`."""
-        from haptid.dynamics.model import mechanism_arguments
-
         return importlib.import_module("haptid._core").Mechanism(*mechanism_arguments(self))
 
     @cached_property

@@ -276,11 +276,8 @@ def refit_without(full: Estimate, names: tuple[str, ...]) -> Estimate:
 
 
 def _weighting(full: Estimate) -> FixedWeights:
-    return FixedWeights(full.method, tuple(full.weights.tolist()), _motors(full.observation))
-
-
-def _motors(observation: Observation) -> tuple[str, ...]:
-    return tuple(motor.name for motor in observation.motors)
+    names = tuple(motor.name for motor in full.observation.motors)
+    return FixedWeights(full.method, tuple(full.weights.tolist()), names)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.pareto import pareto_front
 from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.compensation.hands import HandModel, HandMotion, published_hands
 from haptid.end_effector.compensation.law import Compensation
@@ -99,12 +100,7 @@ class CompensationDesign:
             verdicts: any of "passive", "stable", "quiet".
         """
         kept = [p for p in self.points if p.reduction < 1 and all(getattr(p, verdict) for verdict in verdicts)]
-        kept.sort(key=lambda point: (-point.reduction, point.added_damping))
-        front: list[DesignPoint] = []
-        for point in kept:
-            if not front or point.added_damping < front[-1].added_damping:
-                front.append(point)
-        return tuple(reversed(front))
+        return pareto_front(kept, lambda point: (-point.reduction, point.added_damping))[::-1]
 
     def best(self, reduction: float) -> DesignPoint | None:
         """The stable and quiet point with at least this reduction and the least added damping; None where none is."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze
+from haptid._internal.pareto import pareto_front
 from haptid.device.parameters import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
@@ -159,12 +160,8 @@ def balance_front(
 ) -> tuple[Balance, ...]:
     """Balances at several prices, none of which is beaten in both figures; arguments and errors as for `balance`."""
     search = _Search(identified, poses, limits)
-    found = sorted((search.best(price) for price in prices), key=lambda b: (b.static_after, b.mass_after))
-    front: list[Balance] = []
-    for one in found:
-        if not front or one.mass_after < front[-1].mass_after - 1e-9:
-            front.append(one)
-    return tuple(front)
+    found = [search.best(price) for price in prices]
+    return pareto_front(found, lambda one: (one.static_after, one.mass_after), margin=1e-9)
 
 
 def _inside(weight: Counterweight, limits: Sequence[WeightPlace]) -> None:

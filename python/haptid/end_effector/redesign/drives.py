@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, positive
+from haptid._internal.pareto import pareto_front
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.end_effector.characterisation import force_capability
 from haptid.end_effector.characterisation.jacobian import LINEAR, HandleJacobian, handle_jacobian
@@ -121,9 +122,4 @@ def pareto(
 ) -> tuple[DriveChange, ...]:
     """Changes with at most this mass and at least this force that no other one beats in both, by mass."""
     kept = [one for one in changes if one.mass <= most_mass and one.force >= least_force]
-    kept.sort(key=lambda one: (one.mass, -one.force))
-    front: list[DriveChange] = []
-    for one in kept:
-        if not front or one.force > front[-1].force:
-            front.append(one)
-    return tuple(front)
+    return pareto_front(kept, lambda one: (one.mass, -one.force))
