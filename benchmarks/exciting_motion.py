@@ -14,6 +14,7 @@ from haptid.experiment.excitation import (
     Excitation,
     FourierSeries,
     Limits,
+    ScaledCondition,
     Search,
     design_excitation,
     observed_motion,
@@ -50,7 +51,8 @@ def race(name: str, tries: int, seed: int) -> tuple[Excitation, list[tuple[float
     def note(_: float, cost: float) -> None:
         curve.append((time.process_time() - start, float(np.exp(min(cost, 100.0)))))
 
-    found = design_excitation(model, family, within, search=Search(tries=tries, seed=seed), progress=note)
+    search = Search(tries=tries, seed=seed)
+    found = design_excitation(model, family, within, criterion=ScaledCondition(), search=search, progress=note)
     return found, curve
 
 

@@ -145,6 +145,21 @@ def searches(figures: Figures) -> str:
     return aligned([columns, *lines])
 
 
+def motions(figures: Figures) -> str:
+    """Standard errors along other motions over those along the optimal one, medians over the parameters."""
+    devices = dict.fromkeys(name.partition(",")[0] for name in figures)
+    cells = [
+        tuple(
+            f"{figures[f'{device}, {other} over optimal, {sort}, median standard error']:.2g}"
+            for other in ("random", "hand-made")
+            for sort in ("predicted", "identified")
+        )
+        for device in devices
+    ]
+    columns = ("device", "random, predicted", "identified", "hand-made, predicted", "identified")
+    return aligned([columns, *((device, *row) for device, row in zip(devices, cells, strict=True))])
+
+
 def percent(error: float) -> str:
     """Two digits; one where an error is so small that another motion would give others."""
     return f"{error:.2g}" if error >= SMALL else f"{error:.0e}"
@@ -217,6 +232,7 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Bias where the columns are noisy": ("noisy-columns", less_biased),
     "Identification from the bench": ("bench-identification", bench_identification),
     "Searches for exciting motions": ("exciting-motion", searches),
+    "Motions on the bench": ("motion-quality", motions),
     "Twenty seeds of each mounting": ("phantom-study", mountings),
     "Twenty seeds of each branch": ("medical-study", branches),
     "Workbench": ("workbench", workbench_figures),

@@ -53,7 +53,7 @@ def test_a_search_is_that_of_the_command(searched, bench, tmp_path, monkeypatch)
         assert mine.read_text() == typed.read_text()
     before, after = searched["outcome"]["condition"]
     assert after <= before
-    assert any("condition number" in step["text"] for step in searched["steps"])
+    assert any("mean standard error" in step["text"] for step in searched["steps"])
     used = {(one["limit"], one["of"]): one["share"] for one in searched["outcome"]["limits"]}
     made = np.loadtxt(bench.folder / "experiments/motion.csv", delimiter=",", skiprows=1)
     for k, most in enumerate((2.0, 2.5)):

@@ -125,11 +125,13 @@ def _excite(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
 
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
-    from haptid.experiment.excitation import CRITERIA, FourierSeries, Search, design_excitation, write_experiment
+    from haptid.experiment.excitation import FourierSeries, Search, design_excitation, write_experiment
     from haptid.experiment.excitation.writing import plain_experiment
 
     def said(share: float, cost: float) -> None:
-        state = f"condition number {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
+        state = (
+            f"mean standard error {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
+        )
         progress(f"searching: {state}", share)
 
     model = DynamicModel(read_device(arguments["device"]))
@@ -137,7 +139,6 @@ def _excite(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
         model,
         FourierSeries(seconds=float(arguments["seconds"])),
         _motion_limits(model, arguments["limits"]),
-        criterion=CRITERIA["condition"],
         search=Search(tries=arguments["evaluations"]),
         progress=said,
     )

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     )
 
 HELP = """\
-Optimise an exciting motion: base parameters well conditioned, within the limits of the device.
+Optimise an exciting motion: base parameters with narrow intervals, within the limits of the device.
 
 Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration,
 --jerk, --torque, --rms-torque, --power and --handle-force add some.
@@ -109,7 +109,7 @@ def excite(
         list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
     ] = None,
     criterion: Annotated[
-        str | None, typer.Option(help="condition (default), raw-condition, d-optimal, a-optimal or largest-error")
+        str | None, typer.Option(help="d-optimal (default), condition, raw-condition, a-optimal or largest-error")
     ] = None,
     max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 1600,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
@@ -142,14 +142,12 @@ def excite(
     from haptid.device import read_device, read_world
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
-    from haptid.experiment.excitation import CRITERIA, Search, of_buffer
+    from haptid.experiment.excitation import CRITERIA, Search
 
     with errors_shown():
         _check_criterion(criterion, after, count, accuracy)
         _check_files(out_file, also or [], page_file, player)
         _check_families(count, any((friction, poses, reversals)), after, payload)
-        if buffer is not None and (triangles or seconds is not None):
-            raise wrong_option("--buffer", f"{buffer} with --triangles or --seconds", "one of them")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         rates = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
@@ -161,21 +159,18 @@ def excite(
             clearance=1e-3 * clearance_mm,
             world=() if world is None else read_world(world),
         )
-        family = _family(model.device, triangles, seconds, start)
-        if buffer is not None and not triangles:
-            family = of_buffer(family, buffer, rate_hz)  # type: ignore[arg-type]
         asked = _Asked(
             model,
-            family,
+            _family(model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)),
             within,
-            CRITERIA[criterion or "condition"],
+            CRITERIA[criterion or "d-optimal"],
             tuple(keep) if keep else None,
             None if other is None else model.base.of(other.setup(model).chi),
             Search(tries=max_evaluations, seed=seed),
         )
         load = None if payload is None else _payload(payload, model)
         wanted = {"friction": friction, "poses": poses, "reversals": reversals}
-        label = "largest relative interval" if after is not None or count > 1 else criterion or "condition"
+        label = "largest relative interval" if after is not None or count > 1 else criterion or "d-optimal"
         with progress_bars(quiet or as_json) as bars:
             task = bars.add_task("searching", total=1.0)
 
@@ -186,27 +181,14 @@ def excite(
             others = _others({k: v for k, v in wanted.items() if v}, asked, motions, start)
             if load is not None:
                 others["payload"] = _loaded(asked, load, motions, progress)
-        named = {_suffix(k, len(motions)): found for k, found in enumerate(motions)} | {
-            f"-{name}": found for name, found in others.items()
-        }
-        files = {out_file.with_name(f"{out_file.stem}{name}.toml"): found for name, found in named.items()}
-        for (name, found), path in zip(named.items(), files, strict=True):
-            weight = load if name == "-payload" else None
-            copies = [one.with_name(f"{one.stem}{name}{one.suffix}") for one in also or []]
-            _write(found, path, copies, other, rate_hz, rehearsal, weight)
+        planned = _Planned(motions, others, further, load)
+        files = planned.write(out_file, also or [], other, rate_hz, rehearsal)
         if files:
             _write_together(files, further, rate_hz, player, page_file)
     if as_json:
-        made = [_values(found, path) for path, found in files.items()]
-        alone = further is None and len(made) == 1
-        print_json("excite", made[0] if alone else {"motions": made, **_predicted(further)})
+        print_json("excite", planned.values(files))
     elif not quiet:
-        for path, found in files.items():
-            _show(found, path, condition=further is None)
-        for name in others:
-            _show_next(name, out_file, load)
-        if further is not None:
-            _show_intervals(further)
+        planned.show(files, out_file)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +222,52 @@ class _Asked:
             search=self.search,
             progress=progress,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """The motions of a command.
+
+    Attributes:
+        motions: exciting motions.
+        others: of the other families, by name.
+        further: what the exciting motions are predicted to bring; None for a single one without logs before it.
+        load: link and body of the motion "payload".
+    """
+
+    motions: Sequence[Excitation]
+    others: Mapping[str, PlannedMotion]
+    further: FurtherMotions | None
+    load: tuple[str, PriorBody] | None
+
+    def write(
+        self, out_file: Path, also: Sequence[Path], like: Experiment | None, rate_hz: float, rehearsal: float | None
+    ) -> dict[Path, PlannedMotion]:
+        """Write the experiment and the samples of each motion; the motions by the path of their experiment."""
+        named: dict[str, PlannedMotion] = {_suffix(k, len(self.motions)): one for k, one in enumerate(self.motions)}
+        named |= {f"-{name}": found for name, found in self.others.items()}
+        files = {}
+        for name, found in named.items():
+            path = out_file.with_name(f"{out_file.stem}{name}.toml")
+            copies = [one.with_name(f"{one.stem}{name}{one.suffix}") for one in also]
+            _write(found, path, copies, like, rate_hz, rehearsal, self.load if name == "-payload" else None)
+            files[path] = found
+        return files
+
+    def values(self, files: Mapping[Path, PlannedMotion]) -> dict[str, Any]:
+        """All of them as JSON values."""
+        made = [_values(found, path) for path, found in files.items()]
+        alone = self.further is None and len(made) == 1
+        return made[0] if alone else {"motions": made, **_predicted(self.further)}
+
+    def show(self, files: Mapping[Path, PlannedMotion], out_file: Path) -> None:
+        """Print what was found, where it is, and what to do with the logs."""
+        for path, found in files.items():
+            _show(found, path, condition=self.further is None)
+        for name in self.others:
+            _show_next(name, out_file, self.load)
+        if self.further is not None:
+            _show_intervals(self.further)
 
 
 def _searched(
@@ -475,11 +503,13 @@ def _limits(
 
 
 def _family(
-    device: Device, triangles: bool, seconds: float | None, start: str | None
+    device: Device, triangles: bool, seconds: float | None, start: str | None, buffer: tuple[int, float] | None
 ) -> FourierSeries | TrianglesWithSines:
-    """The motions to search among."""
-    from haptid.experiment.excitation import FourierSeries, TrianglesWithSines
+    """The motions to search among; `buffer` has the most samples, and their rate, Hz."""
+    from haptid.experiment.excitation import FourierSeries, TrianglesWithSines, of_buffer
 
+    if buffer is not None and (triangles or seconds is not None):
+        raise wrong_option("--buffer", f"{buffer[0]} with --triangles or --seconds", "one of them")
     family: FourierSeries | TrianglesWithSines
     if triangles:
         if start is not None:
@@ -489,6 +519,7 @@ def _family(
         names = ", ".join(device.joint_names[j] for j in device.active)
         pose = None if start is None else numbers("--start", start, f"positions of joints {names}", len(device.active))
         family = FourierSeries(start_pose=None if pose is None else tuple(pose))
+        family = family if buffer is None else of_buffer(family, *buffer)
     return family if seconds is None else replace(family, seconds=seconds)
 
 
@@ -528,7 +559,7 @@ def _show_condition(found: Excitation, condition: bool) -> None:
         if not condition:
             break
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
-    weak = [name for name, se in found.predicted.items() if se > 50]
+    weak = [name for name, se in found.predicted.items() if 50 < se < math.inf]
     if condition and weak and len(weak) < len(found.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
 

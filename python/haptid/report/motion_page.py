@@ -95,7 +95,9 @@ def _information(found: Excitation, further: FurtherMotions | None) -> DocumentS
     if further is None:
         names, before, after = found.after.names, found.before.relative_se, found.after.relative_se
         heads = ("parameter", "first motion within the limits", "motion found")
-        text: tuple[str, ...] = ("Relative standard error of each parameter, white noise, per cent of its value.",)
+        noise = ", ".join(dict.fromkeys(f"{x:.3g}" for x in found.noise.tolist()))
+        rows = f"white noise of {noise} N m (or N), which is assumed, in each of {found.after.rows} rows"
+        text: tuple[str, ...] = (f"Relative standard error of each parameter, per cent of its value: {rows}.",)
         label = "relative standard error"
     else:
         rows = further.table()

@@ -72,8 +72,9 @@ class Quality:
 
     @cached_property
     def information(self) -> float:
-        """log det of the information matrix W' W / noise^2 per row, parameters in units of their values."""
-        singular = np.maximum(linalg.svdvals(self._sized), np.finfo(float).tiny)
+        """log det of the information matrix W' W / noise^2 per row, parameters in units of their values, or of 1."""
+        sized = self._weighted * np.where(self.values != 0, np.abs(self.values), 1.0)
+        singular = np.maximum(linalg.svdvals(sized), np.finfo(float).tiny)
         return 2 * float(np.log(singular).sum()) - len(self.names) * float(np.log(self.rows))
 
     @cached_property
@@ -254,8 +255,8 @@ class Information(_SmoothCriterion):
         return -0.5 * found.information / len(found.names)
 
     def scaling(self, values: Array, noise: Array) -> Scaling:
-        """See Criterion."""
-        return _in_units_of(values, noise)
+        """See Criterion; the units of parameters whose values are not known do not count."""
+        return replace(_in_units_of(values, noise), unit=np.zeros(len(values), dtype=bool))
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
         """The cost itself up to a constant, for any power: it is smooth."""

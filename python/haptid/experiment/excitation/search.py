@@ -17,7 +17,14 @@ from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
 from haptid.experiment.collision import Clearance, clearance_along
 from haptid.experiment.collision.clearance import LEAST_TOLERANCE
-from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed_motion, quality
+from haptid.experiment.excitation.criteria import (
+    Criterion,
+    Information,
+    Quality,
+    ScaledCondition,
+    observed_motion,
+    quality,
+)
 from haptid.experiment.excitation.families import Basis, Family, FourierSeries
 from haptid.experiment.excitation.gradients import Evaluation, Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
@@ -174,7 +181,7 @@ def design_excitation(
     Args:
         family: `FourierSeries()` or `TrianglesWithSines()`.
         limits: of positions, speeds, torques, couplings, loops; default: those of the device file.
-        criterion: to be minimised; default: the condition number with unit columns.
+        criterion: to be minimised; default: the volume of the common interval, `Information()`.
         columns: names of the base parameters in the criterion, such as essential ones; default: all.
         beta: base parameters for torques and relative standard errors, (p,), SI; default: the prior, with zero for
             parameters without one.
@@ -202,7 +209,7 @@ def design_excitation(
             limit=2.5 * family.highest_hz,
             advice="Raise the rows per second, or take fewer harmonics or a lower fundamental frequency.",
         )
-    if information is not None and isinstance(criterion or ScaledCondition(), ScaledCondition):
+    if information is not None and isinstance(criterion, ScaledCondition):
         raise SettingError(
             "the condition number has no unit of noise, so that it does not continue earlier logs.",
             where="criterion",
@@ -214,7 +221,7 @@ def design_excitation(
     state = _Search(
         MotionBounds.of(model, limits or Limits(), beta, covariance),
         family,
-        criterion or ScaledCondition(),
+        criterion or Information(),
         picked,
         per_coordinate("noise", noise, motors),
         search,
