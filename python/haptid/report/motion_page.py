@@ -96,8 +96,8 @@ def _information(found: Excitation, further: FurtherMotions | None) -> DocumentS
         names, before, after = found.after.names, found.before.relative_se, found.after.relative_se
         heads = ("parameter", "first motion within the limits", "motion found")
         noise = ", ".join(dict.fromkeys(f"{x:.3g}" for x in found.noise.tolist()))
-        rows = f"white noise of {noise} N m (or N), which is assumed, in each of {found.after.rows} rows"
-        text: tuple[str, ...] = (f"Relative standard error of each parameter, per cent of its value: {rows}.",)
+        assumed = f"white noise of {noise} N m (or N), which is assumed, in each of {found.after.rows} rows"
+        text: tuple[str, ...] = (f"Relative standard error of each parameter, per cent of its value: {assumed}.",)
         label = "relative standard error"
     else:
         rows = further.table()
