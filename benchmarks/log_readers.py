@@ -108,7 +108,7 @@ def mapping(what: str) -> Any:
 
 def measure(path: Path, what: str) -> dict[str, float]:
     """Reads the columns of a file; rate, and growth of the largest resident memory beyond the arrays themselves."""
-    from haptid.log.read import format_of
+    from haptid.log.file_format import format_of
     from haptid.log.request import Request
 
     wanted = mapping(what).sources

@@ -25,7 +25,7 @@ from haptid.device.toml.errors_at import Place
 from haptid.errors import HaptidError
 from haptid.experiment.bench import read_experiment
 from haptid.log import read_log
-from haptid.log.read import format_of
+from haptid.log.file_format import format_of
 from haptid.log.request import Request
 from haptid.report import read_report
 from haptid.robot_files import child, import_robot, limited

@@ -10,7 +10,8 @@ import pytest
 
 from haptid.errors import LogError
 from haptid.log import Channels, Signal
-from haptid.log.read import format_of, read_log
+from haptid.log.file_format import format_of
+from haptid.log.read import read_log
 
 T = np.arange(400) * 0.002
 Q, TAU = np.sin([3 * T, 2 * T + 1]), np.cos([5 * T, T])

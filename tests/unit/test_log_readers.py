@@ -22,8 +22,8 @@ from pyarrow import parquet
 from haptid import errors
 from haptid._internal.bounded_files import LOG_UNPACKED
 from haptid.log import Channels, Signal, read_log
+from haptid.log.file_format import FORMATS
 from haptid.log.formats import sniff
-from haptid.log.read import FORMATS
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 BY_SUFFIX = {suffix: kind for kind in FORMATS for suffix in kind.suffixes}

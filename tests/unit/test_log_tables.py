@@ -18,7 +18,7 @@ from scipy import io
 import recorders
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
-from haptid.log.read import format_of
+from haptid.log.file_format import format_of
 from haptid.log.request import Request
 from haptid.log.survey import survey
 

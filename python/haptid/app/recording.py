@@ -65,7 +65,7 @@ class LiveRecording:
         import numpy as np
 
         from haptid.live import play
-        from haptid.log.read import format_of
+        from haptid.log.file_format import format_of
         from haptid.log.request import Request
 
         found = format_of(path).columns(path, self.names, Request())

@@ -18,8 +18,9 @@ from haptid.log import checks, resampling
 from haptid.log.formats.folders import log_size
 
 if TYPE_CHECKING:
+    from haptid.log.file_format import Format
+    from haptid.log.inspection import ChannelKind
     from haptid.log.log import Signal
-    from haptid.log.read import ChannelKind, Format
 
 # Samples that are computed together, at fixed places, so that the result does not depend on what is sliced first.
 CHUNK = resampling.SAMPLES_RESAMPLED

@@ -20,7 +20,8 @@ from haptid.log.lazy import MotionProfile, OnDisk, as_array
 from haptid.log.registers import Register
 from haptid.log.request import Merge
 from haptid.log.resampling import Spans
-from haptid.log.time_base import Sampling, TimeBaseReport
+from haptid.log.row_times import Sampling
+from haptid.log.time_base import TimeBaseReport
 
 Side = Literal["joint", "motor"]
 # Fewest samples of the part that `Log.busiest` returns.

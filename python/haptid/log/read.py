@@ -5,100 +5,32 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from importlib import import_module
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid._internal.bounded_files import LOG_FILE, open_regular
-from haptid._internal.extensions import extension, extension_names
-from haptid._internal.extras import needing
 from haptid.errors import LogChannelError, LogFileError
-from haptid.log import checks, stamps, units
+from haptid.log import checks, units
 from haptid.log.channel_clocks import clock_drift
-from haptid.log.formats.folders import bag_files, data_set_files, log_files, log_size, parquet_files
+from haptid.log.file_format import FORMATS, LEROBOT, MESSAGES, Format, format_of, sha256_of
+from haptid.log.formats.folders import log_size
 from haptid.log.formats.sniff import RawChannel, block_of, channel_list, empty, guess
-from haptid.log.formats.transposed import is_transposed
+from haptid.log.inspection import ChannelKind, Inspection, Times
 from haptid.log.lazy import LazySource, MotionProfile, SignalOnDisk, as_array
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
-from haptid.log.time_base import RawSignals, TimeBase, TimeBaseReport, at_rate, candidate_gaps, time_base
+from haptid.log.time_base import TimeBaseReport
 
-ChannelKind = Literal["position", "torque"]
 # A file of more bytes is opened rather than read.
 _LARGE = 2**26
 # `checks.find_wraps` of a channel that is not unwrapped.
 NO_WRAPS = (np.empty(0, np.intp), np.empty(0))
-
-
-@dataclass(frozen=True)
-class Format:
-    """A file format: its name, its suffixes, and the module that reads it, imported when needed.
-
-    Attributes:
-        by_rows: whether some rows can be read without the others.
-        asks: whether reading depends on a `Request`, and its notes say what was found.
-        extension: what another package declared in `haptid.log_formats`, in place of `module`.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    module: str
-    by_rows: bool = False
-    asks: bool = False
-    extension: Any = None
-
-    @property
-    def _reader(self) -> Any:
-        if self.extension is not None:
-            return self.extension
-        with needing(f"reading {self.name}"):
-            return import_module(f"haptid.log.formats.{self.module}")
-
-    def names(self, path: Path) -> list[str]:
-        """Every channel of the file."""
-        found: list[str] = self._reader.names(path)
-        return found
-
-    def columns(self, path: Path, wanted: Sequence[str], request: Request | None = None) -> dict[str, RawChannel]:
-        """Those wanted channels that the file has, each (n,)."""
-        more = (request or Request(),) if self.asks else ()
-        found: dict[str, RawChannel] = self._reader.columns(path, wanted, *more)
-        return found
-
-    def units(self, path: Path) -> dict[str, str]:
-        """Units that the file states of its channels, as it spells them."""
-        stated = getattr(self._reader, "units", None)
-        found: dict[str, str] = {} if stated is None else stated(path)
-        return found
-
-    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
-        """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
-        found: list[RawChannel] = self._reader.rows(path, wanted, start, stop)
-        return found
-
-
-FORMATS = (
-    Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log"), "csv", asks=True),
-    Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
-    Format("MATLAB", (".mat",), "mat"),
-    Format("NumPy", (".npz", ".npy"), "npz"),
-    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
-    Format("MCAP or ROS bag", (".mcap", ".bag", ".db3"), "messages", asks=True),
-    Format("TDMS", (".tdms",), "tdms", asks=True),
-    Format("LeRobot data set", (), "lerobot", asks=True),
-    Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
-    Format("text with a channel in each row", (), "transposed"),
-    Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
-)
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES = (FORMATS[k] for k in (0, 5, 7, 9, 10))
 
 
 def read_log(
@@ -173,52 +105,6 @@ def read_log(
     return _with_drift(log, found.report)
 
 
-def format_of(path: Path) -> Format:
-    """The format by the suffix, of a file that exists and can be read."""
-    try:
-        if path.is_dir():
-            for kind, files in ((LEROBOT, data_set_files), (MESSAGES, bag_files), (_PARQUET_FILES, parquet_files)):
-                if files(path):
-                    return kind
-            raise LogFileError(
-                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of Parquet files.",
-                where=path,
-                advice="Name one file in it.",
-            )
-        if not path.exists():
-            raise LogFileError(
-                f"{path}: no such file.",
-                where=path,
-                advice="Check the path; a study takes it from the folder of --data, or from its own.",
-            )
-        with open_regular(path, LOG_FILE) as file:
-            first = file.read(1)
-    except (OSError, ValueError) as error:
-        raise _inaccessible(path, getattr(error, "strerror", None) or str(error)) from error
-    if not first:
-        raise empty(path, "0 bytes")
-    for kind in FORMATS:
-        if path.suffix.lower() in kind.suffixes:
-            return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
-    suffix = path.suffix.lower()
-    if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:
-        return Format(suffix[1:].upper(), (suffix,), "", extension=found)
-    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind.suffixes]
-    known += [f".{name}" for name in extension_names("haptid.log_formats")]
-    raise LogFileError(
-        f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
-        where=path,
-        found=path.suffix,
-        limit=tuple(known),
-        advice=f"Formats: {'; '.join(known)}. Convert the log, or rename it.",
-    )
-
-
-def _inaccessible(path: Path, why: str) -> LogFileError:
-    """Error of a file that cannot be opened."""
-    return LogFileError(f"{path} cannot be read: {why}.", where=path, advice="Check its permissions, or copy the file.")
-
-
 def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
     """Error of a channel that a file does not have."""
     parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
@@ -229,148 +115,6 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
         limit=tuple(names),
         advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {channel_list(names)}.",
     )
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes; of a folder, of the names and digests of the files that hold its samples."""
-    if path.is_dir():
-        files = log_files(path)
-        lines = "".join(f"{sha256_of(file)}  {file.relative_to(path).as_posix()}\n" for file in files)
-        return hashlib.sha256(lines.encode()).hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@dataclass(frozen=True, eq=False)
-class Times:
-    """When the rows of a file were recorded.
-
-    Attributes:
-        path: of the file.
-        rows: the part to keep.
-        known: their stamps; None where a rate is given.
-        seconds: times of these rows, as far as known, (rows,), s.
-    """
-
-    path: Path
-    rows: slice
-    known: stamps.Stamps | None
-    seconds: Array
-
-    @staticmethod
-    def of(
-        path: Path,
-        channels: Channels,
-        raw: RawChannel | None,
-        count: int,
-        time_range: tuple[float, float] | None,
-        notes: list[str],
-    ) -> Times:
-        """Stamps of the part to keep, or a rate.
-
-        Args:
-            path: the file.
-            channels: which of them is time.
-            raw: that channel, (count,); overwritten. None where there is none.
-            count: rows of the file.
-            time_range: the part to keep, s.
-            notes: appended to.
-        """
-        known = None
-        if channels.time is None or raw is None:
-            seconds = np.arange(count) / float(channels.rate_hz or 0.0)
-            rows = stamps.part(path, seconds, time_range)
-            stamps.check_length(path, rows.stop - rows.start)
-        else:
-            scale = units.scale(channels.time_unit, "time")[1]
-            first, fineness = raw[0] * scale, stamps.resolution(raw) * scale
-            seconds = stamps.since_first(path, channels.time, raw, scale)
-            rows = stamps.part(path, seconds, time_range)
-            known = stamps.checked(path, channels.time, seconds[rows], fineness)
-            if abs(first) > 0.5 * float(np.median(np.diff(seconds[rows][:1000]))):
-                notes.append(f"times count from the file's first stamp, {first:.9g} s")
-        if time_range is not None:
-            kept_count = rows.stop - rows.start
-            notes.append(f"kept from {time_range[0]:g} to {time_range[1]:g} s: {kept_count} of {count} samples")
-        return Times(path, rows, known, seconds[rows] if known is None else known.seconds)
-
-    def gaps(self) -> NDArray[np.intp]:
-        """Rows before a step too long for jitter."""
-        return candidate_gaps(np.diff(self.seconds))[0]
-
-    def base(self, inspection: Inspection, raw: Callable[[Signal], Iterable[Array]], channels: Channels) -> TimeBase:
-        """The time base, once all channels are inspected.
-
-        Args:
-            inspection: of the channels.
-            raw: gives the inspected channels of a signal, each (rows,).
-            channels: of the file.
-        """
-        recorded = RawSignals(
-            inspection.same["position"],
-            inspection.same["torque"],
-            lambda: raw(channels.position),
-            lambda: raw(channels.torque),
-        )
-        keep = channels.stale == "keep"
-        if self.known is None:
-            rate = float(channels.rate_hz or 0.0)
-            return at_rate(self.path, self.rows.start, self.rows.stop, rate, recorded, keep)
-        return time_base(self.path, self.known, recorded, channels.sampling, keep)
-
-
-class Inspection:
-    """Checks and unwraps raw columns, one after the other.
-
-    Attributes:
-        path: the file.
-        times: of the rows.
-        notes: appended to.
-        moving: where each position differs from the sample before, as bits; complete after the positions.
-        same: whether all channels of a signal so far equal those of the row before, (rows,) each.
-    """
-
-    def __init__(self, path: Path, times: Times, notes: list[str]) -> None:
-        self.path, self.times, self.notes = path, times, notes
-        self.moving: list[NDArray[np.uint8]] = []
-        self.same = {kind: np.append(False, np.ones(times.seconds.size - 1, bool)) for kind in ("position", "torque")}
-        self.gaps = times.gaps()
-
-    def column(self, name: str, raw: RawChannel, signal: Signal, kind: ChannelKind, si: float) -> Array:
-        """A channel of a signal at the stamps, (rows,), in the file's unit; positions before torques.
-
-        Args:
-            name, raw: of the channel; raw as it is in the file.
-            signal, kind: that it belongs to.
-            si: factor from its unit to SI.
-        """
-        column = signal.register.signed(raw.astype(np.float64, copy=False))
-        self._note(checks.check_range(self.path, name, column, kind, signal.constant_ok, si))
-        moved = column[1:] != column[:-1]
-        self.same[kind][1:] &= ~moved
-        if kind == "position":
-            self.moving.append(np.packbits(moved))
-            return self._position(name, column, signal, si)
-        self._torque(name, column, signal)
-        return column
-
-    def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
-        """The column, unwrapped if its signal says so, and checked for jumps."""
-        if signal.unwrap:
-            column, count = checks.unwrapped(column, signal.one(name))
-            self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
-        checks.jumps(self.path, name, column, self.times.seconds, signal.one(name), si, self.gaps)
-        return column
-
-    def _torque(self, name: str, column: Array, signal: Signal) -> None:
-        """Check for saturation during motion of the paired position, or of any where they are not in pairs."""
-        paired = len(self.moving) == len(signal.channels)
-        bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
-        self._note(checks.saturated(self.path, name, column, bits, signal.one(name)))
-
-    def _note(self, sentence: str | None) -> None:
-        if sentence:
-            self.notes.append(sentence)
 
 
 def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: ChannelKind, own: Array | None) -> Array:

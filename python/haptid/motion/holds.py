@@ -22,8 +22,9 @@ from haptid.device import Device
 from haptid.errors import LogChannelError, LogDataError, LogMismatchError, NoRowsError
 from haptid.log import Channels, Log, Signal
 from haptid.log.checks import all_usable
+from haptid.log.file_format import format_of, sha256_of
 from haptid.log.formats.sniff import RawChannel
-from haptid.log.read import ChannelKind, format_of, sha256_of
+from haptid.log.inspection import ChannelKind
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.filters import bad_setting
 from haptid.motion.motion import Motion

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from haptid._internal.bounded_files import DEFINITION_FILE, RESULT_FILE, read_bounded
-from haptid.log.read import sha256_of
+from haptid.log.file_format import sha256_of
 
 IndexedKind = Literal["device", "study", "experiment", "log", "result"]
 # Folder of each kind, and what counts in it: files by ending, or folders with a result file.

@@ -128,7 +128,7 @@ def packed_samples(path: Path, time: str, names: Sequence[str]) -> bytes:
     """
     import numpy as np
 
-    from haptid.log.read import format_of
+    from haptid.log.file_format import format_of
     from haptid.log.request import Request
 
     if not 0 < len(names) <= _MOST_CHANNELS:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from haptid._internal.toml_text import basic_string
-from haptid.log.read import LEROBOT, MESSAGES, Format
+from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.names import COMMAND_WORDS, QUANTITY_WORDS, base_of, drive_unit, element_of, unit_apart, words_of

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
 from haptid.log.by_content import Content
+from haptid.log.file_format import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.formats.messages.container import Topic
 from haptid.log.formats.messages.containers import containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
-from haptid.log.read import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey

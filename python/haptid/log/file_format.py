@@ -1,0 +1,138 @@
+"""Formats of log files: each with its suffixes and the module that reads it, and the format of a file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from haptid._internal.bounded_files import LOG_FILE, open_regular
+from haptid._internal.extensions import extension, extension_names
+from haptid._internal.extras import needing
+from haptid.errors import LogFileError
+from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files
+from haptid.log.formats.sniff import RawChannel, empty
+from haptid.log.formats.transposed import is_transposed
+from haptid.log.request import Request
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: its name, its suffixes, and the module that reads it, imported when needed.
+
+    Attributes:
+        by_rows: whether some rows can be read without the others.
+        asks: whether reading depends on a `Request`, and its notes say what was found.
+        extension: what another package declared in `haptid.log_formats`, in place of `module`.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    by_rows: bool = False
+    asks: bool = False
+    extension: Any = None
+
+    @property
+    def _reader(self) -> Any:
+        if self.extension is not None:
+            return self.extension
+        with needing(f"reading {self.name}"):
+            return import_module(f"haptid.log.formats.{self.module}")
+
+    def names(self, path: Path) -> list[str]:
+        """Every channel of the file."""
+        found: list[str] = self._reader.names(path)
+        return found
+
+    def columns(self, path: Path, wanted: Sequence[str], request: Request | None = None) -> dict[str, RawChannel]:
+        """Those wanted channels that the file has, each (n,)."""
+        more = (request or Request(),) if self.asks else ()
+        found: dict[str, RawChannel] = self._reader.columns(path, wanted, *more)
+        return found
+
+    def units(self, path: Path) -> dict[str, str]:
+        """Units that the file states of its channels, as it spells them."""
+        stated = getattr(self._reader, "units", None)
+        found: dict[str, str] = {} if stated is None else stated(path)
+        return found
+
+    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
+        """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
+        found: list[RawChannel] = self._reader.rows(path, wanted, start, stop)
+        return found
+
+
+FORMATS = (
+    Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log"), "csv", asks=True),
+    Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
+    Format("MATLAB", (".mat",), "mat"),
+    Format("NumPy", (".npz", ".npy"), "npz"),
+    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
+    Format("MCAP or ROS bag", (".mcap", ".bag", ".db3"), "messages", asks=True),
+    Format("TDMS", (".tdms",), "tdms", asks=True),
+    Format("LeRobot data set", (), "lerobot", asks=True),
+    Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
+    Format("text with a channel in each row", (), "transposed"),
+    Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
+)
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES = (FORMATS[k] for k in (0, 5, 7, 9, 10))
+
+
+def format_of(path: Path) -> Format:
+    """The format by the suffix, of a file that exists and can be read."""
+    try:
+        if path.is_dir():
+            for kind, files in ((LEROBOT, data_set_files), (MESSAGES, bag_files), (_PARQUET_FILES, parquet_files)):
+                if files(path):
+                    return kind
+            raise LogFileError(
+                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of Parquet files.",
+                where=path,
+                advice="Name one file in it.",
+            )
+        if not path.exists():
+            raise LogFileError(
+                f"{path}: no such file.",
+                where=path,
+                advice="Check the path; a study takes it from the folder of --data, or from its own.",
+            )
+        with open_regular(path, LOG_FILE) as file:
+            first = file.read(1)
+    except (OSError, ValueError) as error:
+        raise _inaccessible(path, getattr(error, "strerror", None) or str(error)) from error
+    if not first:
+        raise empty(path, "0 bytes")
+    for kind in FORMATS:
+        if path.suffix.lower() in kind.suffixes:
+            return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
+    suffix = path.suffix.lower()
+    if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:
+        return Format(suffix[1:].upper(), (suffix,), "", extension=found)
+    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS if kind.suffixes]
+    known += [f".{name}" for name in extension_names("haptid.log_formats")]
+    raise LogFileError(
+        f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
+        where=path,
+        found=path.suffix,
+        limit=tuple(known),
+        advice=f"Formats: {'; '.join(known)}. Convert the log, or rename it.",
+    )
+
+
+def _inaccessible(path: Path, why: str) -> LogFileError:
+    """Error of a file that cannot be opened."""
+    return LogFileError(f"{path} cannot be read: {why}.", where=path, advice="Check its permissions, or copy the file.")
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file's bytes; of a folder, of the names and digests of the files that hold its samples."""
+    if path.is_dir():
+        files = log_files(path)
+        lines = "".join(f"{sha256_of(file)}  {file.relative_to(path).as_posix()}\n" for file in files)
+        return hashlib.sha256(lines.encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
