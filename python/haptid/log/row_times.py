@@ -45,7 +45,7 @@ _WIDE, _NARROW = 51, 11
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
 _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
 # Steps above which a median is estimated from every second one, every third one, ...
-SAMPLED = 2**18
+MOST_STEPS = 2**18
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def uniform(first: float, step: float, n: int) -> Array:
 
 
 def sampled_median(steps: Array) -> float:
-    return float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
+    return float(np.median(steps[:: max(1, steps.size // MOST_STEPS)]))
 
 
 def regular_times(seconds: Array, spans: Spans, fineness: float) -> RowTimes | None:

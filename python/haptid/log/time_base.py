@@ -31,7 +31,7 @@ from haptid.errors import LogTimeError
 from haptid.log.resampling import CARRIED, KNOT, Resampling, Spans
 from haptid.log.row_times import (
     LONGEST_GAP,
-    SAMPLED,
+    MOST_STEPS,
     RawSignals,
     RowTimes,
     Sampling,
@@ -281,7 +281,7 @@ def candidate_gaps(steps: Array) -> tuple[NDArray[np.intp], float]:
 
 def _motion_edge(channels: Iterable[Array], rows: slice, step: float) -> float:
     """The largest bandwidth of the channels' motion, Hz; 0 where nothing moves, infinite in too few rows."""
-    parts = [channel[rows][:SAMPLED] for channel in channels]
+    parts = [channel[rows][:MOST_STEPS] for channel in channels]
     if any(part.size < FEWEST_SAMPLES for part in parts):
         return np.inf
     return max(Spectrum.of(part, step).bandwidth for part in parts)
