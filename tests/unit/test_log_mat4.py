@@ -50,6 +50,27 @@ def test_what_is_cut_short_or_declares_too_much_is_refused(tmp_path: Path) -> No
             survey(path)
 
 
+def test_an_empty_matrix_of_millions_of_columns_has_no_channels(tmp_path: Path) -> None:
+    """Found by fuzzing: a name was made for each, a gigabyte of them."""
+    from haptid.log.formats import mat
+
+    path = tmp_path / "log.mat"
+    path.write_bytes(struct.pack("<5i", 0, 0, 2**31 - 1, 0, 2) + b"a\0")
+    assert mat.names(path) == []
+
+
+def test_an_array_without_sizes_is_refused(tmp_path: Path) -> None:
+    """Found by fuzzing, level 5: a text with an empty list of sizes ended the process in SciPy's compiled reader."""
+    path = tmp_path / "log.mat"
+    io.savemat(path, {"note": "made by hand"}, format="5")
+    sizes = struct.pack("<II", 5, 8)
+    raw = path.read_bytes()
+    assert raw.count(sizes) == 1
+    path.write_bytes(raw.replace(sizes, struct.pack("<II", 5, 0)))
+    with pytest.raises(errors.LogFileError, match="sizes are of type 5 and 0 bytes"):
+        survey(path)
+
+
 def test_other_files_are_none() -> None:
     assert not is_mat4(b"t,q1,tau1\n0,0,0\n" * 3)
     assert not is_mat4(bytes(64))

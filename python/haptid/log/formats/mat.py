@@ -184,7 +184,7 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
 _MOST_STRUCTS = 200
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
-_NESTED, _LAST_CLASS = (1, 2, 3, 16, 17), 18
+_NESTED, _LAST_CLASS, _OPAQUE = (1, 2, 3, 16, 17), 18, 17
 _DEEPEST = 32
 
 
@@ -273,7 +273,7 @@ def _elements(path: Path) -> Iterator[tuple[int, int, _Bytes]]:
 
 def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
     """What is wrong with the elements of an array of so many bytes; empty where nothing is."""
-    allowed, first = _TYPES, True
+    allowed, position, number = _TYPES, 0, 0
     while size > 0:
         tag = inside.take(8)
         if len(tag) < 8:
@@ -288,16 +288,21 @@ def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
         if kind not in allowed or count > (4 if small else size):
             return f"an element of type {kind} and {count} bytes"
         size -= padded
-        if first:
+        if position == 0:
             flags = inside.take(padded)
             number = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF if len(flags) >= 4 else 0
             if kind != 6 or not 1 <= number <= _LAST_CLASS:
                 return f"an array of class {number}"
-            allowed, first = (_TYPES if number in _NESTED else _TYPES - {MI_MATRIX}), False
+            allowed = _TYPES if number in _NESTED else _TYPES - {MI_MATRIX}
+        elif position == 1 and number != _OPAQUE:
+            if kind not in (5, 6) or count < 8 or count % 4:
+                return f"an array whose sizes are of type {kind} and {count} bytes"
+            inside.skip(padded)
         elif kind == MI_MATRIX:
             what = "arrays within arrays" if depth > _DEEPEST else _wrong_array(inside, count, order, depth + 1)
             if what:
                 return what
         else:
             inside.skip(padded)
+        position += 1
     return ""

@@ -255,10 +255,12 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     every = slice(None)
     if len(shape) == 1:
         return {name: (every,)}
-    if len(shape) != 2 or shape == (1, 1) or min(shape) > MOST_CHANNELS:
+    if len(shape) != 2 or shape == (1, 1):
         return {}
     along = shape.index(0) if 0 in shape else int(shape[0] < shape[1])
     count = shape[1 - along]
+    if count > MOST_CHANNELS:
+        return {}
     if count == 1:
         return {name: (every, 0) if along == 0 else (0, every)}
     return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
