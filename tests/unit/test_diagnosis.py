@@ -17,13 +17,14 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
 from haptid.inference.diagnosis.plausibility import unit_error
 from haptid.inference.diagnosis.residuals import residuals
+from haptid.inference.diagnosis.torque_channels import torque_channels
 from haptid.inference.elimination import not_identifiable
 from haptid.observation.augmented import torque_rates
 from motions import motion, truth
 
 LOOKS = {
     *("excitation", "collinearity", "whiteness", "normality", "even spread", "time delay", "errors in W"),
-    *("units and signs", "ripple", "rigid range", "influence", "drift"),
+    *("units and signs", "ripple", "rigid range", "influence", "drift", "torque channels"),
     *(term.name for term in CANDIDATES),
 }
 
@@ -118,6 +119,33 @@ def test_a_validation_on_unseen_rows_takes_the_place_of_the_direct_one(clean):
     found = diagnose(clean, haptid.validate(clean, unseen))
     assert "on unseen rows" in found.verdict.sentences[0]
     assert not any("Validate it" in sentence for sentence in found.verdict.sentences)
+
+
+def test_a_torque_at_its_limit_and_one_that_chatters_are_named(clean):
+    """A limit that 0.1 % of the samples reach; a sliding mode that switches for a tenth of a second at reversals."""
+    raw = clean.observation.motions[0].log
+    assert torque_channels(clean).status == "ok"
+
+    def found(torque):
+        treated = haptid.treat(replace(raw, torque=torque), clean.observation.motions[0].treatment)
+        return torque_channels(replace(clean, observation=replace(clean.observation, motions=(treated,))))
+
+    first, second, _ = raw.channels.torque.channels
+    limited = np.array(raw.torque)
+    limit = np.quantile(np.abs(limited[:, 0]), 0.999)
+    limited[:, 0] = np.clip(limited[:, 0], -limit, limit)
+    clipped = found(limited)
+    assert clipped.status == "doubt"
+    assert clipped.sentence.startswith(f"{first} stays at its limit ({limit:.3g})")
+    assert 0.0005 < clipped.figures[f"clipped {first}"] <= 0.001  # runs of one or two samples may be noise
+    assert second not in clipped.sentence
+    switching = np.array(raw.torque)
+    slow = np.abs(np.gradient(np.asarray(raw.position)[:, 1])) < 0.1 * np.abs(np.gradient(raw.position[:, 1])).max()
+    sign = np.where(np.arange(len(slow)) // 2 % 2, 1.0, -1.0)
+    switching[:, 1] += np.where(slow, 0.6 * switching[:, 1].std() * sign, 0.0)
+    chattering = found(switching)
+    assert chattering.status in ("doubt", "bad")
+    assert chattering.sentence.startswith(f"{second} steps back and forth")
 
 
 def test_an_exact_fit_leaves_no_residual_to_look_at():

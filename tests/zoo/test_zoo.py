@@ -6,15 +6,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import haptid
+from haptid.study.identify import identify
+from haptid.study.read import read_study
 from zoo.case import Case, draw
 from zoo.oracle import Unseen, oracle
 from zoo.plant import Plant
-from zoo.recording import record, undisturbed
+from zoo.recording import record, undisturbed, write
 from zoo.score import LEAST, score
 
 # Error over the oracle's, of logs whose model fits, and of any log whose result claims to be in order.
@@ -34,6 +38,9 @@ CASES = {
     "slow motion, much friction": Case(12, "arm2", 100, 80, 0.15, 3, bits=14, friction=0.8, noise="AR", delay=0.5),
     "noise inside the loop": Case(13, "arm2", 500, 6, 1.5, 3, bits=16, level=0.01, loop=True, delay=1.0),
     "ripple beside clean torque": draw(240, 0)[200],
+    "ripple of resampled positions": Case(
+        14, "arm2", 200, 60, 0.1, 3, bits=12, encoder="ripple", steps=2.0, jitter=0.05
+    ),
 }
 MISFITS = {
     name: Case(20 + k, "arm2", 500, 12, 1.0, 3, bits=16, friction=0.6, noise="AR", delay=0.5, misfit=name)
@@ -62,6 +69,15 @@ def test_a_log_that_does_not_tell_other_motion_is_uncertain(tmp_path: Any, monke
     monkeypatch.setattr("zoo.oracle.PARALLEL", ())
     row = score(Case(15, "pendulum", 200, 10, 6.8, 1, bits=20, noise="AR", delay=0.5))
     assert row["status"] == "uncertain", row
+
+
+def test_alternate_blocks_of_one_direction_of_motion_are_no_reason_to_refuse_a_log(tmp_path: Path) -> None:
+    """A sine of two blocks a period: every other block moves one way, and has no friction but an offset."""
+    plant = Plant(Case(3, "axis", 200, 12, 0.5, 1, friction=0.3))
+    found = identify(read_study(write(plant, record(plant), tmp_path)))
+    with pytest.raises(haptid.errors.IdentifiabilityError):
+        [haptid.estimate(half, haptid.WLS()) for half in found.estimate.observation.alternate()]
+    assert found.unseen[0].relative < 2.0
 
 
 @pytest.mark.parametrize("seed", [880_001, 880_005])

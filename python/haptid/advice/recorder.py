@@ -11,6 +11,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
+from haptid.inference.diagnosis.torque_channels import clipped
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
@@ -21,8 +22,8 @@ from haptid.observation.augmented import torque_of
 DEAD = 0.3
 # and coarse with fewer values than this.
 _COARSE = 64
-# A torque is clipped where it stays at its extreme for this many samples, in this share of the log.
-CLIPPED_RUN, CLIPPED = 3, 0.002
+# Share of the log in which a clipped torque spoils the fit.
+CLIPPED = 0.002
 # A position is stuck while it stays where the motion around it would have moved it by this many of its own steps, or
 # this share of its range.
 STUCK_STEPS, STUCK = 12.0, 0.01
@@ -68,24 +69,11 @@ def _torque_faults(tau: Array, k: int) -> Iterator[ChannelFault]:
     if share > DEAD and 0 < most < len(values) - 1:
         yield ChannelFault("dead torque", k, np.ones(len(tau), dtype=bool), share, float(values[most]))
         return
-    clipped = np.zeros(len(tau), dtype=bool)
-    for extreme in (values[0], values[-1]):
-        clipped |= _runs(tau == extreme, CLIPPED_RUN)
-    neighbours = count[1] + count[-2] if len(values) > 3 else len(tau)
-    if clipped.mean() > CLIPPED and clipped.sum() > 4 * neighbours:
-        yield ChannelFault("clipped torque", k, clipped, float(clipped.mean()), float(np.abs(values[[0, -1]]).max()))
+    at_limit = clipped(tau)
+    if at_limit.mean() > CLIPPED:
+        yield ChannelFault("clipped torque", k, at_limit, float(at_limit.mean()), float(np.abs(values[[0, -1]]).max()))
     if len(values) <= _COARSE:
         yield ChannelFault("coarse torque", k, np.ones(len(tau), dtype=bool), 1.0, float(np.diff(values).min()))
-
-
-def _runs(true: np.ndarray, least: int) -> np.ndarray:
-    """Where a run of True has at least so many samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
-    made = np.zeros(len(true), dtype=bool)
-    for start, stop in edges:
-        if stop - start >= least:
-            made[start:stop] = True
-    return made
 
 
 def _stuck(x: Array) -> np.ndarray:

@@ -35,8 +35,9 @@ _SHARE, _END = 0.98, 0.999
 _MOVES = 0.01
 # Share of the filtered acceleration's power that may be noise before the filter is narrowed.
 _TOLERATED = 0.003
-# RMS of what ripple may be, in steps of the encoder, and as a share of the motion where there are none.
-_STEPS, _SMALL = 4.0, 1e-3
+# RMS of what ripple may be, in steps of the encoder, and as a share of the motion where they are not known: a channel
+# that was resampled lies on no lattice.
+_STEPS, _SMALL = 4.0, 1e-2
 # Share of the position's power that may be left out as ripple at most.
 _BULK = 0.01
 # Order of one pass of the position filter that cut-offs are chosen for.

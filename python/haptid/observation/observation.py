@@ -144,10 +144,10 @@ class Observation:
         """The first block of this observation that overlaps one of the other; None where there is none."""
         return next((block for block in self.blocks if any(block.overlaps(b) for b in other.blocks)), None)
 
-    def alternate(self) -> tuple[Observation, Observation]:
-        """Alternate time blocks, for cross-validation: the first, third, ... and the second, fourth, ..."""
+    def alternate(self, run: int = 1) -> tuple[Observation, Observation]:
+        """Alternate runs of time blocks, to cross-validate: of 1 the first, third, ... and the second, fourth, ..."""
         index = np.arange(len(self.blocks))
-        even, odd = (self.pick(index[index % 2 == parity]) for parity in (0, 1))
+        even, odd = (self.pick(index[index // run % 2 == parity]) for parity in (0, 1))
         return even, odd
 
     def pick(self, blocks: np.ndarray) -> Observation:

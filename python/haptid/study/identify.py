@@ -44,6 +44,8 @@ from haptid.validation.validation import Validation, fit_errors, pooled, validat
 
 # Range of a position, rad or m, up to which a joint stands still: that of a constant which was resampled.
 _STILL = 1e-9
+# Time blocks in a row that are held out together, as they are tried.
+_RUNS = (1, 2, 3)
 _Progress = Callable[[str, float], None]
 
 
@@ -364,12 +366,31 @@ def held_out(
     if study.cross_validation == "leave-one-log-out":
         return (validate(_usable(study, reduce(add, others)), observation, whole),)
     if study.cross_validation == "blocks":
-        halves = observation.alternate()
-        folds = (
-            validate(_usable(study, reduce(add, others, fit)), unseen, whole) for fit, unseen in (halves, halves[::-1])
-        )
-        return (pooled(*folds),)
+        return (pooled(*_folds(study, observation, others, whole)),)
     return ()
+
+
+def _folds(
+    study: Study, observation: Observation, others: list[Observation], whole: Observation | None
+) -> list[Validation]:
+    """Both halves of a log's time blocks, predicted from the other one and the other logs.
+
+    Alternate blocks may all have the same part of a periodic motion, as its motion in one direction: longer runs of
+    them then alternate.
+    """
+
+    def predicted(run: int) -> list[Validation]:
+        halves = observation.alternate(run)
+        return [
+            validate(_usable(study, reduce(add, others, fit)), unseen, whole) for fit, unseen in (halves, halves[::-1])
+        ]
+
+    for run in _RUNS[:-1]:
+        try:
+            return predicted(run)
+        except IdentifiabilityError:
+            continue
+    return predicted(_RUNS[-1])
 
 
 def _usable(study: Study, rows: Observation) -> Estimate:
