@@ -17,7 +17,7 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
 from haptid.inference.diagnosis.plausibility import unit_error
 from haptid.inference.diagnosis.residuals import residuals
-from haptid.inference.diagnosis.torque_channels import torque_channels
+from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.elimination import not_identifiable
 from haptid.observation.augmented import torque_rates
 from motions import motion, truth
@@ -124,11 +124,11 @@ def test_a_validation_on_unseen_rows_takes_the_place_of_the_direct_one(clean):
 def test_a_torque_at_its_limit_and_one_that_chatters_are_named(clean):
     """A limit that 0.1 % of the samples reach; a sliding mode that switches for a tenth of a second at reversals."""
     raw = clean.observation.motions[0].log
-    assert torque_channels(clean).status == "ok"
+    assert torque_faults(clean).status == "ok"
 
     def found(torque):
         treated = haptid.treat(replace(raw, torque=torque), clean.observation.motions[0].treatment)
-        return torque_channels(replace(clean, observation=replace(clean.observation, motions=(treated,))))
+        return torque_faults(replace(clean, observation=replace(clean.observation, motions=(treated,))))
 
     first, second, _ = raw.channels.torque.channels
     limited = np.array(raw.torque)

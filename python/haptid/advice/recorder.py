@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
-from haptid.inference.diagnosis.torque_channels import clipped
+from haptid.inference.diagnosis.torque_faults import clipped
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat

@@ -19,7 +19,7 @@ from haptid.inference.diagnosis.influence import influence, parameter_drift
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.rigid_range import FrequencyRange, frequency_ranges, rigid_range
 from haptid.inference.diagnosis.subsample import sentence, subsample
-from haptid.inference.diagnosis.torque_channels import torque_channels
+from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
 from haptid.simulation import PID
@@ -104,7 +104,7 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     left = residuals(part)
     ranges = frequency_ranges(part, left)
     on_rows = (*_on_rows(part, by, left), rigid_range(ranges))
-    findings = (*motion, torque_channels(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
+    findings = (*motion, torque_faults(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
     return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)), ranges)
 

@@ -29,7 +29,7 @@ _LENGTHS, _OF_PERIOD = (1, 2), 1 / 12
 _ENOUGH = 1 << 20
 
 
-def torque_channels(estimate: Estimate) -> Finding:
+def torque_faults(estimate: Estimate) -> Finding:
     """Clipped and chattering torque channels of the logs of an estimate."""
     faults, figures, grades = list[str](), dict[str, float](), list[Status]()
     logs = [(motion, motion.log) for motion in estimate.observation.motions if motion.log is not None]
