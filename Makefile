@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Some tests start many processes; each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom hashes install-hashed docs wheel clean
+.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom hashes install-hashed docs wheel wheel-linux clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -87,6 +87,12 @@ wheel: $(VENV)/.run
 	$(PIP) install -c constraints.txt maturin
 	$(BIN)/maturin build --release --locked --out dist
 	$(BIN)/python tools/write_sbom.py dist/haptid.cdx.json
+
+# For every Linux since glibc 2.17, whatever this one is: zig links against the old library. The sources beside it.
+wheel-linux: $(VENV)/.run
+	$(PIP) install -c constraints.txt maturin ziglang
+	$(BIN)/maturin sdist --out dist
+	PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/maturin build --release --locked --compatibility manylinux2014 --zig --out dist
 
 clean:
 	rm -rf $(VENV) target demo site dist
