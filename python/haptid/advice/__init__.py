@@ -3,7 +3,8 @@
 May import study and inference; it is used by commands and reports.
 """
 
-from haptid.advice.advise import Action, Advice, advise
+from haptid.advice.action import Action, Advice
+from haptid.advice.advise import advise
 from haptid.advice.apply import Applied, apply_advice
 from haptid.advice.edits import Edit
 

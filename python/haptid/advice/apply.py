@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.advice.advise import MASKS, Action, Advice
+from haptid.advice.action import MASKS, Action, Advice
 from haptid.advice.edits import written
 from haptid.errors import HaptidError
 from haptid.study.identify import Identification, identify

@@ -1,0 +1,205 @@
+"""Actions of an advice with their proofs, as values, sentences and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from haptid.advice.edits import Edit
+from haptid.advice.more_motion import MoreMotion
+from haptid.inference.diagnosis.finding import joined_names
+from haptid.uncertainty.figures import per_cent
+
+Proof = Literal["unseen error", "possible bodies", "prior bodies"]
+# Actions that are shown.
+SHOWN = 6
+# Kinds that leave rows out.
+MASKS = ("dead torque", "stuck position", "contact", "other log")
+# Kind of what changes the fit for use, and not the rows or the free model.
+USE = "model for use"
+# What to do, by the kind of the change.
+CHANGES: Mapping[str, str] = {
+    "coulomb": "add Coulomb friction on {where}",
+    "viscous": "add viscous friction on {where}",
+    "offset": "add a constant torque (direction-dependent dry friction, or an amplifier's offset) on {where}",
+    "viscosity by direction": "let viscous friction depend on the direction on {where}",
+    "bent viscosity": "add friction that grows with the square of the speed on {where}",
+    "stribeck": "add Stribeck friction on {where}",
+    "presliding": "let dry friction build up over a distance after reversals (Dahl friction) on {where}",
+    "spring": "add a spring on {where}",
+    "torque by position": "add a torque that depends on the position of {where}",
+    "load friction": "add load-dependent dry friction on {where}",
+    "rotor inertia": "add the rotor's inertia on {where}",
+    "ripple": "add a torque periodic in the position of {where}",
+    "time shift": "shift the torque channel of {where} in time",
+    "drift": "the friction or offset of {where} drifts with time: split the log, or record at one temperature",
+    "payload": "a payload is on {where} for part of the log: split the log, and estimate it with `haptid payload`",
+    "gain": "correct the gain of the torque channel of {where}",
+    "torque sign": "reverse the torque channel of {where}",
+    "unit": "correct the unit of the torque channel of {where}",
+    "torque swap": "exchange the torque channels of {where}",
+    "position sign": "reverse the position channel of {where}",
+    "position swap": "exchange the position channels of {where}",
+    "position unit": "read the positions in {where}",
+    "zero offset": "correct the zero of the position of {where}",
+    "length": "correct {where} in the device file",
+    "gravity direction": "correct the direction of gravity in the device file",
+    "dead torque": "leave out the torque channel of {where}, which is dead: check its wiring, and record again",
+    "coarse torque": "record the torque of {where} with a finer resolution",
+    "clipped torque": "leave out the parts in which the torque of {where} is clipped",
+    "stuck position": "leave out the parts in which the position of {where} is stuck",
+    "contact": "leave out the parts in which something touches {where}",
+    "other log": "leave out {where}, which is not of the device that the other logs are of",
+    "filter": "set the cut-off of the position filter to {where}",
+}
+# Limits of the proof of each kind.
+_OPEN: Mapping[str, str] = {
+    "offset": "whether it is friction or the amplifier's offset",
+    "torque by position": "what exerts it: a cable, a spring, or gravity of a link",
+    "ripple": "whether it is cogging, gear teeth or an eccentric pulley",
+    "time shift": "which of the two channels is late",
+    "drift": "whether it is warmth, wear or an amplifier",
+    "payload": "when it was fixed, to better than a twelfth of the log",
+    "gain": "whether the channel's gain or the model's lengths and gear ratios are wrong",
+    "unit": "whether the channel's gain or the prior bodies are wrong",
+    "zero offset": "whether the sensor's zero or the device file's angle is wrong",
+    "gravity direction": "whether the base is tilted or several zeros are wrong",
+    "mounting": "whether the base is tilted from that axis",
+    "dead torque": "what the channel would have shown",
+    "contact": "what touched it, and lighter contacts elsewhere",
+    "other log": "what differs in it: a payload, a setting, another device",
+    "filter": "the effect in faster motion than the log's",
+}
+
+
+@dataclass(frozen=True)
+class Action:
+    """A change that was carried out on the data.
+
+    Attributes:
+        kind: such as "stribeck".
+        places: where.
+        change: what to do, and by how much.
+        proof: kind of the proof.
+        before, after: error of torque on unseen rows, per cent; for "possible bodies" the distance of the parameters
+            from bodies that can exist, in standard errors; for "prior bodies" the ratio of the torque to theirs.
+        se: paired standard error of before - after, None where the error is not the proof.
+        share: of the weighted squared unseen error that goes away.
+        adds: whether it belongs to the best combination.
+        edits: of study and device file; empty where files cannot say it.
+        blocks: unseen time blocks on which the errors are stated.
+        rivals: other changes whose gain is the same within a paired standard error, mountings within three.
+        motor: whose error is stated; empty for that of all.
+    """
+
+    kind: str
+    places: tuple[str, ...]
+    change: str
+    proof: Proof
+    before: float
+    after: float
+    se: float | None
+    share: float
+    adds: bool
+    edits: tuple[Edit, ...]
+    blocks: int = 0
+    rivals: tuple[str, ...] = ()
+    motor: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The change, its proof, and the limits of the proof."""
+        return " ".join([f"{self.change[0].upper()}{self.change[1:]}{self._proof}", *self._open])
+
+    @property
+    def _proof(self) -> str:
+        on = f"the error{f' of {self.motor}' if self.motor else ''} on {self.blocks} unseen time blocks"
+        if self.kind in MASKS:
+            rows = f"{per_cent(self.before, 3)} of all rows, {per_cent(self.after, 3)} of the others without them"
+            return f": {on} is {rows}."
+        if self.proof == "unseen error":
+            size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
+            return f": {on} falls from {size}."
+        if self.proof == "possible bodies":
+            return f" negative: without it they are {self.before:.3g} standard errors below zero or more."
+        return f": the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."
+
+    @property
+    def _open(self) -> Iterator[str]:
+        if self.rivals:
+            yield f"Not distinguishable from it by paired block errors: {joined_names(self.rivals)}."
+        if self.kind in _OPEN:
+            yield f"Not known: {_OPEN[self.kind]}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "kind": self.kind,
+            "places": list(self.places),
+            "change": self.change,
+            "proof": self.proof,
+            "before": self.before,
+            "after": self.after,
+            "se": self.se,
+            "share": self.share,
+            "adds": self.adds,
+            "blocks": self.blocks,
+            "rivals": list(self.rivals),
+            "motor": self.motor,
+            "sentence": self.sentence,
+            "edits": [edit.to_dict() for edit in self.edits],
+        }
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Actions by their gain, and questions that the log leaves open.
+
+    Attributes:
+        actions: those with proof, sorted.
+        before, after: unseen error without changes and with the best combination, per cent, on the same rows.
+        undetermined: sentences on what cannot be determined from this log.
+        tried: number of candidates.
+        motion: further motion that would make wide intervals narrow; None where none would, or none is wide.
+    """
+
+    actions: tuple[Action, ...]
+    before: float
+    after: float
+    undetermined: tuple[str, ...]
+    tried: int
+    motion: MoreMotion | None = None
+
+    @property
+    def combination(self) -> tuple[Action, ...]:
+        """The actions of the best combination, in the order in which they were added."""
+        return tuple(action for action in self.actions if action.adds)
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """Edits of the best combination."""
+        return tuple(edit for action in self.combination for edit in action.edits)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The first actions, further motion, then open questions."""
+        shown = [
+            f"{k}. {action.sentence}{'' if action.adds else ' Not in addition to the others.'}"
+            for k, action in enumerate(self.actions[:SHOWN], 1)
+        ]
+        together = [action.kind for action in self.combination if action.kind != USE]
+        if len(together) > 1:
+            shown.append(f"Together ({joined_names(together)}): unseen error {self.before:.3g} to {self.after:.3g} %.")
+        return (*shown, *((self.motion.sentence,) if self.motion else ()), *self.undetermined)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "tried": self.tried,
+            "unseen_error_percent": self.before,
+            "combined_error_percent": self.after,
+            "actions": [action.to_dict() for action in self.actions],
+            "undetermined": list(self.undetermined),
+            "more_motion": None if self.motion is None else self.motion.to_dict(),
+        }
