@@ -23,10 +23,11 @@ DT = 0.004
 
 def signals(seed: int = 2) -> dict[str, np.ndarray]:
     """Measured motion with an encoder's steps and a noisy rate, its plan, and torques, (samples, joints) each."""
+    rng = np.random.default_rng([5, seed])
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     q, qd, qdd = multisine(JOINTS, 12.0, DT, seed)
     tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
-    noisy = qd + 0.05 * np.std(qd) * RNG.standard_normal(qd.shape)
+    noisy = qd + 0.05 * np.std(qd) * rng.standard_normal(qd.shape)
     return {
         "q": np.round(q / 1e-3).T * 1e-3,
         "qd": noisy.T,
@@ -70,6 +71,13 @@ def test_several_recordings_in_one_table_whose_joints_move_alike() -> None:
     found = Content.of({f"c{k}": x for k, x in enumerate(table.T)})
     assert (found.time, found.positions) == ("c0", ("c1", "c2", "c3"))
     assert found.torques == ("c7", "c8", "c9")
+
+
+def test_torques_of_the_positions_own_array_come_first() -> None:
+    parts = signals()
+    columns = {f"I{k}": x for k, x in enumerate(np.random.default_rng(9).standard_normal(parts["tau"].shape).T)}
+    columns |= {f"data[{k}]": x for k, x in enumerate(np.hstack([parts[n] for n in ("q", "qd", "tau")]).T)}
+    assert Content.of(columns).torques == ("data[6]", "data[7]", "data[8]")
 
 
 def test_columns_by_joint() -> None:

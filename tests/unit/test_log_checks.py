@@ -28,6 +28,7 @@ def read(
     tau: np.ndarray | None = None,
     position: dict[str, object] | None = None,
     torque: dict[str, object] | None = None,
+    exclude: tuple[tuple[float, float], ...] = (),
 ) -> Log:
     """The log of one joint at 1 kHz with these samples, 4 s of a sine where None."""
     path = folder / "log.npz"
@@ -41,6 +42,7 @@ def read(
             Signal(**({"channels": "tau", "unit": "N m"} | (torque or {}))),  # type: ignore[arg-type]
             rate_hz=1000,
         ),
+        exclude=exclude,
     )
 
 
@@ -73,6 +75,22 @@ def test_identical_channels(tmp_path: Path) -> None:
     nearly = POSITION.copy()
     nearly[1234] += 1e-3
     assert read(tmp_path, tau=nearly)
+
+
+def test_faults_in_parts_that_are_left_out_are_no_faults(tmp_path: Path) -> None:
+    """A position that jumps there and back, and a clipped torque."""
+    q, tau = POSITION.copy(), TORQUE.copy()
+    q[2000:2010] += 3.0
+    tau[3000:3100] = 5.0
+    with pytest.raises(errors.LogDataError, match=r"jumps by 3\.0"):
+        read(tmp_path, q=q, exclude=((2.99, 3.11),))
+    with pytest.raises(errors.LogDataError, match="saturated"):
+        read(tmp_path, q=q, tau=tau, exclude=((1.99, 2.02),))
+    log = read(tmp_path, q=q, tau=tau, exclude=((1.99, 2.02), (2.99, 3.11)))
+    assert len(log.segments) == 3
+    left = ((log.t < 1.99) | (log.t > 2.02)) & ((log.t < 2.99) | (log.t > 3.11))
+    assert left.all()
+    np.testing.assert_array_equal(np.asarray(log.position)[:, 0], POSITION[np.rint(1000 * log.t).astype(int)])
 
 
 # --- saturation ---
@@ -160,7 +178,7 @@ def test_wrapped_angles_are_recognised_and_straightened(
     options = {"unit": unit, "gain": (gain,)}
     with pytest.raises(errors.LogDataError) as raised:
         read(tmp_path, q=wrapped, position=options)
-    assert "unwrap=True" in raised.value.advice
+    assert "`unwrap = true`" in raised.value.advice
     log = read(tmp_path, q=wrapped, position=options | {"unwrap": True})
     scale = 2 * np.pi / turn
     travel = (straight - straight[0]) * scale
@@ -176,6 +194,19 @@ def test_a_period_that_is_no_power_of_two(tmp_path: Path) -> None:
     assert raised.value.found == 50000
     log = read(tmp_path, q=np.mod(straight, 50_000), position=options | {"unwrap": True})
     np.testing.assert_allclose(log.position[:, 0], 6 * np.pi * T, atol=1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.3, 3.0, -7.0])
+def test_a_register_that_wraps_at_its_own_range(tmp_path: Path, speed: float) -> None:
+    """A drive that counts from -12.5 to 12.5 rad: jumps of about the channel's range, not of a turn."""
+    straight = speed * 40 * T * (1 + 0.1 * np.sin(T))
+    wrapped = np.mod(straight + 12.5, 25.0) - 12.5
+    with pytest.raises(errors.LogDataError, match="it is wrapped") as raised:
+        read(tmp_path, q=wrapped)
+    assert raised.value.found == 25
+    assert "`unwrap = true` and `period = 25`" in raised.value.advice
+    log = read(tmp_path, q=wrapped, position={"unit": "rad", "unwrap": True, "period": 25.0})
+    np.testing.assert_allclose(log.position[:, 0], straight, rtol=0, atol=1e-9 * np.abs(straight).max())
 
 
 # --- units, gains, mapping ---

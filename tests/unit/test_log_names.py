@@ -68,6 +68,21 @@ def test_the_joints_of_a_device_are_found_in_words_joined_by_an_underscore(tmp_p
     assert channels["torque"]["channels"] == ["shoulder_pan_joint_effort", "elbow_joint_effort"]
 
 
+def test_short_arrays_beside_a_recording_are_not_drafted(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, angle=np.array([3.0, 4.0]), t=T, q=Q, tau=TAU, torque_limits=np.array([1.0, 2.0]))
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["position"]["channels"], channels["torque"]["channels"]) == (["q"], ["tau"])
+
+
+def test_a_position_that_is_wrapped_is_drafted_to_be_unwrapped(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    wrapped = np.mod(30.0 * T + Q + 12.5, 25.0) - 12.5
+    np.savetxt(path, np.column_stack((T, wrapped, TAU)), delimiter=",", header="time,position,torque", comments="")
+    position = tomllib.loads(survey(path).table)["channels"]["position"]
+    assert (position["unwrap"], position["period"]) == (True, 25)
+
+
 def test_names_that_only_look_like_a_quantity() -> None:
     for name in (
         "water_level",

@@ -19,6 +19,8 @@ _MOST, _ROWS = 64, 20_000
 _INTEGRAL, _COPY = 0.98, 0.98
 # The same of a velocity with the integral of noisy accelerations; share by which the sampling period of these differs.
 _NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
+# Samples over which a row and the sum of its rate are compared.
+_LAG = 20
 # Correlation by which two copies of a position differ as integrals of one rate.
 _EQUAL = 0.01
 # Share by which the sizes of two copies differ at most.
@@ -82,6 +84,8 @@ class Content:
             groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
             if groups:
                 break
+        arrays = [name.partition("[")[0] for name in names]
+        groups.sort(key=lambda group: bool(heads) and arrays[group[0]] != arrays[heads[0]])  # the positions' own first
 
         def named(group: list[int]) -> tuple[str, ...]:
             return tuple(names[k] for k in group)
@@ -194,20 +198,16 @@ def _accelerations(rows: NDArray[np.float64], group: list[int], rates: list[int 
     pairs = [(i, j) for i, j in zip(rates, group, strict=True) if i is not None and np.ptp(rows[j]) > 0]
     if not pairs or not step:
         return False
-    alike = [
-        float(_straightened(rows[[i]])[0] @ _straightened(np.cumsum(rows[[j]] - rows[j].mean(), axis=1))[0])
-        for i, j in pairs
-    ]
+    alike = [float(np.corrcoef(*_gains(rows, i, j))[0, 1]) for i, j in pairs]
     return min(alike) > _NOISY_INTEGRAL and abs(_period(rows, pairs) / step - 1.0) < _SAME_PERIOD
 
 
 def _period(rows: NDArray[np.float64], pairs: list[tuple[int, int]]) -> float:
     """Sampling period at which the second of each pair is the rate of the first, s; median."""
-    found = []
-    for i, j in pairs:
-        integral = np.cumsum(rows[j] - rows[j].mean())
-        x, c = rows[i] - rows[i].mean(), integral - integral.mean()
-        line = np.linspace(-1.0, 1.0, len(x))
-        x, c = x - line * (x @ line) / (line @ line), c - line * (c @ line) / (line @ line)
-        found.append(float(x @ c) / float(c @ c))
-    return float(np.median(found)) if found else 0.0
+    gains = [_gains(rows, i, j) for i, j in pairs]
+    return float(np.median([x @ c / (c @ c) for x, c in gains])) if gains else 0.0
+
+
+def _gains(rows: NDArray[np.float64], i: int, j: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By how much row i grows over some samples, and row j adds up to; noise becomes no walk, as in an integral."""
+    return rows[i, _LAG:] - rows[i, :-_LAG], np.convolve(rows[j] - rows[j].mean(), np.ones(_LAG), "valid")[1:]

@@ -150,6 +150,41 @@ def period(signal: Signal, largest: float) -> float | None:
     return PERIODS.get(signal.unit)
 
 
+def wrap_period(column: Array, signal: Signal, largest: float) -> tuple[float, int, int] | None:
+    """Period by which a channel jumps, the first sample after a jump, and the number of jumps; None where it does not.
+
+    The period is that of the unit, or the channel's own range, as of a drive's register of -12.5 to 12.5 rad.
+
+    Args:
+        column: (m,), in the unit of the file.
+        signal: the positions.
+        largest: the longest step.
+    """
+    span = float(np.ptp(column))
+    for turn in (period(signal, largest), span):
+        if turn is None or not 0 < 0.5 * turn <= largest:
+            continue
+        steps = np.diff(column)
+        size = np.abs(steps)
+        wraps = size >= 0.5 * turn
+        usual = float(size.max(where=~wraps, initial=0.0))
+        at = np.flatnonzero(wraps)
+        if usual > turn / 8:
+            continue
+        if turn != span and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
+            return turn, int(at[0]) + 1, at.size
+        if at.size > 1 and size[at].min() >= span - 2 * usual:  # from one end to the other, again and again
+            own = size[at] + size[np.clip(at + 1, 0, size.size - 1)]  # the motion goes on, against the jump
+            return _round(float(np.median(own)), 0.5 * usual), int(at[0]) + 1, at.size
+    return None
+
+
+def _round(value: float, error: float) -> float:
+    """The number of the fewest digits that is within an error of a value."""
+    rounded = (float(f"{value:.{digits}g}") for digits in range(1, 8))
+    return next((number for number in rounded if abs(number - value) <= error), value)
+
+
 def jumps(
     path: Path, name: str, column: Array, stamps: Array, signal: Signal, si: float, gaps: NDArray[np.intp]
 ) -> None:
@@ -167,21 +202,16 @@ def jumps(
         across = column[gaps + 1] - column[gaps]
         column = column - wrap_offset(gaps + 1, np.cumsum(across), 0, column.size)
     k, largest, sample = _steps(column)
-    turn = period(signal, largest)
-    if turn is not None and largest >= 0.5 * turn:
-        steps = np.abs(np.diff(column))
-        wraps = steps >= 0.5 * turn
-        usual = float(steps.max(where=~wraps, initial=0.0))
-        if usual <= turn / 8 and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
-            first = int(np.argmax(wraps)) + 1
-            count = int(np.count_nonzero(wraps))
-            raise LogDataError(
-                f"{path}: position channel {name!r} jumps by its whole period of {turn:.6g} {signal.unit} at t = "
-                f"{stamps[first]:.6g} s ({count} times in the log): it is wrapped.",
-                where=(name, float(stamps[first])),
-                found=turn,
-                advice="Unwrap it before saving, or give its signal unwrap=True.",
-            )
+    if found := wrap_period(column, signal, largest):
+        turn, first, count = found
+        own = "" if turn == PERIODS.get(signal.unit) else f" and `period = {turn:g}`"
+        raise LogDataError(
+            f"{path}: position channel {name!r} jumps by its whole period of {turn:.6g} {signal.unit} at t = "
+            f"{stamps[first]:.6g} s ({count} times in the log): it is wrapped.",
+            where=(name, float(stamps[first])),
+            found=turn,
+            advice=f"Unwrap it before saving, or give its signal `unwrap = true`{own}.",
+        )
     rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
     usual = float(np.partition(sample, rank)[rank])
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
@@ -195,7 +225,8 @@ def jumps(
                 where=(name, float(stamps[k + 1])),
                 found=largest,
                 limit=usual,
-                advice="Keep a part without it with `time_range`.",
+                advice="Keep a part without it with `time_range`, or leave the moment out with `exclude` if the "
+                "position comes back.",
             )
 
 
@@ -270,8 +301,8 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
                     where=name,
                     found=share,
                     limit=HELD_SHARE,
-                    advice="Record a slower motion, exclude the part with `time_range`, or give allow_saturation=True "
-                    "if the command is the torque that acted.",
+                    advice="Record a slower motion, leave these parts out with `exclude`, or give `allow_saturation = "
+                    "true` if the command is the torque that acted.",
                 )
             return (
                 f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -105,14 +105,18 @@ class Inspection:
         path: the file.
         times: of the rows.
         notes: appended to.
+        left_out: rows in parts that are left out, (rows,): a straight line stands for each channel there.
         moving: where each position differs from the sample before, as bits; complete after the positions.
         same: whether all channels of a signal so far equal those of the row before, (rows,) each.
     """
 
-    def __init__(self, path: Path, times: Times, notes: list[str]) -> None:
+    def __init__(self, path: Path, times: Times, notes: list[str], exclude: Sequence[tuple[float, float]] = ()) -> None:
         self.path, self.times, self.notes = path, times, notes
         self.moving: list[NDArray[np.uint8]] = []
         self.same = {kind: np.append(False, np.ones(times.seconds.size - 1, bool)) for kind in ("position", "torque")}
+        self.left_out = np.zeros(times.seconds.size, dtype=bool)
+        for start, stop in exclude:
+            self.left_out |= (times.seconds >= start) & (times.seconds <= stop)
         self.gaps = times.gaps()
 
     def column(self, name: str, raw: RawChannel, signal: Signal, kind: ChannelKind, si: float) -> Array:
@@ -125,20 +129,19 @@ class Inspection:
         """
         column = signal.register.signed(raw.astype(np.float64, copy=False))
         self._note(checks.check_range(self.path, name, column, kind, signal.constant_ok, si))
+        if kind == "position" and signal.unwrap:
+            column, count = checks.unwrapped(column, signal.one(name))
+            self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
+        if self.left_out.any() and not self.left_out.all():
+            kept = np.flatnonzero(~self.left_out)
+            column = np.interp(np.arange(column.size), kept, column[kept])
         moved = column[1:] != column[:-1]
         self.same[kind][1:] &= ~moved
         if kind == "position":
             self.moving.append(np.packbits(moved))
-            return self._position(name, column, signal, si)
-        self._torque(name, column, signal)
-        return column
-
-    def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
-        """The column, unwrapped if its signal says so, and checked for jumps."""
-        if signal.unwrap:
-            column, count = checks.unwrapped(column, signal.one(name))
-            self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
-        checks.jumps(self.path, name, column, self.times.seconds, signal.one(name), si, self.gaps)
+            checks.jumps(self.path, name, column, self.times.seconds, signal.one(name), si, self.gaps)
+        else:
+            self._torque(name, column, signal)
         return column
 
     def _torque(self, name: str, column: Array, signal: Signal) -> None:

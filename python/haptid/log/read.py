@@ -38,6 +38,7 @@ def read_log(
     channels: Channels | None = None,
     time_range: tuple[float, float] | None = None,
     episodes: Sequence[int] | None = None,
+    exclude: Sequence[tuple[float, float]] = (),
 ) -> Log:
     """Read a log file, check it, and bring it to a uniform grid in SI.
 
@@ -52,6 +53,7 @@ def read_log(
         channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
         time_range: the part to keep, (from, to) in s from the file's first sample; None keeps all.
         episodes: of a data set, by number; None for all. Each is a segment of the log.
+        exclude: parts that are left out, (from, to) in s as in `t` of the log; a position may jump in them.
 
     Raises:
         LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
@@ -88,7 +90,7 @@ def read_log(
     for name, column in columns.items():
         checks.refuse_nonfinite(path, name, column, times.seconds)
     checks.identical(path, columns)
-    inspection = Inspection(path, times, notes)
+    inspection = Inspection(path, times, notes, exclude)
     blocks, signals = {}, {"position": channels.position, "torque": channels.torque}
     for what, signal in signals.items():
         blocks[what] = block_of([columns[name] for name in signal.channels], 2 * len(signal.channels) + 1)
@@ -102,7 +104,7 @@ def read_log(
     log = Log(
         path, sha256_of(path), found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report
     )
-    return _with_drift(log, found.report)
+    return _with_drift(log, found.report).without(exclude)
 
 
 def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:

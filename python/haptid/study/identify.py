@@ -275,7 +275,7 @@ def read_entry(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     if is_long(path) and not entry.exclude:
         log = open_log(path, entry.channels, time_range=entry.time_range)
     else:
-        log = read_log(path, entry.channels, entry.time_range, entry.episodes).without(entry.exclude)
+        log = read_log(path, entry.channels, entry.time_range, entry.episodes, entry.exclude)
     progress(f"reading {name}", 1.0)
     return log
 

@@ -25,6 +25,7 @@ class ChannelSurvey:
         whole: whether all are whole numbers.
         quantity, unit, reason: guess of what it is; no unit where there is no reason for one.
         register: how it seems to write its sign, where it is a word of a drive; its range is that with the sign.
+        period: by which a position jumps, in its own unit; 0 where it does not.
     """
 
     name: str
@@ -37,6 +38,7 @@ class ChannelSurvey:
     unit: str = ""
     reason: str = ""
     register: Register = field(default_factory=Register)
+    period: float = 0.0
 
     @property
     def usable(self) -> bool:

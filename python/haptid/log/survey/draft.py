@@ -12,6 +12,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.names import COMMAND_WORDS, QUANTITY_WORDS, base_of, drive_unit, element_of, unit_apart, words_of
+from haptid.log.units import PERIODS
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action", "setpoint",
@@ -25,6 +26,8 @@ _TWELVE_BITS = 4096
 _METRES = 5.0
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
+# Arrays of fewer elements than this share of the rows are settings or results beside the recording.
+_A_PART = 0.02
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED
 _SEPARATOR = re.compile(r"([./ _])")
@@ -111,7 +114,7 @@ def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family
     for topic in topics:
         arrays: dict[str, list[ChannelSurvey]] = {}
         for channel in topic.channels:
-            if channel.quantity == quantity:
+            if channel.quantity == quantity and channel.count + channel.missing > _A_PART * topic.count:
                 element = element_of(channel.name)
                 array = element["array"] if element else _pattern(unit_apart(channel.name)[0])
                 arrays.setdefault(array, []).append(channel)
@@ -266,6 +269,10 @@ def _signal_line(key: str, family: _Family) -> str:
     if register:
         reason += f"; their sign is written as of {register}"
     counted, more = "", f", {register}" if register else ""
+    periods = {channel.period for channel in family.channels if channel.period}
+    if periods:
+        more += ", unwrap = true" + (f", period = {min(periods):g}" if min(periods) != PERIODS.get(unit) else "")
+        reason += f"; it jumps by {min(periods):g} {unit}, as where it is wrapped"
     if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"

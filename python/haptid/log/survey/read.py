@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
 from haptid.log.by_content import Content
+from haptid.log.checks import wrap_period
 from haptid.log.file_format import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.formats.messages.container import Topic
 from haptid.log.formats.messages.containers import containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
 from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
+from haptid.log.log import Signal
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
@@ -196,6 +198,8 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channels = _recognised(channels, content)
         by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
     channels = _turning(channels, path, kind)
+    if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
+        channels = [_wrapped(c, path, kind) if c.quantity == "position" and c.usable else c for c in channels]
     named = (m["element"] for c in channels if (m := element_of(c.name)))
     joints = dict.fromkeys(element for element in named if not element.isdecimal())
     if kind is LEROBOT:
@@ -256,6 +260,17 @@ def _turning(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> lis
             channel = replace(channel, unit=meant, reason=reason)
         made.append(channel)
     return made
+
+
+def _wrapped(channel: ChannelSurvey, path: Path, kind: Format) -> ChannelSurvey:
+    """The channel with the period by which it jumps."""
+    column = _columns(path, kind, [channel.name], Request())[channel.name].astype(np.float64)
+    column = column[np.isfinite(column)]
+    if column.size < 2:
+        return channel
+    largest = float(np.abs(np.diff(column)).max())
+    found = wrap_period(column, Signal((channel.name,), channel.unit or "rad"), largest)
+    return replace(channel, period=found[0]) if found else channel
 
 
 def _usual(rate: float) -> float:
