@@ -74,7 +74,7 @@ class Provenance:
     @property
     def fitness(self) -> list[str]:
         """A sentence for each use, marked as a warning where the model is not fit for it."""
-        return [f"WARNING: {said.sentence}" if said.grade == "bad" else said.sentence for said in self.uses]
+        return [f"WARNING: {use.sentence}" if use.grade == "bad" else use.sentence for use in self.uses]
 
 
 def provenance(
@@ -156,7 +156,7 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
 def about(source: Provenance) -> list[str]:
     """Heading of every file: device, verdict, hashes of the data."""
     model = source.model
-    said = [
+    sentences = [
         f"{model.device.name}: dynamic model, written by haptid {__version__}.",
         *([model.device.description] if model.device.description else []),
         "",
@@ -165,7 +165,7 @@ def about(source: Provenance) -> list[str]:
         *source.fitness,
     ]
     return [
-        *(line for sentence in said for line in textwrap.wrap(one_line(sentence), _WIDTH) or [""]),
+        *(line for sentence in sentences for line in textwrap.wrap(one_line(sentence), _WIDTH) or [""]),
         *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters of other origin",)),
     ]
 

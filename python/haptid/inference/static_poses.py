@@ -265,10 +265,10 @@ def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = No
 
 def _static_left_out(model: DynamicModel, whole: StaticModel, determined: StaticModel) -> tuple[str, ...]:
     """Sentences on what poses, and these poses, do not determine."""
-    said = []
+    sentences = []
     moving = [name for name in whole.base.no_effect if name not in model.base.no_effect]
     if moving:
-        said.append(
+        sentences.append(
             f"{len(moving)} parameters have no effect on the torque of a held pose, inertia and viscous friction among "
             f"them: record motion for {listed(moving)}."
         )
@@ -280,8 +280,8 @@ def _static_left_out(model: DynamicModel, whole: StaticModel, determined: Static
     if lost:
         dry = {term.name for term in whole.terms if term.kind in COULOMB} & set(lost)
         advice = "reach each pose from both sides" if dry else "add poses that move other joints, and move them further"
-        said.append(f"These poses do not determine {listed(lost)} separately: {advice}.")
-    return tuple(said)
+        sentences.append(f"These poses do not determine {listed(lost)} separately: {advice}.")
+    return tuple(sentences)
 
 
 def _friction_at_rest(poses: Poses, model: StaticModel, beta: Array) -> Iterator[FrictionAtRest]:

@@ -169,11 +169,11 @@ def _masses(found: Results) -> DocumentSection:
     text = [f"{sweep.label.split(',')[0]}: {sweep.title}." for sweep in found.demo.sweeps]
     text += [*_disjoint_ranges(found), *_similarity(found)]
     cells = [["sweep", "largest mass", "printed, kg", *(one.branch.title for one in found.found.values())]]
-    for said in found.demo.statements:
-        masses = (handle.sweeps[said.sweep].mass.values[:, 0] for handle in found.handles.values())
-        ours = [f"{_FIGURES[said.what](mass):.2f}" for mass in masses]
-        label = found.demo.sweep(said.sweep).label.split(",")[0]
-        cells.append([label, _WORDS[said.what], f"{said.published:.2f}", *ours])
+    for statement in found.demo.statements:
+        masses = (handle.sweeps[statement.sweep].mass.values[:, 0] for handle in found.handles.values())
+        ours = [f"{_FIGURES[statement.what](mass):.2f}" for mass in masses]
+        label = found.demo.sweep(statement.sweep).label.split(",")[0]
+        cells.append([label, _WORDS[statement.what], f"{statement.published:.2f}", *ours])
     charts = [_sweep_chart(found, sweep, key, one) for sweep in found.demo.sweeps for key, one in found.found.items()]
     tables = (TextTable("Ranges", sweeps(found)), TextTable("Printed statements", cells))
     return DocumentSection("masses", "Apparent mass (figure 7)", tuple(text), tables, tuple(charts))

@@ -157,50 +157,36 @@ class TermTargets:
         rows = np.array([drive.row for drive in drives])
         coupling = rows @ closure.constant
         frame = row_map(drives, active, closure, joint_rows)
-        rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.constant, coupling))
+        rates, motors = (
+            np.asarray(np.linalg.solve(frame.T, x.T).T, dtype=np.float64) for x in (closure.constant, coupling)
+        )
         varies = [bool(row.any()) for row in closure.varying]
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
         names, behind = [joints[j].name for j in active], [d for d in drives if d.load_side is not None]
         rotors = tuple(joints[d.first].name for d in behind)
+        of_joints = (
+            Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
+            for k, j in enumerate(joints)
+        )
+        of_cuts = (
+            Target("cut", c.name, None, c.prismatic, row, c.offset, _speed(c.row, names))
+            for c in cuts
+            for row in [np.asarray(np.linalg.solve(frame.T, c.row))]
+        )
+        of_motors = (
+            _motor(drive, joints, motors[k], float(drive.row @ closure.offset), varies)
+            for k, drive in enumerate(drives)
+            if drive.motorised
+        )
         return TermTargets(
-            tuple(
-                Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
-                for k, j in enumerate(joints)
-            ),
-            tuple(
-                Target(
-                    "cut",
-                    c.name,
-                    None,
-                    c.prismatic,
-                    np.asarray(np.linalg.solve(frame.T, c.row)),
-                    c.offset,
-                    _speed(c.row, names),
-                )
-                for c in cuts
-            ),
-            tuple(name for name in names if name not in rotors),
-            tuple(j.name for j, driven in zip(joints, moved, strict=True) if driven and j.name not in rotors),
-            tuple(
-                _motor(drive, joints, motors[k], float(drive.row @ closure.offset), varies)
-                for k, drive in enumerate(drives)
-                if drive.motorised
-            ),
-            tuple(
-                Target(
-                    "coordinate",
-                    name,
-                    None,
-                    joints[int(np.flatnonzero(row)[0])].prismatic,
-                    row @ rates,
-                    float(row @ closure.offset),
-                    _speed(row, [j.name for j in joints]),
-                    mixed=any(varies[j] for j in np.flatnonzero(row)),
-                )
-                for name, row in (sums or {}).items()
-            ),
-            tuple(_torsion(d, joints, frame, closure, varies) for d in behind),
-            rotors,
+            joints=tuple(of_joints),
+            cuts=tuple(of_cuts),
+            active=tuple(name for name in names if name not in rotors),
+            motorised=tuple(j.name for j, on in zip(joints, moved, strict=True) if on and j.name not in rotors),
+            motors=tuple(of_motors),
+            coordinates=tuple(_sum(name, row, joints, rates, closure, varies) for name, row in (sums or {}).items()),
+            torsions=tuple(_torsion(d, joints, frame, closure, varies) for d in behind),
+            rotors=rotors,
         )
 
     def chosen(self, table: TermTable, place: Place) -> list[Target]:
@@ -385,6 +371,16 @@ def _motor(drive: Motor, joints: Sequence[Joint], weights: Array, offset: float,
     speed = _speed(drive.row, [j.name for j in joints])
     prismatic = joints[drive.first].prismatic
     return Target("motor", drive.name, joint, prismatic, weights, offset, speed, varying, mixed)
+
+
+def _sum(
+    name: str, row: Array, joints: Sequence[Joint], rates: Array, closure: AnyClosure, varies: Sequence[bool]
+) -> Target:
+    """A sum of joints' positions as a target."""
+    used = np.flatnonzero(row).tolist()
+    speed, offset = _speed(row, [joint.name for joint in joints]), float(row @ closure.offset)
+    mixed = any(varies[j] for j in used)
+    return Target("coordinate", name, None, joints[used[0]].prismatic, row @ rates, offset, speed, mixed=mixed)
 
 
 def _torsion(

@@ -67,7 +67,7 @@ def _texts(files: Files) -> dict[str, str]:
         "CMakeLists.txt": files.filled("CMakeLists.txt"),
         "README.md": files.filled(
             "README.md",
-            fitness="".join(f"\n\n{said}" for said in files.source.fitness),
+            fitness="".join(f"\n\n{sentence}" for sentence in files.source.fitness),
             table="\n".join(_rows(files.code)),
         ),
     }

@@ -47,7 +47,7 @@ def _model_values(source: Provenance) -> dict[str, Any]:
         "haptid": __version__,
         "device": model.device.name,
         "verdict": source.verdict,
-        "uses": [said.model_dump() for said in source.uses],
+        "uses": [use.model_dump() for use in source.uses],
         "data_sha256": list(source.hashes),
         "gravity": model.device.gravity.tolist(),
         "coordinates": _coordinates(model),

@@ -101,12 +101,12 @@ def _start(source: Provenance) -> str:
     """Constants of the pose from which loops are followed."""
     q = start_pose(source.model)
     lines = []
-    for name, said, values in (
+    for name, about_it, values in (
         ("START_Q", "Coordinates of the pose from which loops are followed.", q),
         ("START_Z", "Positions of its passive joints: `before` of the first `close`.", start_positions(source.model)),
     ):
         entries = ", ".join(repr(float(value)) for value in values)
-        lines.append(f"\n/// {said}\npub const {name}: [f64; {len(values)}] = [{entries}];\n")
+        lines.append(f"\n/// {about_it}\npub const {name}: [f64; {len(values)}] = [{entries}];\n")
     return "".join(lines)
 
 
