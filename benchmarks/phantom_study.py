@@ -24,7 +24,8 @@ import numpy as np
 
 import haptid
 from haptid.demos import read_demo
-from haptid.demos.phantom_configurations.fits import Accuracy, Fit, accuracy, fitted
+from haptid.demos.accuracy import Accuracy, accuracy
+from haptid.demos.phantom_configurations.fits import Fit, fitted
 from haptid.demos.phantom_configurations.hand import hand_forces
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording, Take, read_recording, record

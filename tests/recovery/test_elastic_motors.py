@@ -11,6 +11,8 @@ import pytest
 
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
+from haptid.end_effector import GivenParameters
+from haptid.end_effector.datasheet.structure import structural_frequency
 from haptid.errors import DeviceFileError, ExperimentError, IdentifiabilityError, LogTimeError, SettingError
 from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
@@ -112,6 +114,47 @@ def test_forward_dynamics_is_spongs_model():
     joints = haptid.inverse_dynamics(rigid, rigid.base.of(links), q, qd, qdd) - N.T @ spring
     np.testing.assert_allclose(rows[:2], motors, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(rows[2:], joints + N.T @ motors, rtol=1e-9, atol=1e-9)
+
+
+def test_structural_frequencies_are_the_closed_form_with_their_intervals():
+    """Of one axis: the link on its spring with the motor held, rotor and link against each other with it free."""
+    model = axis()
+    names = model.base.names
+    beta, pose = np.array([TRUTH[name] for name in names]), np.zeros((2, 1))
+    covariance = np.diag([(0.01 * TRUTH[name]) ** 2 for name in names])
+    known = GivenParameters(model, beta, covariance)
+    held, free = (structural_frequency(known, pose, held) for held in (True, False))
+    np.testing.assert_allclose(held.values, np.sqrt(K / J) / (2 * np.pi), rtol=1e-9)
+    np.testing.assert_allclose(free.values, np.sqrt(K / J + K / IA) / (2 * np.pi), rtol=1e-9)
+    # Relative deviations of 1 % of each: half of the root of the sum of squares of their shares.
+    np.testing.assert_allclose(held.se, 0.005 * np.sqrt(2) * held.values, rtol=1e-9)
+    shares = np.array([1.0, IA / (J + IA), J / (J + IA)])
+    np.testing.assert_allclose(free.se, 0.005 * np.linalg.norm(shares) * free.values, rtol=1e-9)
+
+
+def test_structural_frequencies_of_an_arm_are_those_of_its_linearised_equations():
+    """Eigenvalues of the forward dynamics, differentiated numerically, with gravity and damping at zero."""
+    joints = [{"name": "1"}, {"name": "2", "d": 0.3}]
+    motors = [{"name": "a", "drives": {"1": 1.0}}, {"name": "b", "drives": {"1": 0.5, "2": 1.0}}]
+    terms = [{**TERMS[0], "damping": False}, TERMS[1]]
+    model = axis(gravity=[0.0, 0.0, 0.0], joints=joints, motors=motors, terms=terms)
+    index = model.device.parameters.index
+    chi = np.zeros(len(index))
+    for name, value in {"ZZ1": 0.06, "ZZ2": 0.06, "MX2": 0.15, "M2": 1.0, "KEa": 400.0, "KEb": 300.0}.items():
+        chi[index[name]] = value
+    chi[[index["IAMa"], index["IAMb"]]] = 0.02, 0.03
+    beta, zero = model.base.of(chi), np.zeros((4, 1))
+    pose = np.array([[0.3], [0.7], [0.3], [0.85]])  # no torsion
+
+    def torque(q: np.ndarray, a: np.ndarray) -> np.ndarray:
+        return np.asarray(haptid.inverse_dynamics(model, beta, q, zero, a))[:, 0]
+
+    M = np.array([torque(pose, unit[:, None]) for unit in np.eye(4)]).T
+    moved = [torque(pose + 1e-6 * u[:, None], zero) - torque(pose - 1e-6 * u[:, None], zero) for u in np.eye(4)]
+    stiff = np.array(moved).T / 2e-6
+    squares = np.sort(np.linalg.eigvals(np.linalg.solve(M, stiff)).real)
+    found = structural_frequency(GivenParameters(model, beta), pose, held=False)
+    np.testing.assert_allclose(found.values, np.sqrt(squares[2]) / (2 * np.pi), rtol=1e-6)
 
 
 def test_the_bench_moves_as_the_model_says():

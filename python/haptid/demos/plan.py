@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from haptid._internal.arrays import Array
+from haptid._internal.toml_text import toml
 from haptid.demos.recordings import Take
 from haptid.report.document import DocumentSection
 from haptid.uncertainty.quantities import aligned
@@ -39,12 +41,28 @@ class Claim(Part):
 
 
 class ExperimentParts(Part):
-    """An experiment for the virtual bench, put together from TOML files of the demonstration's folder."""
+    """An experiment for the virtual bench, put together from TOML files of the demonstration's folder.
+
+    Keys of the file `changed`, if there is one, replace those of the parts, table by table.
+    """
 
     name: str
     seed: int
     gravity: tuple[float, float, float] | None = None
     parts: tuple[str, ...]
+    changed: str | None = None
+
+
+class FlawedLogs(Part):
+    """The device with the flaws of a real one: experiments that differ from others by these flaws alone."""
+
+    fit: str = Field(description="experiment that identifies")
+    unseen: str = Field(description="experiment that validates; the same one where another part of its log does")
+
+
+def _changed(whole: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
+    """An experiment with other keys in its tables."""
+    return {**whole, **{k: {**whole.get(k, {}), **v} if isinstance(v, dict) else v for k, v in change.items()}}
 
 
 class Demo(Part):
@@ -58,6 +76,7 @@ class Demo(Part):
     device: str
     claims: tuple[Claim, ...]
     experiments: dict[str, ExperimentParts]
+    flawed: FlawedLogs | None = None
 
     @property
     def folder(self) -> Path:
@@ -70,7 +89,11 @@ class Demo(Part):
         head = [f'schema = 1\nname = "{made.name}"\nseed = {made.seed}\n']
         head += [] if made.gravity is None else [f"gravity = {list(made.gravity)}\n"]
         parts = [(self.folder / f"{part}.toml").read_text(encoding="utf-8") for part in made.parts]
-        path.write_text("\n".join(["".join(head), *parts]), encoding="utf-8")
+        text = "\n".join(["".join(head), *parts])
+        if made.changed is not None:
+            change = (self.folder / f"{made.changed}.toml").read_text(encoding="utf-8")
+            text = toml(_changed(tomllib.loads(text), tomllib.loads(change)))
+        path.write_text(text, encoding="utf-8")
         return path
 
     def take(self, key: str, logs: Path, ending: str = "", exact: bool = False, device: str | None = None) -> Take:

@@ -13,10 +13,12 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid._internal.extras import needing
 from haptid.device import read_device
-from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.inverse import core_torque, inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.errors import IdentifiabilityError
 from haptid.executors import ProcessExecutor
+from haptid.experiment.bench.elastic import planned_torque, without_torsion
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
@@ -89,6 +91,7 @@ class BenchRecording:
         beta: true base parameters of `model`, (p,), SI.
         t: of all samples, (n,), s.
         q, qd, qdd: exact, of the active joints, each (active, n), SI.
+        positions: channels of the active joints' positions: those of the motors where these are elastic.
         hand: exact force of the hand in the base frame, (n, 3), N.
         sensor: force measured by the force sensor in the handle's frame, (n, 3), N; NaN without a sensor.
     """
@@ -100,6 +103,7 @@ class BenchRecording:
     q: Array
     qd: Array
     qdd: Array
+    positions: tuple[str, ...]
     hand: Array
     sensor: Array
 
@@ -114,9 +118,9 @@ class BenchRecording:
 
     def log(self, time_range: tuple[float, float]) -> Log:
         """Positions and commands between two times, s: the channels that an identification uses."""
-        device, motors = self.model.device, self.model.device.motors
+        motors = self.model.device.motors
         channels = Channels(
-            Signal(tuple(f"q{k + 1}" for k in range(len(device.active))), "rad"),
+            Signal(self.positions, "rad"),
             Signal(tuple(f"command{k + 1}" for k in range(len(motors))), motors[0].command_unit, side="motor"),
             time="t",
         )
@@ -159,8 +163,9 @@ def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRe
     """
     parameters, states = truth_paths(path)
     mounted = read_experiment(experiment).setup(model).model
-    named = json.loads(parameters.read_text(encoding="utf-8"))["base"]
-    truth, table = np.array([named[name] for name in mounted.base.names]), parquet.read_table(states)
+    written, table = json.loads(parameters.read_text(encoding="utf-8")), parquet.read_table(states)
+    truth = np.array([written["base"][name] for name in mounted.base.names])
+    rotors = "_rotor" if mounted.device.elastic else ""
     names = [model.device.joint_names[j] for j in model.device.active]
     q, qd, qdd = (_columns(table, [f"{kind}_{name}" for name in names]) for kind in ("q", "qd", "qdd"))
     forces = [f"force_{axis}" for axis in "xyz"]
@@ -170,6 +175,7 @@ def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRe
         model=model,
         path=path,
         beta=truth if mounted is model else as_in_file(model, mounted, truth),
+        positions=tuple(f"q{rotors}{k + 1}" for k in range(len(names))),
         t=_columns(table, ["t"])[0],
         q=q,
         qd=qd,
@@ -180,22 +186,32 @@ def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRe
 
 
 def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array:
-    """Base parameters of a device with the gravity of its file that give the torques of a mounted one, (p,), SI.
+    """Base parameters of a device file that give the torques of the device as it was mounted, (p,), SI.
+
+    Without torsion, and without the terms that only the mounted device has; rotors behind springs are part of it.
 
     Args:
-        model: with the gravity of its file.
-        mounted: the same with another gravity.
+        model: of the file.
+        mounted: the same with another gravity and further terms.
         beta: base parameters of the mounted one, (p,), SI.
 
     Raises:
         IdentifiabilityError: there are none.
     """
-    p, rng = len(model.base), np.random.default_rng(0)
+    p, rng, device = len(model.base), np.random.default_rng(0), mounted.device
     q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), _STATES * p))
-    wanted = inverse_dynamics(mounted, beta, q, qd, qdd).ravel()
+    states = [without_torsion(device, x.T, position=x is q).T for x in (q, qd, qdd)]
+    known = {term.name for term in model.terms}
+    raw = raw_parameters(mounted, beta)
+    for k, term in enumerate(mounted.terms, 10 * len(device.joints)):
+        raw[k] *= term.name in known or term.nature == "rotor"
+    c, cd, cdd = (device.row_map @ x for x in states)
+    wanted = core_torque(mounted, raw, c, cd, cdd, external(mounted, c, cd, cdd))
+    if device.elastic:
+        wanted = planned_torque(device, c, wanted)
     columns = np.array([inverse_dynamics(model, unit, q, qd, qdd).ravel() for unit in np.eye(p)]).T
-    found, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
-    residual = float(np.linalg.norm(columns @ found - wanted) / np.linalg.norm(wanted))
+    found, *_ = np.linalg.lstsq(columns, wanted.ravel(), rcond=None)
+    residual = float(np.linalg.norm(columns @ found - wanted.ravel()) / np.linalg.norm(wanted))
     if residual > LARGEST_RESIDUAL:
         raise IdentifiabilityError(
             f"the torques of {model.device.name} as mounted cannot be expressed in the base parameters of its device "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.compensation import Compensated, compensated
 from haptid.demos.cea_branches.interface import IdentifiedInterface, identified_interface
 from haptid.demos.cea_branches.plan import Branch, CeaDemo, Interface, Stretch
+from haptid.demos.flaws import FlawedDevice, figures, range_sentence
 from haptid.demos.plan import Progress, Table
 from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
@@ -181,6 +182,7 @@ class Results:
         friction, found, handles: friction tests, identifications and end-effectors by branch.
         compensated: inertia compensation of one branch.
         interface: both branches on one handle; None without it.
+        flawed: the first branch with the flaws of a real device; None where the plan has no such logs.
     """
 
     demo: CeaDemo
@@ -190,12 +192,14 @@ class Results:
     handles: Mapping[str, Handle]
     compensated: Compensated
     interface: IdentifiedInterface | None
+    flawed: FlawedDevice | None = None
 
 
 def takes(demo: CeaDemo, logs: Path) -> list[Take]:
     """Both logs of the interface, and of every branch the friction test and its two logs; long ones first."""
     whole, kinds = demo.interface, ("friction", "key", "unseen")
     made = [demo.take(key, logs, device=whole.device) for key in (whole.key, whole.unseen)] if whole else []
+    made += [demo.take(key, logs) for key in (demo.flawed.fit, demo.flawed.unseen)] if demo.flawed else []
     return made + [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
 
 
@@ -227,7 +231,32 @@ def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
     made = compensated(plan, demo.sweep(plan.sweep), found[plan.branch].reduced, setup)
     progress("compensating", 1.0)
     whole = interface_of(demo.interface, logs, progress) if demo.interface else None
-    return Results(demo, model, friction, found, handles, made, whole)
+    bent = None
+    if demo.flawed:
+        first = demo.branches[0]
+        pairs = (first.key, first.unseen), (demo.flawed.fit, demo.flawed.unseen)
+        bent = flawed(demo, found[first.key], *([recording(key) for key in pair] for pair in pairs))
+    return Results(demo, model, friction, found, handles, made, whole, bent)
+
+
+def flawed(
+    demo: CeaDemo, ideal: Identified, as_is: Sequence[BenchRecording], with_flaws: Sequence[BenchRecording]
+) -> FlawedDevice:
+    """All base parameters of a branch from its logs with flaws, with the treatment proposed for them.
+
+    Args:
+        ideal: the branch as it was identified.
+        as_is, with_flaws: the log that identifies and that which validates.
+    """
+    stretch, (logged, other) = demo.stretch, with_flaws
+    treatment = propose(logged.model, logged.log(stretch.identify)).treatment
+    full = estimate(observe(logged.model, logged.motion(stretch.identify, treatment)), WLS())
+    return FlawedDevice(
+        f"{ideal.branch.title} branch, all base parameters",
+        figures(ideal.full, ideal.unseen, as_is[1], stretch.unseen),
+        figures(full, other.motion(stretch.unseen, treatment), other, stretch.unseen),
+        range_sentence(full),
+    )
 
 
 def interface_of(plan: Interface, logs: Path, progress: Progress) -> IdentifiedInterface:

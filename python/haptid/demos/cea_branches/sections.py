@@ -20,6 +20,7 @@ from haptid.demos.cea_branches.tables import (
     ranged,
     sweeps,
 )
+from haptid.demos.flaws import flaws_section
 from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
@@ -34,8 +35,9 @@ _COLOURS = ("blue", "vermillion", "green")
 def sections(found: Results) -> list[DocumentSection]:
     """All sections of the page but the claims."""
     makers = (_friction, _identification, _elimination, _parameters, _masses, _posture, compensation_section)
+    flaws = [flaws_section(found.flawed)] if found.flawed else []
     whole = [_interface(found.interface)] if found.interface else []
-    return [*(make(found) for make in makers), *whole]
+    return [*(make(found) for make in makers), *flaws, *whole]
 
 
 def _friction(found: Results) -> DocumentSection:

@@ -8,23 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._internal.arrays import Array
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording
 from haptid.device.parameters import standard_parameters
-from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
-from haptid.inference.targets import Targets, target_map, targets
+from haptid.inference.targets import Targets, targets
 from haptid.motion.motion import Motion
 from haptid.observation.observation import observe
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.validation import Validation, validate
-
-# A slower joint may stick, rad/s or m/s: its dry friction is then anything up to the Coulomb friction.
-STICKS = 0.02
-# Least share of a motor's torque for a parameter to count.
-CARRIES = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,59 +113,6 @@ def fitted(title: str, model: DynamicModel, halves: Sequence[Motion], method: Me
     found = estimate(observe(model, first), method or WLS())
     everywhere = replace(second, treatment=replace(second.treatment, reversal_speed=0.0))
     return Fit(title, found, validate(found, second), validate(found, everywhere), second)
-
-
-@dataclass(frozen=True, eq=False)
-class Accuracy:
-    """Errors of an estimate against the true parameters.
-
-    Attributes:
-        names: of the targets, (k,).
-        errors: in per cent of the true values, (k,).
-        inside: whether the true value is inside the 95 % interval, (k,).
-        carried: largest share of a motor's torque due to each target, (k,).
-        kinds: of each target, "viscous", "Coulomb" or "body", (k,).
-        torque: relative error of the torque of each motor where no joint sticks, (motors,), per cent.
-    """
-
-    names: tuple[str, ...]
-    errors: Array
-    inside: np.ndarray
-    carried: Array
-    kinds: np.ndarray
-    torque: Array
-
-    def worst(self, kind: str) -> float:
-        """Largest error of the targets of a kind, per cent; of bodies, those that carry a share of the torque."""
-        counted = (self.kinds == kind) & ((kind != "body") | (self.carried >= CARRIES))
-        return float(np.abs(self.errors[counted]).max(initial=0.0))
-
-
-def accuracy(found: Targets, recording: BenchRecording, time_range: tuple[float, float]) -> Accuracy:
-    """Targets of an estimate against the truth; torques are compared between two times of the recording, s."""
-    model = recording.model
-    C, moving = target_map(model), (np.abs(recording.qd) > STICKS).all(axis=0) & recording.during(time_range)
-    states = tuple(x[:, moving] for x in (recording.q, recording.qd, recording.qdd))
-    truth, whole = C @ recording.beta, inverse_dynamics(model, recording.beta, *states)
-    missed = inverse_dynamics(model, found.estimate.beta, *states) - whole
-    sizes = np.linalg.norm(whole, axis=1)
-    parts = np.linalg.solve(C, np.diag(truth)).T
-    shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
-    low, high = found.conf_int().T
-    return Accuracy(
-        names=found.names,
-        errors=100 * (found.value - truth) / np.abs(truth),
-        inside=(low <= truth) & (truth <= high),
-        carried=np.max(shares, axis=1),
-        kinds=np.array([_kind(model, row) for row in C]),
-        torque=100 * np.linalg.norm(missed, axis=1) / sizes,
-    )
-
-
-def _kind(model: DynamicModel, row: Array) -> str:
-    """Kind of a target: friction of one sort, or bodies."""
-    kinds = {model.device.parameters.kinds[model.base.independent_columns[k]][:2] for k in np.flatnonzero(row)}
-    return {"FV": "viscous", "FC": "Coulomb"}.get(kinds.pop(), "body") if len(kinds) == 1 else "body"
 
 
 def without_terms(model: DynamicModel) -> DynamicModel:

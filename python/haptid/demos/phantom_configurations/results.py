@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.demos.phantom_configurations.fits import Fits, fit_all
+from haptid.demos.flaws import FlawedDevice, figures, range_sentence
+from haptid.demos.phantom_configurations.fits import Fit, Fits, fit_all, fitted
 from haptid.demos.phantom_configurations.hand import HandForces, hand_forces
 from haptid.demos.phantom_configurations.plan import Pair, PhantomDemo
 from haptid.demos.plan import Progress
@@ -22,6 +23,7 @@ from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.payloads import AttachedBody, PayloadEstimate, identify_payloads
 from haptid.inference.targets import Targets, target_map
+from haptid.treatment_choice.propose import propose
 
 # Fits whose mass matrix and bodies are evaluated.
 EVALUATED = ("encoders", "held")
@@ -55,6 +57,7 @@ class Results:
         hand: the hand's force.
         tool: parameters added to the handle's link by the tool.
         tool_truth: its true mass and first moments in the link frame, by name, kg and kg m.
+        flawed: the first mounting with the flaws of a real device; None where the plan has no such logs.
     """
 
     demo: PhantomDemo
@@ -66,12 +69,14 @@ class Results:
     hand: HandForces
     tool: PayloadEstimate
     tool_truth: Mapping[str, float]
+    flawed: FlawedDevice | None = None
 
 
 def takes(demo: PhantomDemo, logs: Path) -> list[Take]:
     """Every mounting with encoders and with exact sensors, and the logs with a tool and with a hand."""
     mounted = [demo.take(key, logs, *way) for key in demo.mountings for way in (("", False), (_EXACT, True))]
-    return [*mounted, demo.take(demo.tool.experiment, logs), demo.take(demo.hand.experiment, logs)]
+    flawed = [demo.take(demo.flawed.fit, logs)] if demo.flawed else []
+    return [*flawed, *mounted, demo.take(demo.tool.experiment, logs), demo.take(demo.hand.experiment, logs)]
 
 
 def find(demo: PhantomDemo, logs: Path, progress: Progress) -> Results:
@@ -87,6 +92,7 @@ def find(demo: PhantomDemo, logs: Path, progress: Progress) -> Results:
         fits[key] = fit_all(demo, key, recording(key, _EXACT), recording(key))
     progress("identifying", 1.0)
     published, evaluated = evaluate_all(demo, model, fits, progress)
+    first = next(iter(fits.values()))
     return Results(
         demo=demo,
         model=model,
@@ -100,6 +106,26 @@ def find(demo: PhantomDemo, logs: Path, progress: Progress) -> Results:
         hand=hand_forces(demo.hand, fits[demo.hand.mounting]["encoders"], recording(demo.hand.experiment)),
         tool=tool_found(demo, fits[demo.tool.mounting], recording(demo.tool.experiment)),
         tool_truth=tool_truth(model, logs / f"{demo.tool.experiment}.toml"),
+        flawed=flawed(demo, first["encoders"], first.encoders, recording(demo.flawed.fit)) if demo.flawed else None,
+    )
+
+
+def flawed(demo: PhantomDemo, ours: Fit, ideal: BenchRecording, recording: BenchRecording) -> FlawedDevice:
+    """The first mounting from its log with flaws, with the treatment proposed for that log.
+
+    Args:
+        ours: the fit to the log without flaws.
+        ideal: that log.
+        recording: with flaws.
+    """
+    halves = (demo.stretch.fit, demo.stretch.unseen)
+    treatment = propose(recording.model, recording.log(halves[0])).treatment
+    fit = fitted("with flaws", recording.model, [recording.motion(half, treatment) for half in halves])
+    return FlawedDevice(
+        f"Mounting {next(iter(demo.mountings.values()))}",
+        figures(ours.targets, ours.unseen, ideal, halves[1]),
+        figures(fit.targets, fit.unseen, recording, halves[1]),
+        range_sentence(fit.estimate),
     )
 
 

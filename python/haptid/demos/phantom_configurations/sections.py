@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.demos.phantom_configurations.fits import Fit, accuracy
+from haptid.demos.accuracy import accuracy
+from haptid.demos.flaws import flaws_section
+from haptid.demos.phantom_configurations.fits import Fit
 from haptid.demos.phantom_configurations.redesign import redesign_section
 from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.phantom_configurations.tables import cells2, error_comparison, ours, published, table1, table2, truth
@@ -27,7 +29,8 @@ FIRST_OF_PARTS = 7
 def sections(found: Results) -> list[DocumentSection]:
     """All sections of the page but the claims."""
     makers = (_bench, _parameters, _errors, _delay, _accuracy, _consistency, _decomposition, _hand, _comparisons)
-    return [*(make(found) for make in makers), redesign_section(found)]
+    flaws = [flaws_section(found.flawed)] if found.flawed else []
+    return [*(make(found) for make in makers), *flaws, redesign_section(found)]
 
 
 def per_command(model: DynamicModel) -> Array:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from haptid.demos.phantom_configurations.fits import Fit, Fits, accuracy
+from haptid.demos.accuracy import accuracy
+from haptid.demos.phantom_configurations.fits import Fit, Fits
 from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.plan import write_csv, write_text
 from haptid.observation.observation import observe

@@ -20,6 +20,7 @@ from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.characterisation.model import IdentifiedModel
 from haptid.end_effector.compensation import TYPICAL_HAND, Compensation
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
+from haptid.end_effector.datasheet.structure import structural_frequency
 from haptid.end_effector.datasheet.z_width import StepDevice, passive_stiffness, stable_stiffness, stepped_stiffness
 from haptid.errors import index_of
 from haptid.uncertainty.quantities import Field
@@ -118,7 +119,7 @@ def data_sheet(
         rows.append(SheetRow("Dynamics", "effective mass", None, "kg", "no parameters are known"))
     else:
         rows += _Dynamics(known, qa, tools).rows()
-    rows.append(_STRUCTURE)
+    rows += _structure(known, qa)
     published = tuple(
         (one.name, f"{one.value:g} {one.unit or ''}".strip() if isinstance(one.value, float) else one.value, one.source)
         for one in model.device.tables.published
@@ -166,6 +167,17 @@ def _over(group: str, name: str, field: Field, method: str) -> SheetRow:
     return SheetRow(
         group, name, float(values[at]), field.unit, method, float(values[order[0]]), float(values[order[-1]]), ends
     )
+
+
+def _structure(known: IdentifiedModel | DynamicModel, qa: Array) -> Iterator[SheetRow]:
+    """Lowest natural frequencies of springs behind motors, where they are identified."""
+    if isinstance(known, DynamicModel) or not known.model.device.elastic:
+        yield _STRUCTURE
+        return
+    for held in (True, False):
+        name = f"{_STRUCTURE.name}, motors {'held' if held else 'free'}"
+        method = "lowest natural frequency on the motors' springs, without damping and gravity"
+        yield _over(_STRUCTURE.group, name, structural_frequency(known, qa, held), method)
 
 
 class _Dynamics:
