@@ -84,6 +84,7 @@ def found(demo, tmp_path_factory):
             "branches": demo.branches[:1],
             "drawn": demo.drawn[1:],
             "interface": None,
+            "flawed": None,  # tests/demos/test_flaws_section.py
             "compensation": demo.compensation.model_copy(update={**SMALL, "degrees": (60.0,)}),
         }
     )
