@@ -224,3 +224,10 @@ def test_jacobian_of_the_gap_is_its_derivative() -> None:
             slope = (chain.residual(ahead)[0] - chain.residual(behind)[0]) / 2e-6
             np.testing.assert_allclose(J[:, :, k], slope, atol=1e-8)
         assert r.shape == (4, gaps)
+
+
+def test_loops_that_leave_nothing_to_move_are_refused(tmp_path: Path) -> None:
+    """Found by fuzzing an imported structure; the search for linear motions had nothing to take the greatest of."""
+    text = four_bar(0.3, 0.1, 0.3, 0.1).replace('passive = ["forearm"', 'passive = ["arm", "lever", "forearm"')
+    with pytest.raises(DeviceFileError, match="all joints are passive"):
+        device_of(tmp_path, text)

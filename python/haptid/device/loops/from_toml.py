@@ -102,7 +102,8 @@ def active_joints(
     """Indices of the independent joints: those that no loop moves.
 
     Raises:
-        DeviceFileError: a joint is declared active but a loop moves it, or passive and no loop moves it.
+        DeviceFileError: a joint is declared active but a loop moves it, or passive and no loop moves it; or loops
+            leave no joint that moves by itself.
     """
     for j, (joint, active) in enumerate(zip(joints, declared, strict=True)):
         at = place.at(j, "active")
@@ -112,7 +113,10 @@ def active_joints(
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
             raise at.error(f'joint "{joint.name}" {found}', "Add it to a loop's passive list, or give it a relation.")
-    return tuple(j for j in range(len(joints)) if j not in loops.passive)
+    active = tuple(j for j in range(len(joints)) if j not in loops.passive)
+    if not active:
+        raise loops.place.error("all joints are passive, so nothing moves", "Leave one out of the passive lists.")
+    return active
 
 
 def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tuple[AnyClosure, tuple[str, ...]]:
