@@ -113,10 +113,10 @@ def active_joints(
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
             raise at.error(f'joint "{joint.name}" {found}', "Add it to a loop's passive list, or give it a relation.")
-    active = tuple(j for j in range(len(joints)) if j not in loops.passive)
-    if not active:
+    independent = tuple(j for j in range(len(joints)) if j not in loops.passive)
+    if not independent:
         raise loops.place.error("all joints are passive, so nothing moves", "Leave one out of the passive lists.")
-    return active
+    return independent
 
 
 def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tuple[AnyClosure, tuple[str, ...]]:
