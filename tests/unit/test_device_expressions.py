@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptid.device import expressions
 from haptid.device.expressions import column, number, relation
 from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceError, DeviceFileError
@@ -141,3 +144,14 @@ def test_names_that_are_not_there_get_a_suggestion() -> None:
 def test_values_without_a_number_are_rejected(text: str) -> None:
     with pytest.raises(DeviceFileError):
         number(text, LENGTHS, HERE)
+
+
+def test_nothing_is_kept_of_expressions_that_are_gone() -> None:
+    """A process that reads devices for ever takes no more memory."""
+    made = column("d3 * tanh(v_arm)", ["arm"], LENGTHS, HERE)
+    np.testing.assert_allclose(made.values({"v_arm": np.ones(3)}, 3), 0.45 * math.tanh(1.0))
+    assert made.tree in expressions._FUNCTIONS
+    ours = weakref.ref(made.tree)
+    del made
+    gc.collect()
+    assert ours() is None

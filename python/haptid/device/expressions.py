@@ -8,8 +8,8 @@ import operator
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -319,14 +319,20 @@ class _Rules:
         return type(op) in OPERATORS and (bool(self.functions) or self.powers or not isinstance(op, ast.Pow))
 
 
+# Functions of checked expressions, for as long as a device has these.
+_FUNCTIONS: WeakKeyDictionary[ast.expr, Callable[[Mapping[str, Any]], Any]] = WeakKeyDictionary()
+
+
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
     """The value of a checked expression in NumPy's arithmetic, where 1/0 is infinite."""
-    return _function(node)(values)
+    function = _FUNCTIONS.get(node)
+    if function is None:  # the bench evaluates one in every step
+        function = _FUNCTIONS[node] = _function(node)
+    return function(values)
 
 
-@lru_cache(maxsize=4096)
 def _function(node: ast.expr) -> Callable[[Mapping[str, Any]], Any]:
-    """A checked expression as a function of its names: the bench evaluates one in every step."""
+    """A checked expression as a function of its names."""
     match node:
         case ast.Constant(value=value):
             constant = np.float64(value)  # type: ignore[arg-type]
