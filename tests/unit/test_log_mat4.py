@@ -71,6 +71,21 @@ def test_an_array_without_sizes_is_refused(tmp_path: Path) -> None:
         survey(path)
 
 
+@pytest.mark.parametrize("what", ["without characters", "of millions of structs"])
+def test_an_array_that_holds_less_than_it_declares_is_refused(tmp_path: Path, what: str) -> None:
+    """Found by fuzzing, level 5: SciPy's reader ends the process, or makes half a billion structs."""
+    path = tmp_path / "log.mat"
+    if what == "without characters":  # flags, sizes and a name
+        parts = struct.pack("<IIII", 6, 8, 4, 0) + struct.pack("<IIii", 5, 8, 1, 4) + struct.pack("<II", 1, 0)
+    else:  # flags, sizes, a name, the length of a field's name, and a name
+        parts = struct.pack("<IIII", 6, 8, 2, 0) + struct.pack("<IIii", 5, 8, 2**29, 1) + struct.pack("<II", 1, 0)
+        parts += struct.pack("<HHi", 5, 4, 8) + struct.pack("<II8s", 1, 8, b"field")
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+    path.write_bytes(head + struct.pack("<II", 14, len(parts)) + parts)
+    with pytest.raises(errors.LogFileError, match="an array of"):
+        survey(path)
+
+
 def test_other_files_are_none() -> None:
     assert not is_mat4(b"t,q1,tau1\n0,0,0\n" * 3)
     assert not is_mat4(bytes(64))

@@ -7,6 +7,7 @@ objects (timeseries) the arrays in their properties are channels.
 from __future__ import annotations
 
 import importlib.util
+import math
 import struct
 import warnings
 import zlib
@@ -185,6 +186,9 @@ _MOST_STRUCTS = 200
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
 _NESTED, _LAST_CLASS, _OPAQUE = (1, 2, 3, 16, 17), 18, 17
+# Classes of cells, structs and objects, which declare how many arrays they hold; and the least elements of a sparse
+# array: flags, sizes, name, rows, columns, numbers. Others have four.
+_MEMBERS, _LEAST_ELEMENTS = (1, 2, 3), {5: 6}
 _DEEPEST = 32
 
 
@@ -273,7 +277,7 @@ def _elements(path: Path) -> Iterator[tuple[int, int, _Bytes]]:
 
 def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
     """What is wrong with the elements of an array of so many bytes; empty where nothing is."""
-    allowed, position, number = _TYPES, 0, 0
+    whole, allowed, position, number = size, _TYPES, 0, 0
     while size > 0:
         tag = inside.take(8)
         if len(tag) < 8:
@@ -297,7 +301,9 @@ def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
         elif position == 1 and number != _OPAQUE:
             if kind not in (5, 6) or count < 8 or count % 4:
                 return f"an array whose sizes are of type {kind} and {count} bytes"
-            inside.skip(padded)
+            members = math.prod(struct.unpack(f"{order}{count // 4}i", inside.take(padded)[:count]))
+            if number in _MEMBERS and not 0 <= members <= max(whole // 8, 1):  # the tag of each has 8 bytes
+                return f"an array of {members} arrays in {whole} bytes"
         elif kind == MI_MATRIX:
             what = "arrays within arrays" if depth > _DEEPEST else _wrong_array(inside, count, order, depth + 1)
             if what:
@@ -305,4 +311,6 @@ def _wrong_array(inside: _Bytes, size: int, order: str, depth: int) -> str:
         else:
             inside.skip(padded)
         position += 1
+    if position and number not in _NESTED and position < _LEAST_ELEMENTS.get(number, 4):
+        return f"an array of {position} elements"
     return ""
