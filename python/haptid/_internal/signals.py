@@ -101,11 +101,11 @@ def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Arr
         degree: of the polynomial.
         order: of the derivative.
     """
-    fit, at = _polynomials(window, degree, order)
+    x, (fit, at) = np.asarray(x, dtype=np.float64), _polynomials(window, degree, order)
     half = window // 2
-    made, weights = np.empty(np.shape(x)), at[half] @ fit
+    made, weights = np.empty(x.shape), at[half] @ fit
     for place in np.ndindex(made.shape[1:]):
-        made[half : len(made) - half, *place] = np.correlate(x[:, *place], weights, "valid")
+        made[half : len(made) - half, *place] = paired_sums(x[:, *place], weights)
     made[:half] = np.tensordot(at[:half] @ fit, x[:window], axes=1)
     made[-half:] = np.tensordot(at[-half:] @ fit, x[-window:], axes=1)
     return made
@@ -119,6 +119,22 @@ def _polynomials(window: int, degree: int, order: int) -> tuple[Array, Array]:
     down = np.array([factorial(p) / factorial(p - order) if p >= order else 0.0 for p in powers])
     at = down * k[:, None] ** np.maximum(powers - order, 0) / (window // 2) ** order
     return freeze(np.asarray(np.linalg.pinv(k[:, None] ** powers), dtype=np.float64)), freeze(at)
+
+
+def paired_sums(x: Array, weights: Array | tuple[float, ...]) -> Array:
+    """Sums of samples around each with symmetric or antisymmetric weights, (n - len(weights) + 1,).
+
+    Samples at equal distances are added first: antisymmetric weights of a constant signal give exactly zero, so that
+    dry friction has no sign at rest.
+    """
+    w = np.asarray(weights)
+    half, count = len(w) // 2, len(x) - len(w) + 1
+    symmetric = np.abs(w - w[::-1]).sum() < np.abs(w + w[::-1]).sum()
+    made = np.asarray(x[half : half + count] * w[half])
+    for k in range(half):
+        after = x[2 * half - k : 2 * half - k + count]
+        made += (x[k : k + count] + after if symmetric else x[k : k + count] - after) * w[k]
+    return made
 
 
 def running_maximum(x: Array, length: int) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed
-from haptid._internal.signals import both_ways
+from haptid._internal.signals import both_ways, paired_sums
 from haptid.errors import LogTimeError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
 from haptid.log.resampling import Spans
@@ -228,7 +228,7 @@ class Motion:
         made = np.empty((len(wide), stop - start))
         spare = SIDE - len(weights) // 2
         for channel, out in zip(wide, made, strict=True):
-            np.divide(np.correlate(channel[spare : len(channel) - spare], weights, "valid"), unit, out=out)
+            np.divide(paired_sums(channel[spare : len(channel) - spare], weights), unit, out=out)
         return made
 
     def _shown(self) -> Overview:

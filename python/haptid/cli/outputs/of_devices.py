@@ -77,6 +77,7 @@ class ChannelOutput(OutputTable):
     quantity: Literal["time", "position", "velocity", "torque", "other"]
     unit: str
     reason: str = Field(description="of the guess")
+    period: Number = Field(description="by which a position jumps, in its own unit; 0 where it does not")
     register_: RegisterOutput = Field(alias="register")
 
 
