@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from haptid import _core
-from mechanisms import Random, mechanisms, states
+from mechanisms import Random, draw, mechanisms, states
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio (package `pin`) has no wheel for this platform")
 
@@ -61,6 +61,7 @@ def test_mass_matrix_is_pinocchios(mechanism):
 
 @settings(max_examples=40, deadline=None)
 @given(mechanisms(closed=False), st.integers(1, 20), st.sampled_from(_core.backends()))
+@example(draw(157593214, 1, False), 1, _core.backends()[0])  # the torque nearly balances weight
 def test_accelerations_are_those_of_articulated_bodies(mechanism, samples, backend):
     c, cd, tau = states(mechanism, samples)
     pin_model = pinocchio_model(mechanism)
@@ -70,4 +71,7 @@ def test_accelerations_are_those_of_articulated_bodies(mechanism, samples, backe
     got, failed = core.acceleration(c, cd, tau, np.zeros((0, samples)), mechanism.chi)
     assert failed is None
     condition = np.linalg.cond(core.mass_matrix(c, mechanism.chi)).max()
-    np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-14 * condition * np.abs(wanted).max())
+    # Rounding is relative to the accelerations by torque and by weight, whose difference may be small.
+    free = np.array([pin.aba(pin_model, data, c[:, k], cd[:, k], 0 * tau[:, k]) for k in range(samples)]).T
+    size = max(np.abs(wanted).max(), np.abs(free).max())
+    np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-14 * condition * size)
