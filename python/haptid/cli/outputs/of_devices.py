@@ -11,7 +11,7 @@ from haptid.results.schema import Number
 
 
 class NoteOutput(OutputTable):
-    grade: str = Field(description="exact, approximate or dropped")
+    grade: Literal["exact", "approximate", "left out"]
     text: str
     line: int | None = Field(description="of the description")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from haptid.cli.outputs.tables import Interval, OutputTable
-from haptid.results.schema import Grade, Number
+from haptid.results.schema import Number, ResultUse
 
 
 class ChangeOutput(OutputTable):
@@ -133,14 +133,8 @@ class WrittenOutput(OutputTable):
     verdict: str
 
 
-class UseOutput(OutputTable):
-    use: str
-    grade: Grade
-    sentence: str
-
-
 class ExportOutput(OutputTable):
     """Files for other programs."""
 
     formats: dict[str, WrittenOutput]
-    verdict: list[UseOutput]
+    verdict: list[ResultUse]

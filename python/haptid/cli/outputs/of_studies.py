@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
-
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from haptid.cli.outputs.tables import Interval, OutputTable, QuantityOutput
-from haptid.results.schema import Number
-
-# JSON has no tuples.
-_Path = Annotated[list[str | int], BeforeValidator(list)]
+from haptid.results.schema import Number, ResultAdvice
 
 
 class CheckedLogOutput(OutputTable):
@@ -33,49 +28,6 @@ class CheckOutput(OutputTable):
     problems: list[str] = Field(description="what has to be changed first; exit status 2 where there are any")
 
 
-class EditOutput(OutputTable):
-    """One change of a file."""
-
-    file: Literal["study", "device"]
-    operation: Literal["append", "set", "add", "multiply", "exchange", "exclude", "remove"]
-    path: _Path = Field(description="keys from the top of the file")
-    index: int | None = Field(description="entry of a list of numbers; null for all")
-    value: Any = Field(description="what is appended, set, added, multiplied by, or left out")
-
-
-class ActionOutput(OutputTable):
-    """A change with a proof."""
-
-    kind: str
-    places: list[str] = Field(description="joints, motors, channels or links")
-    change: str
-    proof: str = Field(description="unseen error, possible bodies or prior bodies")
-    before: Number = Field(description="measure of the proof without the change; of unseen error in per cent")
-    after: Number
-    se: Number = Field(description="paired standard error of the difference")
-    share: Number = Field(description="share of the rows that the change leaves out")
-    adds: bool = Field(description="whether it is part of the best combination")
-    blocks: int = Field(description="unseen time blocks")
-    rivals: list[str] = Field(description="changes that cannot be distinguished from it")
-    motor: str
-    sentence: str
-    edits: list[EditOutput]
-
-
-class MoreMotionOutput(OutputTable):
-    """Further motion that would make intervals narrower."""
-
-    stroke: float = Field(description="times that of the log")
-    speed: float = Field(description="times that of the log")
-    seconds: float
-    same_motion_seconds: Number = Field(description="that the same motion would take")
-    torque: Number = Field(description="largest, times that of the log")
-    parameters: list[str]
-    before_percent: list[Number] = Field(description="half width of the interval, per cent of the value")
-    after_percent: list[Number] = Field(description="the same, predicted with the motion")
-    sentence: str
-
-
 class AppliedOutput(OutputTable):
     """What --apply wrote and confirmed."""
 
@@ -84,15 +36,9 @@ class AppliedOutput(OutputTable):
     after: Number
 
 
-class AdviseOutput(OutputTable):
-    """Changes of a study and its device that are proven on its own logs."""
+class AdviseOutput(ResultAdvice):
+    """Changes of a study and its device that are proven on its own logs, as in result.json."""
 
-    tried: int = Field(description="number of candidates")
-    unseen_error_percent: Number
-    combined_error_percent: Number = Field(description="with the best combination")
-    actions: list[ActionOutput]
-    undetermined: list[str] = Field(description="what cannot be determined from the logs")
-    more_motion: MoreMotionOutput | None
     applied: AppliedOutput | None = Field(default=None, description="with --apply, where something was confirmed")
 
 
