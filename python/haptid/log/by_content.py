@@ -1,7 +1,7 @@
 """`Content`: which columns of a table without names are positions, velocities and torques, by their correlations.
 
-A velocity is known by its integral, which is the position but for a straight line: noise and quantisation hardly matter
-there. Torques are what is left. All of it is a guess for a person to check.
+A velocity is known by its integral, which is the position but for a straight line: noise and quantisation
+have little effect there. Torques are what is left. All of it is a guess for a person to check.
 """
 
 from __future__ import annotations

@@ -221,8 +221,8 @@ def _with_drift(log: Log, report: TimeBaseReport) -> Log:
     drift = clock_drift(log.position, log.torque, log.segments, log.dt)
     if drift is None:
         return log
-    told = replace(report, clock_drift_s=drift.seconds, sentences=(*report.sentences, drift.sentence))
-    return replace(log, notes=(*log.notes, drift.sentence), time_base=told)
+    with_drift = replace(report, clock_drift_s=drift.seconds, sentences=(*report.sentences, drift.sentence))
+    return replace(log, notes=(*log.notes, drift.sentence), time_base=with_drift)
 
 
 class _FileReader:

@@ -247,10 +247,10 @@ def counted_times(
         return found, stale
     taken = np.diff(found.times) / found.step
     fresh = np.flatnonzero(np.ones(many, dtype=bool) if stale is None else ~stale.position)
-    counted, told = (np.concatenate([[0.0], np.cumsum(each)]) for each in (counts.periods, taken))
+    counted, by_stamps = (np.concatenate([[0.0], np.cumsum(each)]) for each in (counts.periods, taken))
     unclear = np.concatenate([[0], np.cumsum(~counts.clear)])
     clear = np.diff(unclear[fresh]) == 0
-    apart = np.abs(np.diff(counted[fresh]) - np.diff(told[fresh]))[clear] > _DIFFERENT
+    apart = np.abs(np.diff(counted[fresh]) - np.diff(by_stamps[fresh]))[clear] > _DIFFERENT
     if apart.sum() < max(_FEWEST_MISCOUNTED, _MISCOUNTED * apart.size):
         return found, stale
     same = recorded.same_position[1:]
@@ -332,11 +332,11 @@ def stamps_tell(
     upper = lower = 0.0
     for channel in positions:
         pairs = [_roughness(channel[a:b], deviation[a:b], fresh[a:b]) for a, b in spans]
-        rough, told = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-        power = float(told @ told)
+        rough, moved_by = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        power = float(moved_by @ moved_by)
         if power == 0:
             continue
-        cross = float(told @ rough)
+        cross = float(moved_by @ rough)
         noise = max(float(rough @ rough) - cross**2 / power, 1e-12 * power) / rough.size
         upper, lower = upper + cross / noise, lower + power / noise
     return (upper / lower, lower**-0.5) if lower > 0 else (0.0, np.inf)
@@ -345,6 +345,6 @@ def stamps_tell(
 def _roughness(position: Array, deviation: Array, fresh: NDArray[np.bool_]) -> tuple[Array, Array]:
     """High-pass of a position, and of its speed times the deviation, at the fresh rows."""
     wide = min(position.size // 4 * 2 - 1, _WIDE)
-    told = polynomial_filter(position, wide, 3, 1) * deviation
-    pair = [(x - polynomial_filter(x, _NARROW, 3))[fresh] for x in (position, told)]
+    moved_by = polynomial_filter(position, wide, 3, 1) * deviation
+    pair = [(x - polynomial_filter(x, _NARROW, 3))[fresh] for x in (position, moved_by)]
     return pair[0], pair[1]

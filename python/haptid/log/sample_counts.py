@@ -68,9 +68,9 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
             x, made.resolved[part], alike = _steps(own, np.rint(x), width)
         made.clear[part] = made.resolved[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
         made.periods[part] = np.rint(x).astype(np.intp)
-        told = made.resolved[part] & alike
+        counted_here = made.resolved[part] & alike
         moves = made.periods[part] > 0  # of a rest between moves, zero periods are as clear as of a repeated row
-        resolved, moved = resolved + int(told.sum()), moved + int((told & moves).sum())
+        resolved, moved = resolved + int(counted_here.sum()), moved + int((counted_here & moves).sum())
         whole += int((made.clear[part] & moves).sum())
     return made if resolved > _MANY * (rows - 1) and whole > _WHOLE * moved else None
 

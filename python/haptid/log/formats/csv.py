@@ -269,11 +269,11 @@ def _dialect(path: Path) -> _Dialect:
     texts = [line.decode("utf-8", errors="replace").rstrip("\r\n") for line in lines]
     if not whole and len(texts) > 1:
         del texts[-1]
-    told = [k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)][:SNIFFED]
-    if not told:
+    filled = [k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)][:SNIFFED]
+    if not filled:
         raise empty(path, "no header and no rows")
-    separator, decimal = _separator([texts[k] for k in told])
-    rows = [_cells(texts[k], separator) for k in told]
+    separator, decimal = _separator([texts[k] for k in filled])
+    rows = [_cells(texts[k], separator) for k in filled]
     width = _width(rows, decimal)
     samples = [_is_row(row, width, decimal) for row in rows]
     names_only = [len(row) == width and not any(_number(cell, decimal) for cell in row) for row in rows]
@@ -285,10 +285,10 @@ def _dialect(path: Path) -> _Dialect:
         units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
     stated: list[str] = []
     if first == 0:
-        header, start = _without_header(texts, told[0], rows, separator, width, stated)
+        header, start = _without_header(texts, filled[0], rows, separator, width, stated)
         head = -1
     else:
-        header, start = rows[head], told[first - 1] + 1
+        header, start = rows[head], filled[first - 1] + 1
         if head > 0:
             stated.append(f"{head} lines before the header are not used")
     if units:

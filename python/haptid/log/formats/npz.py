@@ -106,9 +106,9 @@ def _signals(path: Path, archive: zipfile.ZipFile) -> dict[str, int]:
         _, dtype, _ = _header(member)
         if dtype.kind != "U":
             return {}
-        told = json.loads(member.read().decode("utf-32-le" if dtype.byteorder != ">" else "utf-32-be").rstrip("\0"))
+        mapping = json.loads(member.read().decode("utf-32-le" if dtype.byteorder != ">" else "utf-32-be").rstrip("\0"))
     found: dict[str, int] = {}
-    for name, signal in told.items() if isinstance(told, dict) else ():
+    for name, signal in mapping.items() if isinstance(mapping, dict) else ():
         indices: list[int] = list(signal[-1])
         for k, column in enumerate(indices, 1):
             found[f"{DATA}[{name}]" if len(indices) == 1 else f"{DATA}[{name}.{k}]"] = int(column)

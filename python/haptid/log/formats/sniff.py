@@ -286,12 +286,12 @@ def guess(path: Path, names: Sequence[str], stated: Mapping[str, str]) -> tuple[
     unit = (match["unit"] or "s").lower()
     for kind, taken, chosen in (("time", unit, (time,)), ("position", "rad", position), ("torque", "N m", torque)):
         for name in chosen:
-            told = stated.get(name)
-            if told is not None and units.closest_unit(told, kind) != taken:  # type: ignore[arg-type]
+            stated_unit = stated.get(name)
+            if stated_unit is not None and units.closest_unit(stated_unit, kind) != taken:  # type: ignore[arg-type]
                 raise LogChannelError(
-                    f"{path}: without `channels`, {name!r} is taken in {taken}, and the file states {told}.",
+                    f"{path}: without `channels`, {name!r} is taken in {taken}, and the file states {stated_unit}.",
                     where=name,
-                    found=told,
+                    found=stated_unit,
                     limit=taken,
                     advice="Give `[channels]` with their units; `haptid channels` prints the table.",
                 )

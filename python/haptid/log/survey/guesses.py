@@ -45,8 +45,8 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     known = known_unit(stated) if stated else None
     if known is not None and known[0] == "time":
         unit, reason = known[1], f"the file states {stated}"
-    elif told := time_unit(channel.name):
-        unit, reason = told, "by its name"
+    elif named_unit := time_unit(channel.name):
+        unit, reason = named_unit, "by its name"
     elif channel.name.endswith("@time"):
         unit, reason = "ns", "as stamps of a waveform are read"
     elif column.dtype.kind in "iu" and channel.low > 1e17:
