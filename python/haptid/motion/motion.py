@@ -226,9 +226,8 @@ class Motion:
         """The same, computed."""
         wide = self.q[start - SIDE : stop + SIDE].T
         made = np.empty((len(wide), stop - start))
-        spare = SIDE - len(weights) // 2
         for channel, out in zip(wide, made, strict=True):
-            np.divide(paired_sums(channel[spare : len(channel) - spare], weights), unit, out=out)
+            np.divide(paired_sums(channel, weights), unit, out=out)
         return made
 
     def _shown(self) -> Overview:
