@@ -1,6 +1,6 @@
 """Run a demonstration and keep the sections of its page for docs: python benchmarks/demo_record.py phantom medical
 
-With --flaws, only the section on the flaws of a real device is recorded anew, in the record that there is.
+With --flaws, only the section on the flaws of a real device is recorded anew; the rest of the record stays as it is.
 """
 
 from __future__ import annotations

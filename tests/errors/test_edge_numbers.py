@@ -78,7 +78,7 @@ def with_motor(line: str) -> str:
 
 
 def chain(joints: int) -> str:
-    """A device of so many joints in a row, with friction."""
+    """A device of `joints` joints in a row, with friction."""
     rows = "".join(
         f"[[joints]]\nname = '{k}'\nalpha = {(-1) ** k * np.pi / 2}\nr = 0.1\n" for k in range(1, joints + 1)
     )

@@ -81,7 +81,8 @@ def flaws_section(found: FlawedDevice) -> DocumentSection:
         f"{found.title}: the same bodies, motion, noise and treatment, and cables that stretch between motors and "
         "joints (the encoders are on the motors), eccentric capstans and encoders, Stribeck friction, a drive that "
         "warms up, current loops with a bandwidth and steps, commands with jitter, a softer controller, and a log of "
-        "every second control period. The model is the rigid one, and knows of none of it. Parameters are compared "
+        "every second control period. The model is the rigid one, without a term for any of it."
+        " Parameters are compared "
         "with those of the rigid part.",
         f"The diagnosis of that fit: {found.range}",
     )

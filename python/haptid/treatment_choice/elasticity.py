@@ -133,7 +133,7 @@ def noise_shares(found: Estimate, logs: Sequence[Log], noise: Sequence[Array]) -
 
     Noise is added to the positions and subtracted from them: with G the weighted sum of squares of the rows and N that
     of the noise in them, the half sum of both is G + N, as far as columns are linear in the noise. A share above one
-    is one of motion that the true column hardly has.
+    is one of motion that is nearly absent from the true column.
 
     Args:
         found: for its model, treatment and weights.

@@ -14,7 +14,7 @@ def short_percent(part: float, whole: float) -> str:
 
 
 def per_cent(value: float, digits: int = 2) -> str:
-    """A percentage to so many digits with its sign, never with an exponent: 3.0 %, 0.38 %, 124 %."""
+    """A percentage rounded to `digits` significant digits, never with an exponent: 3.0 %, 0.38 %, 124 %."""
     if not np.isfinite(value):
         return "an unknown share"
     rounded = float(f"{value:.{digits - 1}e}")

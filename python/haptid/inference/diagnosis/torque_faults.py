@@ -15,7 +15,7 @@ from haptid.inference.diagnosis.finding import Finding, Status, joined_names, wo
 from haptid.motion.motion import Motion
 
 # Samples in a row at its extreme from which on a torque is clipped there, and how many times as many samples it must
-# have at the extremes as next to them: at the crest of a coarse sine there are hardly more.
+# have at the extremes as next to them: at the crest of a coarse sine there are few more.
 CLIPPED_RUN, _RARER = 3, 4
 # A torque chatters where it steps back and forth by this share of its root mean square or more, one step after the
 # other, in this share of the samples.
@@ -81,7 +81,7 @@ def chatter(tau: Array, motion: Motion) -> float:
 
 
 def runs(true: np.ndarray, least: int) -> np.ndarray:
-    """Where a run of True has at least so many samples."""
+    """Samples within runs of True of at least `least`."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
     made = np.zeros(len(true), dtype=bool)
     for start, stop in edges:
