@@ -28,7 +28,7 @@ from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.noise_effect import encoder_noise
 
 # Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
-KNOWN, _NOISE = 0.25, 0.1
+_KNOWN, _NOISE = 0.25, 0.1
 # Fewest samples in a period of the fastest motion: the filters of an elastic device need the torque of all of it.
 _SAMPLES = 7.0
 # Length of a log on which its noise is compared with the motion, s.
@@ -69,12 +69,11 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
     shares = noise_shares(found, logs, encoder_noise(logs, [spectra(log) for log in logs]))
     for drive in model.device.elastic:
         for name in parameters_of(model, drive, "spring"):
-            at = found.names.index(name)
-            value, se, share = found.beta[at], found.se[at], shares[at]
+            share = shares[found.names.index(name)]
             if share > _NOISE:
                 raise _hidden(drive, name, min(share, 1.0), highest)
-            if not (value > 0 and se < KNOWN * value):
-                raise not_shown(drive, name, float(value), float(se), highest)
+    expect_known(found, highest)
+    for drive in model.device.elastic:
         for name in (*parameters_of(model, drive, "viscous"), *parameters_of(model, drive, "rotor")):
             low, high = found[name].conf_int(0.99)
             if high < 0:
@@ -105,16 +104,25 @@ def _hidden(drive: Motor, name: str, share: float, highest: float) -> Identifiab
     )
 
 
-def not_shown(drive: Motor, name: str, value: float, se: float, highest: float) -> IdentifiabilityError:
+def expect_known(found: Estimate, highest: float) -> None:
+    """Raise IdentifiabilityError where a stiffness has too large a standard error; motion goes up to `highest`, Hz."""
+    for drive in found.model.device.elastic:
+        for name in parameters_of(found.model, drive, "spring"):
+            value, se = found[name].value, float(found.se[found.names.index(name)])
+            if not (value > 0 and se < _KNOWN * value):
+                raise _not_shown(drive, name, value, se, highest)
+
+
+def _not_shown(drive: Motor, name: str, value: float, se: float, highest: float) -> IdentifiabilityError:
     """The error of a stiffness whose standard error is too large."""
     share = se / value if value > 0 else np.inf
-    times = float(np.clip(np.sqrt(share / KNOWN), 1.3, _FARTHEST))
+    times = float(np.clip(np.sqrt(share / _KNOWN), 1.3, _FARTHEST))
     return IdentifiabilityError(
         f"the log does not show the stiffness of motor {drive.name}: {name} is {value:.3g} with a standard "
-        f"error of {se:.2g} (limit {100 * KNOWN:.0f} % of it), from motion up to {highest:.3g} Hz.",
+        f"error of {se:.2g} (limit {100 * _KNOWN:.0f} % of it), from motion up to {highest:.3g} Hz.",
         where=drive.name,
         found=share,
-        limit=KNOWN,
+        limit=_KNOWN,
         advice=_advice(drive, times * highest, None),
     )
 

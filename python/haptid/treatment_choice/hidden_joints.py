@@ -27,7 +27,7 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
-from haptid.treatment_choice.elasticity import KNOWN, not_shown, parameters_of
+from haptid.treatment_choice.elasticity import expect_known
 from haptid.treatment_choice.propose import propose
 
 # Damping ratio of the filters and, of initial values, the least one.
@@ -85,11 +85,7 @@ def complete_logs(
         found = estimate(first.observation, MotorSide(initial=initial, tolerance=_ROUGH))
     except (ConvergenceError, SimulationError) as error:
         raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
-    for drive in model.device.elastic:
-        for name in parameters_of(model, drive, "spring"):
-            value, se = found[name].value, float(found.se[found.names.index(name)])
-            if not (value > 0 and se < KNOWN * value):
-                raise not_shown(drive, name, value, se, proposal.bandwidth_hz)
+    expect_known(found, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log, frequencies), treatment) for log in logs], found
 
 
