@@ -104,11 +104,8 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
     with opened_file(path, "message"):
         opened = containers(path)
         for topic, batch, receive in batches(opened, None):
-            own = rows.setdefault(topic.name, TopicRows(topic, receive[:0]))
-            own.stamps |= batch.stamps
-            own.other += batch.other
-            for array, count in batch.empty.items():
-                own.empty[array] = own.empty.get(array, 0) + count
+            own = rows.setdefault(topic.name, TopicRows(topic))
+            own.add_counts(batch)
             stamps.setdefault(topic.name, []).append(receive)
             found = ranges.setdefault(topic.name, {})
             for name, values in batch.values.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class TopicRows:
 
     Attributes:
         topic: one of its channels in the container.
+        count: messages, n.
         receive: stamps, ns, (n,).
         values, present: of each channel, (n,).
         empty: arrays without elements, and in how many messages.
@@ -45,7 +46,8 @@ class TopicRows:
     """
 
     topic: Topic
-    receive: NDArray[np.int64]
+    count: int = 0
+    receive: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     values: dict[str, NDArray[Any]] = field(default_factory=dict)
     present: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
     empty: dict[str, int] = field(default_factory=dict)
@@ -56,6 +58,35 @@ class TopicRows:
         """The channel that is the stamp of the messages."""
         named = [name for name in _STAMPS if name in self.stamps]
         return next(iter([*named, *sorted(self.stamps)]), None)
+
+    def add(self, batch: Batch, receive: NDArray[np.int64]) -> None:
+        """Further messages: arrays are longer than `count` until `whole` cuts them."""
+        begin, self.count = self.count, self.count + batch.count
+        self.receive = _written(self.receive, begin, receive)
+        for leaf, values in batch.values.items():
+            self.values[leaf] = _written(self.values.get(leaf), begin, values)
+            self.present[leaf] = _written(self.present.get(leaf), begin, batch.present[leaf])
+        self.add_counts(batch)
+
+    def add_counts(self, batch: Batch) -> None:
+        """What further messages tell besides values: stamps, empty arrays, undecodable ones."""
+        self.stamps |= batch.stamps
+        self.other += batch.other
+        for array, count in batch.empty.items():
+            self.empty[array] = self.empty.get(array, 0) + count
+
+    def whole(self) -> TopicRows:
+        """The same with arrays of length `count`; the last messages may lack a channel."""
+        for column in (self.values, self.present):
+            for leaf, values in column.items():
+                column[leaf] = _written(values, self.count, values[:0])
+        return self.taken(slice(self.count))
+
+    def taken(self, rows: slice | NDArray[np.intp]) -> TopicRows:
+        """The same messages in another order, or the first of them."""
+        values = {leaf: column[rows] for leaf, column in self.values.items()}
+        present = {leaf: column[rows] for leaf, column in self.present.items()}
+        return replace(self, receive=self.receive[rows], values=values, present=present)
 
 
 def names(path: Path) -> list[str]:
@@ -191,34 +222,35 @@ def _topics(opened: Iterable[Container]) -> set[str]:
 
 def _collected(found: Iterable[tuple[Topic, Batch, NDArray[np.int64]]], notes: list[str]) -> dict[str, TopicRows]:
     """The messages of each topic, joined and in the order of their receive stamps."""
-    parts: dict[str, list[tuple[Topic, Batch, NDArray[np.int64]]]] = {}
-    for part in found:
-        parts.setdefault(part[0].name, []).append(part)
-    rows: dict[str, TopicRows] = {}
-    for name, batches in parts.items():
-        receive = np.concatenate([stamps for _, _, stamps in batches])
-        made = rows[name] = TopicRows(batches[0][0], receive)
-        for leaf in dict.fromkeys(leaf for _, batch, _ in batches for leaf in batch.values):
-            pieces = [batch.values.pop(leaf, np.zeros(batch.count, np.int64)) for _, batch, _ in batches]
-            made.values[leaf] = np.concatenate(pieces)
-            made.present[leaf] = np.concatenate(
-                [batch.present.pop(leaf, np.zeros(batch.count, bool)) for _, batch, _ in batches]
-            )
-        for _, batch, _ in batches:
-            made.stamps |= batch.stamps
-            made.other += batch.other
-            for array, count in batch.empty.items():
-                made.empty[array] = made.empty.get(array, 0) + count
-        back = int(np.count_nonzero(np.diff(receive) < 0))
+    growing: dict[str, TopicRows] = {}
+    for topic, batch, stamps in found:
+        growing.setdefault(topic.name, TopicRows(topic)).add(batch, stamps)
+    rows = {name: grown.whole() for name, grown in growing.items()}
+    for name, joined in rows.items():
+        back = int(np.count_nonzero(np.diff(joined.receive) < 0))
         if back:
-            order = np.argsort(receive, kind="stable")
-            made.receive = receive[order]
-            made.values = {leaf: values[order] for leaf, values in made.values.items()}
-            made.present = {leaf: there[order] for leaf, there in made.present.items()}
+            order = np.argsort(joined.receive, kind="stable")
+            rows[name] = joined.taken(order)
             notes.append(f"{back} messages of {name} are stored before earlier ones: sorted by receive stamps")
-        if made.other:
-            notes.append(f"{made.other} of {receive.size} messages of {name} are not of its type: left out")
+        if joined.other:
+            notes.append(f"{joined.other} of {joined.count} messages of {name} are not of its type: left out")
     return rows
+
+
+def _written(column: NDArray[Any] | None, begin: int, values: NDArray[Any]) -> NDArray[Any]:
+    """Values from row `begin` on of a column, (>= begin + n,), which grows by a quarter where it is too short.
+
+    Parts that are joined at the end would hold a long log twice.
+    """
+    end = begin + values.size
+    kind = values.dtype if column is None else np.result_type(column, values)
+    if column is None or column.size < end or column.dtype != kind:
+        longer = np.zeros(max(end, 5 * begin // 4), kind)
+        if column is not None:
+            longer[:begin] = column[:begin]
+        column = longer
+    column[begin:end] = values
+    return column
 
 
 def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Request) -> list[Stream]:
@@ -244,14 +276,15 @@ def _streams(path: Path, rows: TopicRows, named: Mapping[str, str], request: Req
     groups = _groups(there)
     header = rows.header()
     streams = []
-    for full_names, keep in groups or [([], np.ones(count, bool))]:
+    for full_names, usable in groups or [([], np.ones(count, bool))]:
+        keep = slice(None) if usable.all() else usable  # all of them without a copy
         stamps = rows.receive[keep], None if header is None else rows.values[header][keep]
         if header is not None and not rows.present[header][keep].all():
             stamps = stamps[0], None
         streams.append(
             Stream(topic, stamps[0], stamps[1], {full: rows.values[named[full]][keep] for full in full_names})
         )
-        left = count - int(keep.sum())
+        left = count - int(usable.sum())
         if left:
             what = ", ".join(f"{n} without {a}" for a, n in rows.empty.items() if any(a in f for f in full_names))
             request.notes.append(
