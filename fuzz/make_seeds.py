@@ -122,6 +122,20 @@ def tables(made: dict[str, np.ndarray]) -> None:
     save("log-jsonl", "plain.jsonl", "\n".join(map(json.dumps, rows)).encode())
     lines = [" ".join([name, *map(repr, column.tolist())]) for name, column in some.items()]
     save("log-rows", "named.txt", "\n".join(lines).encode())
+    lines = ["[key]; [value]", "Flags; 16"]
+    for k, (name, column) in enumerate(some.items()):
+        lines += [f"{k}.Variable; {name}", f"{k}.Data; ", *(f"; {t}; {value}" for t, value in enumerate(column))]
+    save("log-trace", "text.trace", "\n".join(lines).encode())
+    variables = "".join(
+        f'<TraceVariable VarName="{name}"><Values>{",".join(map(str, column))}</Values><Timestamps>'
+        f"{','.join(map(str, range(column.size)))}</Timestamps></TraceVariable>"
+        for name, column in some.items()
+    )
+    save("log-trace", "document.trace", f"<?xml version='1.0'?><Trace>{variables}</Trace>".encode())
+    sampled = [["Name", *some], ["SampleTime[ms]", *("1" for _ in some)]]
+    sampled += [list(map(str, (t, *row))) for t, row in enumerate(zip(*some.values(), strict=True))]
+    scope = "\n".join("\t".join(row) for row in [["Name", "run"], ["File", "run.csv"], *sampled])
+    save("log-trace", "scope.trace", scope.encode())
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         np.save(folder / "log.npy", np.column_stack([*some.values()]))

@@ -110,7 +110,7 @@ def _value(node: ast.expr) -> object:
 
 
 def _log(suffix: str) -> Target:
-    text = suffix in ("csv", "json", "jsonl", "rows")
+    text = suffix in ("csv", "json", "jsonl", "rows", "trace")
     return Target(f"log-{suffix}", _file(f"log.{'txt' if suffix == 'rows' else suffix}", _read_log), text=text)
 
 
@@ -179,7 +179,10 @@ TARGETS = (
     Target("report", _report, text=True),
     Target("expression", _expression, text=True),
     Target("core", _core_arguments, text=True, allowed=(ValueError, TypeError, OverflowError)),
-    *(_log(suffix) for suffix in ("csv", "npz", "npy", "parquet", "h5", "mat", "json", "jsonl", "rows", "tdms")),
+    *(
+        _log(suffix)
+        for suffix in ("csv", "npz", "npy", "parquet", "h5", "mat", "json", "jsonl", "rows", "trace", "tdms")
+    ),
     *(_log(suffix) for suffix in ("mcap", "db3", "bag")),
     *(_robot(suffix) for suffix in ("urdf", "sdf", "par", "csv")),
     *(_robot(suffix, task) for suffix, task in (("xml", "mjcf"), ("xacro", "xacro"), ("usda", "usd"))),

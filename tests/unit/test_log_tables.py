@@ -19,6 +19,7 @@ import recorders
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
 from haptid.log.file_format import format_of
+from haptid.log.formats.mat_objects import leaves
 from haptid.log.request import Request
 from haptid.log.survey import survey
 
@@ -253,6 +254,43 @@ def test_objects_of_matlab_with_arrays_in_their_properties(tmp_path: Path, versi
     found, _ = read(path, ["arm.Time", "arm.Data[1]", "arm.Data[2]"])
     np.testing.assert_array_equal(np.ravel(found["arm.Time"]), DATA[:, 0])
     np.testing.assert_array_equal(found["arm.Data[2]"], DATA[:, 2])
+
+
+def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
+    """A data set of two timeseries: one with its times, one with a start and a step, samples along the last axis.
+
+    The objects are given as they are loaded: the writer of the package stores none in a cell.
+    """
+    from matio.utils.matclass import MatlabOpaque as Object
+
+    def one(value: float) -> np.ndarray:
+        return np.full((1, 1), value)
+
+    about = Object({"Time_": np.empty((0, 0)), "Start_": one(0), "Increment_": one(0.01), "Length": one(N)}, "tsdata.t")
+    stored = Object({"Data": DATA[:, 1].reshape(1, 1, N)}, "tsdata.StreamingStorage")
+    streamed = Object({"Data_": np.empty((0, 0)), "TimeInfo": about, "Storage_": stored}, "timeseries")
+    plain = Object({"Data_": DATA[:, 2:], "Time_": DATA[:, :1]}, "timeseries")
+    kind = "Simulink.SimulationData"
+    cells = np.empty((2, 1), dtype=object)
+    for k, (name, series) in enumerate((("q1", streamed), ("tau1", plain))):
+        cells[k, 0] = Object({"Name": np.array([name]), "Values": series, "PortIndex": one(1)}, f"{kind}.Signal")
+    data_set = Object({"Name": np.array(["logsout"]), "Storage_": cells}, f"{kind}.Dataset")
+    run = np.array([[(data_set, DATA[:, :1])]], dtype=[("logsout", object), ("tout", object)])
+    found = dict(leaves("out", Object({"Data": run, "Metadata": DATA}, "Simulink.SimulationOutput"), 0))
+    wanted = {f"out.logsout.{name}.Time": DATA[:, 0] for name in ("q1", "tau1")} | {"out.tout": DATA[:, 0]}
+    wanted |= {"out.logsout.q1.Data": DATA[:, 1], "out.logsout.tau1.Data": DATA[:, 2]}
+    assert found.keys() == wanted.keys()
+    for name, samples in wanted.items():
+        np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
+
+
+def test_cells_of_a_matlab_file_are_numbered(tmp_path: Path) -> None:
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, :] = [{"q": DATA[:, 1]}, DATA]
+    io.savemat(tmp_path / "run.mat", {"trial": cells})
+    found, _ = read(tmp_path / "run.mat", ["trial[1].q", "trial[2][3]"])
+    np.testing.assert_array_equal(np.ravel(found["trial[1].q"]), DATA[:, 1])
+    np.testing.assert_array_equal(found["trial[2][3]"], DATA[:, 2])
 
 
 @pytest.mark.parametrize("array", [False, True], ids=["one signal", "several"])

@@ -13,6 +13,7 @@ from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
 from haptid.errors import LogFileError
+from haptid.log.formats.controller_trace import is_trace
 from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
@@ -78,8 +79,9 @@ FORMATS = (
     Format("JSON", (".json", ".jsonl", ".ndjson"), "json"),
     Format("text with a channel in each row", (), "transposed"),
     Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
+    Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
 )
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES = (FORMATS[k] for k in (0, 5, 7, 9, 10))
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE = (FORMATS[k] for k in (0, 5, 7, 9, 10, 11))
 
 
 def format_of(path: Path) -> Format:
@@ -108,6 +110,8 @@ def format_of(path: Path) -> Format:
         raise empty(path, "0 bytes")
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
+            if kind is _TEXT and is_trace(path):
+                return _TRACE
             return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
     suffix = path.suffix.lower()
     if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:

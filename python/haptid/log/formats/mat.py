@@ -1,12 +1,7 @@
-"""MATLAB logs: MAT 4, 5 and 7.3, distinguished by their content; struct fields are joined by points.
-
-Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. Of other
-objects (timeseries) the arrays in their properties are channels.
-"""
+"""MATLAB logs: MAT 4, 5 and 7.3, distinguished by their content; struct fields are joined by points."""
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import struct
 import warnings
@@ -22,6 +17,7 @@ from scipy import io
 
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats import hdf5, mat4
+from haptid.log.formats.mat_objects import objects
 from haptid.log.formats.sniff import (
     Budget,
     RawChannel,
@@ -55,7 +51,7 @@ def names(path: Path) -> list[str]:
     if not _has_objects(path):
         return found
     try:
-        return [*found, *_objects(path)]
+        return [*found, *objects(path)]
     except MissingDependencyError:
         if not found:
             raise
@@ -81,7 +77,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
             raise
         found = {}
     if with_objects and not found.keys() >= set(wanted):
-        found |= _objects(path)
+        found |= objects(path)
     return {name: found[name] for name in wanted if name in found}
 
 
@@ -92,56 +88,6 @@ def _has_objects(path: Path) -> bool:
             return file.read(HEADER_BYTES)[116:124] not in (b"\0" * 8, b" " * 8)
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
         return "#subsystem#" in file
-
-
-def _objects(path: Path) -> dict[str, RawChannel]:
-    """Channels of tables, timetables and other objects."""
-    if importlib.util.find_spec("matio") is None:
-        raise MissingDependencyError(
-            f"{path}: it has tables or other objects of MATLAB, which need a package that is not installed.",
-            where="mat-io",
-            advice='Install it with `pip install "haptid[lab]"`, or save plain arrays (table2array).',
-        )
-    found: dict[str, RawChannel] = {}
-    with opened_file(path, _KIND):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # units and formats of tables, options of pandas: not about the samples
-            import matio
-
-            loaded = matio.load_from_mat(str(path))
-        for name, value in loaded.items():
-            if type(value) is np.ndarray and value.dtype.kind != "M":
-                continue  # read as a plain array
-            for leaf, array in _inner(str(name), value, 0):
-                if numeric(array.dtype):
-                    found |= {channel: array[at] for channel, at in addresses(leaf, array.shape).items()}
-    return found
-
-
-def _inner(name: str, value: Any, depth: int) -> Iterator[tuple[str, RawChannel]]:
-    """Arrays in a table or in the properties of an object, with their full names."""
-    if depth > 8:
-        return
-    if hasattr(value, "columns") and hasattr(value, "index"):
-        if value.index.dtype.kind in "mM":
-            yield f"{name}.{value.index.name or 'Time'}", _nanoseconds(value.index.to_numpy())
-        for column in value.columns:
-            array = value[column].to_numpy()
-            if array.dtype == object and array.size and np.ndim(array[0]) == 1:
-                array = np.stack(list(array))
-            yield f"{name}.{column}", _nanoseconds(array) if array.dtype.kind in "mM" else array
-    elif hasattr(value, "properties") and isinstance(value.properties, dict):
-        for key, inner in value.properties.items():
-            yield from _inner(f"{name}.{key}", inner, depth + 1)
-    elif isinstance(value, np.ndarray) and value.dtype.names is not None and value.size == 1:
-        for key in value.dtype.names:
-            yield from _inner(f"{name}.{key}", value.flat[0][key], depth + 1)
-    elif isinstance(value, np.ndarray):
-        yield name, _nanoseconds(value) if value.dtype.kind in "mM" else value
-
-
-def _nanoseconds(times: RawChannel) -> RawChannel:
-    return times.astype("M8[ns]" if times.dtype.kind == "M" else "m8[ns]").astype(np.int64)
 
 
 def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
@@ -170,7 +116,11 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
     """Plain arrays with their full names, `out.signals[2].values` in an array of structs; objects are left out."""
     if type(value) is not np.ndarray:
         return
-    if value.dtype.names is None:
+    if value.dtype == object:
+        if value.size <= _MOST_STRUCTS:  # a cell array, as of trials
+            for k, cell in enumerate(value.flat, 1):
+                yield from _leaves(f"{name}[{k}]", cell)
+    elif value.dtype.names is None:
         yield name, value
     elif value.size == 1:
         for field in value.dtype.names:
@@ -181,7 +131,7 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
                 yield from _leaves(f"{name}[{k}].{field}", one[field])
 
 
-# Longest array of structs whose fields are channels.
+# Longest array of structs or cells whose content is channels.
 _MOST_STRUCTS = 200
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14

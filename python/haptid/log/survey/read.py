@@ -21,7 +21,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.formats.messages.container import Topic
 from haptid.log.formats.messages.containers import containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
-from haptid.log.formats.sniff import RawChannel, corrupt, opened_file
+from haptid.log.formats.sniff import RawChannel, opened_file
 from haptid.log.log import Signal
 from haptid.log.registers import register_of
 from haptid.log.request import Request
@@ -165,8 +165,8 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             f"{path}: nothing in it is an array of numbers.",
             where=path,
             limit=kind.name,
-            advice="Cell arrays and objects such as Simulink's data sets are not read: save plain arrays, a struct of "
-            "arrays or a timetable, one file for each run.",
+            advice="Objects of MATLAB's toolboxes are not read: in MATLAB take the samples out, as in `t = x.Time; q = "
+            "x.Data; save('run.mat', 't', 'q', 'tau')`, one file for each run.",
         )
     channels: list[ChannelSurvey] = []
     count, rate = 0, 0.0
@@ -291,5 +291,10 @@ def _columns(path: Path, kind: Format, names: Sequence[str], request: Request) -
         except LogFileError as error:
             request.notes.append(f"{name} is not a channel: {str(error).partition(': ')[2].partition('. ')[0]}")
     if not found:
-        raise corrupt(path, kind.name, request.notes[-1])
+        raise LogFileError(
+            f"{path}: none of its columns is one of numbers ({request.notes[-1]}).",
+            where=path,
+            limit=kind.name,
+            advice="Export a table: one line of names, then rows of numbers, one for each time.",
+        )
     return found
