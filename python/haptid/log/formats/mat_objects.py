@@ -1,8 +1,8 @@
 """Objects in MAT files: tables, timetables, timeseries, and what Simulink logs.
 
 Tables and timetables are columns, `run.q1`, with the times of the rows in whole nanoseconds, `run.Time`. A timeseries
-is `q.Time` and `q.Data`; signals of a Simulink data set are named by themselves, `out.logsout.q1.Data`. Of other objects
-the arrays in their properties are channels.
+is `q.Time` and `q.Data`; signals of a Simulink data set are named by themselves, `out.logsout.q1.Data`. Of other
+objects the arrays in their properties are channels.
 """
 
 from __future__ import annotations
