@@ -38,6 +38,10 @@ TAU = Q + np.cos(5.0 * T)
          ("micros", "us"), (["enc_count"], "counts"), (["pwm"], "counts")),
         ("time;pos_estimate;vel_estimate;Iq_setpoint;Iq_measured", (T, Q, Q, TAU, TAU),
          ("time", "s"), (["pos_estimate"], "turn"), (["Iq_measured"], "A")),
+        ("t;theta;i_d;i_q;V_motor;V_bus", (T, Q, TAU, TAU, TAU, TAU), ("t", "s"), (["theta"], "rad"), (["i_q"], "A")),
+        ("t;alpha;theta;theta_v;V_m", (T, Q, Q, Q, TAU), ("t", "s"), (["theta"], "rad"), (["V_m"], "V")),
+        ("t;ActPos;PosDiff;ActTorque [%]", (T, Q, Q, TAU),
+         ("t", "s"), (["ActPos"], "rad"), (["ActTorque [%]"], "counts")),
         ("time;current_pos_x;current_pos_y;current_pos_z;joint_1;joint_2;joint_1_torque;joint_2_torque;force_x;force_y;force_z",
          (T, Q, Q, Q, Q, Q, TAU, TAU, TAU, TAU, TAU),
          ("time", "s"), (["joint_1", "joint_2"], "rad"), (["joint_1_torque", "joint_2_torque"], "N m")),
@@ -92,12 +96,19 @@ def test_names_that_only_look_like_a_quantity() -> None:
         "position_error",
         "torque_limit",
         "pose",
+        "i_d",
+        "V_alpha",
+        "PosDiff",
+        "vbus_voltage",
     ):
         assert quantity_of(name) == "other", name
     assert [quantity_of(name) for name in ("dTheta", "theta_dot", "q_d", "load_angle")] == [
         "velocity", "velocity", "position", "position"
     ]  # fmt: skip
     assert quantity_of("ddTheta") == "other"
+    assert [quantity_of(name) for name in ("v_joint1", "i_q", "Iq1", "V_motor", "v_q", "voltage_v")] == [
+        "velocity", "torque", "torque", "torque", "torque", "torque"
+    ]  # fmt: skip
 
 
 def test_units_and_elements_in_brackets() -> None:

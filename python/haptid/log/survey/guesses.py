@@ -81,12 +81,19 @@ def guessed(
         if quantity == "other" and known[0] in ("position", "torque"):
             quantity = known[0]
         return replace(channel, quantity=quantity, unit=known[1], reason=f"the file states {stated}")
+    if stated and known is None and quantity in ("position", "torque"):
+        return replace(channel, quantity=quantity, unit="counts", reason=_own_unit(stated))
     suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
     if suffix is not None and suffix[0] == quantity and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
         return replace(channel, quantity=quantity, unit=suffix[1], reason="by its name")
     largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
     unit, reason = unit_of(quantity, words | topic, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
+
+
+def _own_unit(stated: str) -> str:
+    """Reason of a channel whose stated unit is none that haptid converts, such as per cent of a rated torque."""
+    return f"the file states {stated}, which haptid does not know: a gain in SI per {stated} is required"
 
 
 def unit_of(

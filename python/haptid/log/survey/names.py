@@ -8,32 +8,34 @@ from haptid.log.survey.channels import Quantity
 from haptid.log.units import known_unit
 
 # Words of channels' names, in the languages of the laboratories that publish logs.
-_VELOCITY = frozenset({"qd", "dq", "v", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "vitesse",
+_VELOCITY = frozenset({"qd", "dq", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "vitesse",
                        "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
 _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
-_VOLTAGE = frozenset({"voltage", "volt", "volts", "vm", "spannung"})
+_VOLTAGE = frozenset({"voltage", "voltages", "volt", "volts", "vm", "vq", "uq", "spannung"})
 _DUTY = frozenset({"pwm", "duty"})
 _TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff", "moment",
                      "drehmoment", "couple", "coppia"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
 _FORCE = frozenset({"load", "force", "kraft", "u", "mt", "ctrl"})
 _POSITION = frozenset({"q", "qm", "ql", "pos", "position", "positions", "angle", "angles", "theta", "enc", "encoder",
-                       "pot", "winkel", "lage", "weg", "posicion", "posizione"})  # fmt: skip
+                       "pot", "potentiometer", "winkel", "lage", "weg", "posicion", "posizione"})  # fmt: skip
 # Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
-_ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp"})
+_ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"})
 # In this order: a word that tells the quantity, before one that may belong to any.
 QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", _VELOCITY),
     ("torque", _TORQUE | _CURRENT - {"i"}),
+    ("torque", _VOLTAGE),
+    ("velocity", frozenset({"v"})),
     ("position", _POSITION),
-    ("torque", _FORCE | _VOLTAGE | _DUTY | {"i"}),
+    ("torque", _FORCE | _DUTY | {"i"}),
     ("position", _ANGLE),
 )
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
 _NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip",
-                      "orientation", "quaternion", "quat", "pose", "bus", "supply", "battery", "temp",
-                      "temperature"})  # fmt: skip
+                      "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
+                      "temp", "temperature", "diff", "deviation", "lag", "direct"})  # fmt: skip
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
 # A command of nothing in particular stands for a torque.
@@ -51,6 +53,10 @@ _GLUED = re.compile(
     r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle)"
     r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
 )
+# Currents and voltages of a motor's field-oriented control: `i_q`, `Vq` act, those of the direct axis or in the frame
+# of the stator do not; a capital V of a motor is no velocity.
+_FIELD = re.compile(r"(?<![A-Za-z])(?P<kind>[iIuUvV])_?(?P<axis>[qQ]|[dD]|alpha|beta)(?![A-Za-z])")
+_VOLTS = re.compile(r"(?<![A-Za-z])V(?=_?(?:motor|mot|m|in|arm|cmd|act)(?![a-z]))")
 # Before one of these words "current" means the present value.
 _PRESENT = re.compile(
     r"current(?=[_ ]?(?:joint|motor)?[_ ]?(?:angle|pos|theta|vel|speed|torque|effort|state|pose|orient))", re.I
@@ -93,10 +99,16 @@ def base_of(name: str) -> str:
 def words_of(name: str) -> frozenset[str]:
     """Words of a name in lower case, also of those that are written together."""
     words: set[str] = set()
+    name = _VOLTS.sub("voltage_", _FIELD.sub(_of_field, name))
     for token in _TOKEN.findall(name):
         glued = _GLUED.fullmatch(token.lower())
         words.update(part for part in glued.groups() if part) if glued else words.add(token.lower())
     return frozenset(words)
+
+
+def _of_field(match: re.Match[str]) -> str:
+    """`iq`, `vq` or `uq`; of another axis a word that is no quantity."""
+    return f"{match['kind']}q".lower() if match["axis"] in "qQ" else "direct"
 
 
 def last_part(name: str) -> str:
