@@ -98,6 +98,9 @@ def test_check_reads_all_and_says_what_would_be_done(tmp_path):
     assert found["problems"] == []
     assert "10 base parameters" in found["steps"][0]
     assert "check.csv" in found["steps"][1]
+    assert not any("Time blocks" in step for step in found["steps"])
+    path.write_text(path.read_text().replace("decimation = 5", "decimation = 5\nblock_s = 17"))
+    assert "s long and not 17 s" in call("check", path, "--json").stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["check.csv", "device.toml", "log.csv", "study.toml"]
 
 

@@ -93,6 +93,16 @@ def test_faults_in_parts_that_are_left_out_are_no_faults(tmp_path: Path) -> None
     np.testing.assert_array_equal(np.asarray(log.position)[:, 0], POSITION[np.rint(1000 * log.t).astype(int)])
 
 
+@pytest.mark.parametrize("at", [2000, 2005, 2010])
+def test_a_part_that_is_left_out_does_not_hide_lost_counts(tmp_path: Path, at: int) -> None:
+    """The position jumps and does not come back; and a part at the end of the log, after which nothing is used."""
+    q = POSITION.copy()
+    q[at:] += 0.5
+    with pytest.raises(errors.LogDataError, match=r"stays 0\.5\d* away: its counts are lost"):
+        read(tmp_path, q=q, exclude=((1.999, 2.011),))
+    assert read(tmp_path, q=q, exclude=((1.999, 1e3),)).t[-1] < 2.0
+
+
 # --- saturation ---
 
 

@@ -3,8 +3,8 @@
 May not use any device: `check_against` takes joint limits as numbers.
 """
 
-from haptid.log.checks import check_against
 from haptid.log.lazy import OnDisk, as_array
+from haptid.log.limit_checks import check_against
 from haptid.log.log import Channels, Log, Signal
 from haptid.log.read import is_long, open_log, read_log
 from haptid.log.request import Merge

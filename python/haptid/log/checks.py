@@ -1,9 +1,8 @@
-"""Checks of a log: raw channels in the unit of the file, and positions against the joints of a device."""
+"""Checks of a log's raw channels, in the unit of the file."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid.errors import LogDataError, LogMismatchError
-from haptid.log.units import PERIODS, scale
+from haptid.errors import LogDataError
+from haptid.log.units import PERIODS
 
 if TYPE_CHECKING:
     from haptid.log.formats.sniff import RawChannel
-    from haptid.log.log import Log, Signal
-
-_Range = tuple[float, float]
+    from haptid.log.log import Signal
 
 # Largest magnitude of a sample in any unit: a larger one comes from damaged bytes, and its powers overflow.
 _LARGEST = 1e30
@@ -46,18 +43,6 @@ HELD_SHARE = 0.01
 NEXT_SHARE = 0.25
 # Points at which two channels are compared before they are compared everywhere.
 PROBES = 64
-# A joint without limits that covers more than this is assumed to be in degrees, rad.
-MOST_TURNS = 4 * math.pi
-# A single joint without limits, a pendulum or a wheel, may turn so far, and so may one whose limits are a whole turn.
-MOST_ALONE = 20 * math.pi
-# So is one this many times beyond its limits, if the angle read as degrees fits them.
-BEYOND = 2.0
-# Joints that cover less than this are assumed to be in radians, deg; so small a motion identifies nothing anyway.
-LEAST_SPAN_DEG = 3.0
-# With limits: joints that cover less than this share of their range, if 57.3 times more still fits.
-LEAST_SHARE = 0.02
-# Share of its range by which a position may exceed its limits: stops are soft, and zeros are not exact.
-SLACK = 0.05
 
 
 def usable(column: RawChannel) -> NDArray[np.bool_]:
@@ -212,8 +197,7 @@ def jumps(
             found=turn,
             advice=f"Unwrap it before saving, or give its signal `unwrap = true`{own}.",
         )
-    rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
-    usual = float(np.partition(sample, rank)[rank])
+    usual = _usual(sample)
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
         steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
@@ -228,6 +212,47 @@ def jumps(
                 advice="Keep a part without it with `time_range`, or leave the moment out with `exclude` if the "
                 "position comes back.",
             )
+
+
+def lost(
+    path: Path, name: str, column: Array, stamps: Array, si: float, left_out: NDArray[np.bool_], gaps: NDArray[np.intp]
+) -> None:
+    """Refuse a position that jumps in a part that is left out, and does not come back there: all later ones are wrong.
+
+    Args:
+        path, name: of the file and of the channel.
+        column: (m,), in the unit of the file, with the parts.
+        stamps: (m,), s.
+        si: rad or m in one of that unit.
+        left_out: (m,), whether a sample is in such a part.
+        gaps: samples before a gap in time, over which a position may move by more.
+    """
+    steps = np.diff(column)
+    inside = left_out[1:] | left_out[:-1]
+    if not inside.any() or inside.all():
+        return
+    limit = max(JUMP * _usual(np.abs(steps[~inside])), JUMP_SI / abs(si))
+    steps[gaps] = 0.0
+    jumped = np.where(inside & (np.abs(steps) > limit), steps, 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    for start, stop in edges.reshape(-1, 2):
+        away = float(jumped[start:stop].sum())
+        if abs(away) > limit and not left_out[start] and not left_out[stop]:  # samples before and after it are used
+            raise LogDataError(
+                f"{path}: position channel {name!r} jumps in the part that is left out from t = {stamps[start]:.6g} to "
+                f"{stamps[stop]:.6g} s and stays {away:.4g} away: its counts are lost from there on.",
+                where=(name, float(stamps[start])),
+                found=away,
+                limit=limit,
+                advice="List the log twice, with a `time_range` before and one after it, and correct the second one's "
+                "`offset`, or let `[calibration]` estimate it with `each_log`.",
+            )
+
+
+def _usual(sample: Array) -> float:
+    """The 99.9 % quantile of the lengths of steps, without the few largest."""
+    rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
+    return float(np.partition(sample, rank)[rank])
 
 
 def _steps(column: Array) -> tuple[int, float, Array]:
@@ -319,173 +344,6 @@ def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
     moved = np.searchsorted(moves, end - 1) > np.searchsorted(moves, begin)
     counts = (end - begin >= HELD_SAMPLES) & moved
     return int((end - begin)[counts].sum())
-
-
-def check_against(
-    log: Log, position_ranges: Sequence[_Range | None], prismatic: Sequence[bool], names: Sequence[str]
-) -> tuple[str, ...]:
-    """Compare positions with the limits of their joints, to find wrong units and swapped channels.
-
-    Only joint-side positions can be compared; a log of the motor side passes.
-
-    Args:
-        log: the recording.
-        position_ranges: limits of each position channel's joint, rad or m; None where unknown.
-        prismatic: whether each joint is prismatic.
-        names: of the joints.
-
-    Returns:
-        A note for each joint outside its limits for no such cause, and for a single joint that turns.
-
-    Raises:
-        LogMismatchError: an angle in radians that is plausible only as degrees, angles in degrees that are plausible
-            only as radians, or two channels, each within the other's limits and not its own.
-    """
-    count = len(log.channels.position.channels)
-    if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
-        return ()
-    spans = list(log.spans)
-    angles = [k for k in range(count) if not prismatic[k]]
-    own = log.channels.position.each_unit
-    _check_kinds(own, prismatic, names)
-    degrees = [k for k in angles if own[k] == "deg"]
-    if degrees:
-        _check_radians(degrees, spans, position_ranges, names)
-    else:
-        usual = float(np.median([spans[k][1] - spans[k][0] for k in angles])) if angles else 0.0
-        for k in angles:
-            if position_ranges[k] is None and usual < 2 * math.pi:  # one joint turns, the others are no degrees
-                continue
-            limits = position_ranges[k]
-            whole = len(angles) == 1 if limits is None else limits[1] - limits[0] > 2 * math.pi - SLACK
-            if whole and spans[k][1] - spans[k][0] < MOST_ALONE:
-                continue
-            _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
-    _check_swapped(log, spans, position_ranges, prismatic, names)
-    turned = tuple(
-        f"joint {names[k]} turns {(spans[k][1] - spans[k][0]) / (2 * math.pi):.1f} times; "
-        "if it does not, its unit is wrong"
-        for k in angles
-        if len(angles) == 1 and position_ranges[k] is None and spans[k][1] - spans[k][0] > MOST_TURNS
-    )
-    return turned + tuple(
-        f"joint {name} runs from {low:.4g} to {high:.4g}, outside its limits {limits[0]:.4g} .. {limits[1]:.4g}"
-        for name, (low, high), limits in zip(names, spans, position_ranges, strict=True)
-        if limits is not None and not _inside((low, high), limits)
-    )
-
-
-def _check_kinds(own: Sequence[str], prismatic: Sequence[bool], names: Sequence[str]) -> None:
-    """Refuse an angle in a unit of length, and a length in a unit of angle; SI's own of either are the same figures."""
-    fitting = ", ".join('"mm"' if straight else '"deg"' for straight in prismatic)
-    for unit, straight, name in zip(own, prismatic, names, strict=True):
-        wanted = "m" if straight else "rad"
-        si, factor = scale(unit, "position")
-        if si not in (wanted, "counts") and factor != 1.0:
-            raise LogMismatchError(
-                f"the position of joint {name} is in {unit!r}, and the joint is "
-                f"{'prismatic' if straight else 'revolute'}.",
-                where=name,
-                found=unit,
-                limit=wanted,
-                advice=f"Write one unit for each channel: unit = [{fitting}].",
-            )
-
-
-def _inside(span: _Range, limits: _Range) -> bool:
-    slack = SLACK * (limits[1] - limits[0])
-    return limits[0] - slack <= span[0] and span[1] <= limits[1] + slack
-
-
-def _times(span: _Range, factor: float) -> _Range:
-    return span[0] * factor, span[1] * factor
-
-
-def _check_degrees(name: str, channel: str, span: _Range, limits: _Range | None) -> None:
-    low, high = span
-    if limits is None:
-        if high - low > MOST_TURNS:
-            raise _degrees(name, channel, low, high, None)
-        return
-    furthest = max(abs(limits[0]), abs(limits[1]))
-    beyond = max(abs(low), abs(high)) > BEYOND * furthest
-    if beyond and _inside(_times(span, math.pi / 180), limits):
-        raise _degrees(name, channel, low, high, limits)
-
-
-def _check_radians(
-    angles: Sequence[int], spans: Sequence[_Range], ranges: Sequence[_Range | None], names: Sequence[str]
-) -> None:
-    def small(k: int) -> bool:
-        limits, (low, high) = ranges[k], spans[k]
-        if limits is None:
-            return math.degrees(high - low) < LEAST_SPAN_DEG
-        fits = _inside(_times(spans[k], 180 / math.pi), limits)
-        return fits and high - low < LEAST_SHARE * (limits[1] - limits[0])
-
-    if angles and all(small(k) for k in angles):
-        widest = max(angles, key=lambda k: spans[k][1] - spans[k][0])
-        span = math.degrees(spans[widest][1] - spans[widest][0])
-        limits = ranges[widest]
-        limit = LEAST_SPAN_DEG if limits is None else math.degrees(LEAST_SHARE * (limits[1] - limits[0]))
-        raise LogMismatchError(
-            f"with unit 'deg' no joint moves more than {span:.3g} deg (joint {names[widest]}), below {limit:g} deg; "
-            "as radians the motion would be plausible.",
-            where=names[widest],
-            found=span,
-            limit=limit,
-            advice="Give the position signal unit='rad'; if the motion really is this small, unit='rad' with "
-            "gain=pi/180.",
-        )
-
-
-def _check_swapped(
-    log: Log,
-    spans: Sequence[_Range],
-    ranges: Sequence[_Range | None],
-    prismatic: Sequence[bool],
-    names: Sequence[str],
-) -> None:
-    channels = log.channels.position.channels
-    for k, (span, limits) in enumerate(zip(spans, ranges, strict=True)):
-        if limits is None or _inside(span, limits):
-            continue
-        for j, (other, others) in enumerate(zip(spans, ranges, strict=True)):
-            if j == k or others is None or prismatic[j] != prismatic[k]:
-                continue
-            if _inside(other, limits) and _inside(span, others):
-                reach = _furthest(span, limits)
-                raise LogMismatchError(
-                    f"joint {names[k]} (channel {channels[k]!r}) reaches {reach:.4g}, outside its limits "
-                    f"{limits[0]:.4g} .. {limits[1]:.4g}, while channel {channels[j]!r} of joint {names[j]} is within "
-                    "them, and the other way round.",
-                    where=(names[k], names[j]),
-                    found=reach,
-                    limit=limits,
-                    advice="Exchange the two channels, or correct the limits.",
-                )
-
-
-def _furthest(span: _Range, limits: _Range) -> float:
-    """The end of a span that is further from the middle of the limits."""
-    return max(span, key=lambda end: abs(end - 0.5 * (limits[0] + limits[1])))
-
-
-def _degrees(name: str, channel: str, low: float, high: float, limits: _Range | None) -> LogMismatchError:
-    """Error of an angle in radians that is plausible only as degrees."""
-    why = f"{(high - low) / (2 * math.pi):.1f} turns"
-    if limits:
-        why = f"far beyond its limits {limits[0]:.4g} .. {limits[1]:.4g} rad"
-    return LogMismatchError(
-        f"joint {name} (channel {channel!r}) runs from {low:.4g} to {high:.4g} rad, {why}; divided by 57.3 it would be "
-        "plausible.",
-        where=name,
-        found=(low, high),
-        limit=limits,
-        advice="Give the position signal unit='deg', or correct the joint's limits."
-        if limits
-        else "Give the position signal unit='deg', or, if it turns so far, give the joint limits in the device file.",
-    )
 
 
 def non_finite(path: Path, name: str, count: int, index: int, time: float | None) -> LogDataError:

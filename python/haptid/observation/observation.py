@@ -22,14 +22,11 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name
 from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
-from haptid.observation.plan import LEAST_BLOCKS, Block, Plan, RFactors
+from haptid.observation.plan import Block, Plan, RFactors
 from haptid.observation.r_factor import conditions, triangle
 
 if TYPE_CHECKING:
     from haptid.observation.rows import Change
-
-# Share of the wanted length of a time block below which a shorter one is reported.
-_SHORTENED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,14 +238,7 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
             limit=speed,
             advice="Lower `reversal_speed`, or record faster motion; `haptid poses` takes logs of held poses.",
         )
-    notes = (*check_log(plan.model.device, motion.log), *_short_segments(plan)) if motion.log else ()
-    block_s = plan.block * motion.treatment.decimation * motion.dt
-    if motion.log and block_s < _SHORTENED * motion.treatment.block_s:
-        notes = (
-            *notes,
-            f"Time blocks are {block_s:.2g} s long and not {motion.treatment.block_s:.3g} s: a log needs "
-            f"{LEAST_BLOCKS} of them at least.",
-        )
+    notes = (*check_log(plan.model.device, motion.log), *plan.notes()) if motion.log else ()
     return Observation(plan.model, motors, plan.blocks(), (motion,), notes)
 
 
@@ -279,25 +269,6 @@ def stacked(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
         np.add.at(wide.T, np.append(motor.columns, columns), (motor.whole * weight).T)
         parts.append(wide)
     return np.concatenate(parts)
-
-
-def _short_segments(plan: Plan) -> tuple[str, ...]:
-    """A sentence on the segments of a log that are shorter than the filters, if there are any."""
-    motion, length = plan.motion, len(plan.filter)
-    assert motion.log is not None
-    used = sum(high - low >= length for low, high in motion.usable_segments)
-    short = len(motion.segments) - used
-    if not short:
-        return ()
-    (low, high), (start, stop) = (
-        motion.usable_segments[0],
-        next(part for part in motion.segments if part[0] <= motion.usable_segments[0][0] < part[1]),
-    )
-    needed = (stop - start - (high - low) + length) * motion.dt
-    return (
-        f"{short} of {len(motion.segments)} segments of {motion.log.path.name} are shorter than the filters "
-        f"({needed:.3g} s) and give no rows",
-    )
 
 
 def different_models(one: DynamicModel, other: DynamicModel) -> ModelMismatchError:

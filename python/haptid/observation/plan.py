@@ -26,6 +26,8 @@ MOST_BLOCKS = 512
 LEAST_BLOCKS = 8
 # Share of the parallel filter's weight that may lie outside the default guard around a row.
 OUTSIDE_GUARD = 1e-3
+# Share of the wanted length of a time block below which a shorter one is reported.
+_SHORTENED = 0.8
 
 # Position, velocity, acceleration (None in the momentum formulation) and external columns, each (..., samples).
 Signals = tuple[Array, Array, Array | None, Array]
@@ -108,6 +110,28 @@ class Plan:
         step = self.block * max(1, SEGMENT // (self.block * self.motion.treatment.decimation))
         for start in range(0, self.rows, step):
             yield start, min(start + step, self.rows)
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on segments of the log that are too short, and on shortened time blocks."""
+        motion = self.motion
+        if motion.log is None:
+            return ()
+        found, length = [], len(self.filter)
+        short = len(motion.segments) - sum(high - low >= length for low, high in motion.usable_segments)
+        if short:
+            low, high = motion.usable_segments[0]
+            start, stop = next(part for part in motion.segments if part[0] <= low < part[1])
+            found.append(
+                f"{short} of {len(motion.segments)} segments of {motion.log.path.name} are shorter than the filters "
+                f"({(stop - start - (high - low) + length) * motion.dt:.3g} s) and give no rows"
+            )
+        block_s = self.block * motion.treatment.decimation * motion.dt
+        if block_s < _SHORTENED * motion.treatment.block_s:
+            found.append(
+                f"Time blocks are {block_s:.2g} s long and not {motion.treatment.block_s:.3g} s: a log needs "
+                f"{LEAST_BLOCKS} of them at least."
+            )
+        return tuple(found)
 
     def window(self, start: int, stop: int) -> tuple[int, int]:
         """First sample and one past the last that rows start..stop need."""

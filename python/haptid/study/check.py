@@ -192,8 +192,8 @@ def _read(
 def _steps(study: Study, model: DynamicModel, motions: list[Motion]) -> tuple[str, ...]:
     """What `haptid identify` or `haptid payload` would do with these logs."""
     roles = [entry.role for entry in study.logs]
-    rows = [Plan.of(model, motion).rows for motion in motions]
-    fitted = sum(count for count, role in zip(rows, roles, strict=True) if role == "identify")
+    plans = [Plan.of(model, motion) for motion in motions]
+    fitted = sum(plan.rows for plan, role in zip(plans, roles, strict=True) if role == "identify")
     logs = roles.count("identify")
     steps = [
         f"{len(model.base)} base parameters are estimated from {fitted} rows a motor of {logs} "
@@ -216,4 +216,5 @@ def _steps(study: Study, model: DynamicModel, motions: list[Motion]) -> tuple[st
         steps.append("Nothing is validated: there is no log with role 'validate', and cross-validation is off.")
     if study.largest_error is not None:
         steps.append(f"Exit status 1 if an error on unseen rows is above {study.largest_error:g} %.")
+    steps += dict.fromkeys(note for plan in plans for note in plan.notes())
     return tuple(steps)
