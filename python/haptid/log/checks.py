@@ -214,7 +214,7 @@ def jumps(
             )
 
 
-def lost(
+def refuse_lost_counts(
     path: Path, name: str, column: Array, stamps: Array, si: float, left_out: NDArray[np.bool_], gaps: NDArray[np.intp]
 ) -> None:
     """Refuse a position that jumps in a part that is left out, and does not come back there: all later ones are wrong.

@@ -134,7 +134,7 @@ class Inspection:
             self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
         if self.left_out.any() and not self.left_out.all():
             if kind == "position":
-                checks.lost(self.path, name, column, self.times.seconds, si, self.left_out, self.gaps)
+                checks.refuse_lost_counts(self.path, name, column, self.times.seconds, si, self.left_out, self.gaps)
             kept = np.flatnonzero(~self.left_out)
             column = np.interp(np.arange(column.size), kept, column[kept])
         moved = column[1:] != column[:-1]
