@@ -13,7 +13,14 @@ import haptid
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.end_effector import GivenParameters
 from haptid.end_effector.datasheet.structure import structural_frequency
-from haptid.errors import DeviceFileError, ExperimentError, IdentifiabilityError, LogTimeError, SettingError
+from haptid.errors import (
+    DeviceFileError,
+    ExperimentError,
+    IdentifiabilityError,
+    LogMismatchError,
+    LogTimeError,
+    SettingError,
+)
 from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.methods.simulation_based import base_columns
@@ -50,20 +57,27 @@ def arm() -> haptid.DynamicModel:
 
 
 @cache
-def recorded(seed: int = 1, seconds: float = 20.0) -> haptid.Log:
-    """Both sides of the axis along a multisine of the link, in closed form, with encoders and torque noise."""
+def recorded(seed: int = 1, seconds: float = 20.0, offset: float | None = None) -> haptid.Log:
+    """Both sides of the axis along a multisine of the link, in closed form, with encoders and torque noise.
+
+    With an offset, a torque sensor behind the spring as well, whose noise is a third of the motor's.
+    """
     rng, t = np.random.default_rng(seed), DT * np.arange(round(seconds / DT))
     f = np.geomspace(0.4, 11.0, 16) * rng.uniform(0.97, 1.03, 16)
     s = 2j * np.pi * f
     Q = (1.5 / np.abs(s)) * np.exp(1j * rng.uniform(0, 2 * np.pi, 16))
     motor = Q * (J * s**2 + (FV + D) * s + K) / (D * s + K)
-    torque = motor * (IA * s**2 + FVM * s) + (K + D * s) * (motor - Q)
+    spring = (K + D * s) * (motor - Q)
+    torque = motor * (IA * s**2 + FVM * s) + spring
     wave = np.exp(s[:, None] * t)
-    q, theta, tau = ((x[:, None] * wave).real.sum(axis=0) for x in (Q, motor, torque))
+    q, theta, tau, carried = ((x[:, None] * wave).real.sum(axis=0) for x in (Q, motor, torque, spring))
     tau = tau + 0.01 * tau.std() * rng.standard_normal(len(t))
-    seen = STEP * np.round(np.column_stack([q, theta]) / STEP)
-    channels = haptid.Channels(haptid.Signal(("q", "theta"), "rad"), haptid.Signal(("u",), "N m", side="motor"), "t")
-    return haptid.Log(Path("made"), "", t, seen, tau[:, None], channels)
+    seen, names, torques = STEP * np.round(np.column_stack([q, theta]) / STEP), ("u",), tau[:, None]
+    if offset is not None:
+        sensed = carried + offset + 0.003 * carried.std() * rng.standard_normal(len(t))
+        names, torques = ("u", "sensor"), np.column_stack([tau, sensed])
+    channels = haptid.Channels(haptid.Signal(("q", "theta"), "rad"), haptid.Signal(names, "N m", side="motor"), "t")
+    return haptid.Log(Path("made"), "", t, seen, torques, channels)
 
 
 def treated(log: haptid.Log) -> haptid.Motion:
@@ -186,6 +200,36 @@ def test_both_sides_give_stiffness_and_damping():
     assert_within(found)
     assert found["KE1"].relative_se < 0.5
     assert found["DE1"].relative_se < 2.0
+
+
+def sensed_axis() -> haptid.DynamicModel:
+    return axis(terms=[{**TERMS[0], "sensor": True}, *TERMS[1:]])
+
+
+def test_a_torque_sensor_gives_stiffness_and_its_own_offset():
+    """Rows of rotor, spring and link, each with the torque that acts on it; the link's are free of the motor's."""
+    model, log, without = sensed_axis(), recorded(offset=0.7), recorded()
+    found = haptid.estimate(haptid.observe(model, treated(log)), haptid.WLS())
+    for name, value, se in zip(found.names, found.beta, found.se, strict=True):
+        assert abs(value - {**TRUTH, "OS1": 0.7}[name]) < 3.5 * se, (name, value, se)
+    both = haptid.estimate(haptid.observe(axis(), treated(without)), haptid.WLS())
+    for name in ("KE1", "DE1"):
+        assert found[name].se < 0.5 * both[name].se
+
+
+def test_the_default_path_takes_a_torque_sensor():
+    proposal = haptid.propose(sensed_axis(), recorded(offset=0.7))
+    assert np.abs(proposal.treatment.torque_delay_s).max() < 5e-5
+    assert len(proposal.treatment.torque_delay_s) == 2
+
+
+def test_positions_of_the_links_are_required_beside_a_torque_sensor():
+    model, both = sensed_axis(), recorded(seconds=6.0, offset=0.7)
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t, both.position[:, 1:], both.torque, channels)
+    with pytest.raises(LogMismatchError, match="torque sensor") as caught:
+        complete_logs(model, [log], [True])
+    assert "sensor = false" in caught.value.advice
 
 
 def test_driven_joints_follow_the_closed_form_with_exact_slopes():

@@ -139,6 +139,9 @@ class Motor:
         load_side: of an elastic motor, the coordinate on the other side of its spring as a combination of all joints'
             positions, (joints,); `row` is its rotor. None for a rigid motor.
         unloaded: whether it is a joint without motor that springs alone move, so that its torque is known to be zero.
+        sensed: of an elastic motor whose spring's torque is measured, the joint that stands for its torsion, as a
+            combination of all joints' positions, (joints,).
+        sensor: whether it is no motor but such a torque sensor; its coordinate is zero whatever the device does.
     """
 
     name: str
@@ -149,15 +152,17 @@ class Motor:
     motorised: bool = True
     load_side: Array | None = None
     unloaded: bool = False
+    sensed: Array | None = None
+    sensor: bool = False
 
     def __post_init__(self) -> None:
-        freeze_fields(self, "row")
-        if self.load_side is not None:
-            freeze_fields(self, "load_side")
+        freeze_fields(self, "row", *(name for name in ("load_side", "sensed") if getattr(self, name) is not None))
 
     @property
     def torsion(self) -> Array:
         """Rotor less load side of an elastic motor, as a combination of all joints' positions, (joints,)."""
+        if self.sensed is not None:
+            return self.sensed
         return np.asarray(self.row if self.load_side is None else self.row - self.load_side)
 
     @property
@@ -324,7 +329,7 @@ class Device:
 
     @property
     def motors(self) -> tuple[Motor, ...]:
-        """The drives that have a motor."""
+        """The drives whose torque is measured: those that have a motor, then torque sensors."""
         return tuple(drive for drive in self.drives if drive.motorised)
 
     @cached_property
@@ -382,6 +387,11 @@ class Device:
     def elastic(self) -> tuple[Motor, ...]:
         """The motors behind a spring."""
         return tuple(drive for drive in self.drives if drive.load_side is not None)
+
+    @cached_property
+    def sensors(self) -> tuple[Motor, ...]:
+        """The joint torque sensors: drives whose torque is measured, and not exerted."""
+        return tuple(drive for drive in self.drives if drive.sensor)
 
     @cached_property
     def unknown_torque(self) -> np.ndarray:

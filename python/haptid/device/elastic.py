@@ -6,7 +6,7 @@ Source: Spong (1987), J. Dyn. Sys. Meas. Control 109(4), (17)-(18): rotors have 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,18 +16,28 @@ from haptid.device.loops.formula import AnyClosure
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import AnyTerm, ElasticTerm, PlainTerm
 
-# Prefix of the name of a rotor's joint, and of that of a drive that only springs move.
-ROTOR, LINK = "rotor_", "link_"
+# Prefix of the name of a rotor's joint, of that of a drive that only springs move, and of a torque sensor's.
+ROTOR, LINK, SENSOR = "rotor_", "link_", "sensor_"
+# Prefix of the name of the joint that stands for the torsion where a sensor measures the torque of the spring.
+TORSION = "torsion_"
 
 
-def elastic_motors(terms: Sequence[AnyTerm], drives: Sequence[Motor], place: Place) -> Mapping[str, Place]:
-    """Names of the motors behind a spring, each with the place of its term.
+@dataclass(frozen=True)
+class Behind:
+    """What a device file says of an elastic motor: the place of its term, and whether its spring's torque is measured."""
+
+    place: Place
+    sensor: bool
+
+
+def elastic_motors(terms: Sequence[AnyTerm], drives: Sequence[Motor], place: Place) -> Mapping[str, Behind]:
+    """The motors behind a spring, by name.
 
     Raises:
         DeviceFileError: a term names no motor, an unknown one, or one that has a spring already, or a motor behind a
             spring has no rotor inertia of its own.
     """
-    names, made = [drive.name for drive in drives if drive.motorised], dict[str, Place]()
+    names, made = [drive.name for drive in drives if drive.motorised], dict[str, Behind]()
     for k, term in enumerate(terms):
         if isinstance(term, ElasticTerm):
             here = place.at(k)
@@ -37,12 +47,12 @@ def elastic_motors(terms: Sequence[AnyTerm], drives: Sequence[Motor], place: Pla
                 if name not in names:
                     raise here.at("motors", i).unknown("motor", name, names)
                 if name in made:
-                    raise here.at("motors", i).taken("motor", name, str(made[name]))
-                made[name] = here
+                    raise here.at("motors", i).taken("motor", name, str(made[name].place))
+                made[name] = Behind(here, term.sensor)
     inert = {n for t in terms if isinstance(t, PlainTerm) and t.kind == "rotor-inertia" for n in _motors(t, names)}
-    for name, here in made.items():
+    for name, behind in made.items():
         if name not in inert:
-            raise here.error(
+            raise behind.place.error(
                 f"motor {name} is elastic, and its rotor has no inertia",
                 f'Add [[terms]] kind = "rotor-inertia", motors = ["{name}"].',
             )
@@ -54,34 +64,45 @@ def _motors(term: AnyTerm, names: Sequence[str]) -> Sequence[str]:
 
 
 def with_rotors(
-    joints: Sequence[Joint], drives: Sequence[Motor], elastic: Mapping[str, Place]
+    joints: Sequence[Joint], drives: Sequence[Motor], elastic: Mapping[str, Behind]
 ) -> tuple[tuple[Joint, ...], tuple[Motor, ...]]:
     """The joints with those of the elastic motors' rotors, and the motors, of which elastic ones turn their rotors.
 
-    A rotor turns about z of the base: it has inertia about its own axis only, so that its place does not matter.
+    A rotor turns about z of the base: it has inertia about its own axis only, so that its place does not matter. Where
+    the torque of a spring is measured, its torsion is a joint of its own as well, without inertia, and the sensor is a
+    drive of load side less rotor plus torsion, which is zero. By virtual work it exerts the torque that it measures on
+    the load side and on the spring, and takes it from the rotor: three rows with a measured torque each.
 
     Raises:
-        DeviceFileError: a joint has the name of a rotor.
+        DeviceFileError: a joint has the name of a rotor or of a torsion.
     """
-    names, rotors = [joint.name for joint in joints], []
-    unit, zero = np.eye(3), np.zeros(3)
+    names = [joint.name for joint in joints]
+    sensed = [drive for drive in drives if drive.name in elastic and elastic[drive.name].sensor]
+    own = [(ROTOR, drive) for drive in drives if drive.name in elastic] + [(TORSION, drive) for drive in sensed]
+    for prefix, drive in own:
+        if f"{prefix}{drive.name}" in names:
+            what = f"the {prefix.strip('_')} of motor {drive.name}"
+            raise elastic[drive.name].place.taken("joint", f"{prefix}{drive.name}", what)
+    added = [_massless(f"{prefix}{drive.name}", joints[drive.first].prismatic) for prefix, drive in own]
+    units = dict(zip((joint.name for joint in added), np.eye(len(joints) + len(added))[len(joints) :], strict=True))
+    made, sensors = [], []
     for drive in drives:
-        if drive.name in elastic:
-            name = f"{ROTOR}{drive.name}"
-            if name in names:
-                raise elastic[drive.name].taken("joint", name, f"the rotor of motor {drive.name}")
-            prismatic = joints[drive.first].prismatic
-            rotors.append(Joint(name, -1, prismatic, unit, zero, False, None, None, None, unit, zero))
-    made, count = [], 0
-    for drive in drives:
-        row = np.pad(drive.row, (0, len(rotors)))
-        if drive.name in elastic:
-            own = np.zeros(len(row))
-            own[len(joints) + count], count = 1.0, count + 1
-            made.append(replace(drive, row=own, load_side=row))
-        else:
+        row = np.pad(drive.row, (0, len(added)))
+        if drive.name not in elastic:
             made.append(replace(drive, row=row))
-    return (*joints, *rotors), tuple(made)
+            continue
+        rotor, torsion = units[f"{ROTOR}{drive.name}"], units.get(f"{TORSION}{drive.name}")
+        made.append(replace(drive, row=rotor, load_side=row, sensed=torsion))
+        if torsion is not None:
+            unit = "N" if joints[drive.first].prismatic else "N m"
+            sensors.append(Motor(f"{SENSOR}{drive.name}", 1.0, 1.0, unit, row - rotor + torsion, sensor=True))
+    return (*joints, *added), (*made, *sensors)
+
+
+def _massless(name: str, prismatic: bool) -> Joint:
+    """A joint of the base without body."""
+    unit, zero = np.eye(3), np.zeros(3)
+    return Joint(name, -1, prismatic, unit, zero, False, None, None, None, unit, zero)
 
 
 def with_link_drives(
@@ -89,7 +110,7 @@ def with_link_drives(
     active: Sequence[int],
     drives: Sequence[Motor],
     closure: AnyClosure,
-    elastic: Mapping[str, Place],
+    elastic: Mapping[str, Behind],
 ) -> tuple[Motor, ...]:
     """The drives and one for every active joint that only springs move: its torque is known to be zero.
 
@@ -98,7 +119,7 @@ def with_link_drives(
     """
     for drive in drives:
         if drive.load_side is not None and closure.varying[drive.load_side != 0].any():
-            raise elastic[drive.name].error(
+            raise elastic[drive.name].place.error(
                 f"motor {drive.name} moves a joint whose rates vary with the pose, and cannot be elastic",
                 "Choose the active joints of the loop among those that elastic motors move.",
             )
@@ -119,12 +140,13 @@ def row_map(drives: Sequence[Motor], active: Sequence[int], closure: AnyClosure,
     """B: coordinates of the torque rows are c = B qa, (active, active).
 
     The drives' Jacobian if rows are the motors', the identity if they are the joints'. The coordinate of an elastic
-    motor is its torsion, the rotor's position less the link side's: all rows then contain a measured torque.
+    motor is its torsion, the rotor's position less the link side's: all rows then contain a measured torque. With a
+    torque sensor they do as they are.
     """
     G = closure.constant
     made = np.eye(len(active)) if joint_rows else np.array([drive.row for drive in drives]) @ G
     for k, drive in enumerate(drives):
-        if drive.load_side is not None:
+        if drive.load_side is not None and drive.sensed is None:
             row = list(active).index(drive.first) if joint_rows else k
             made[row] = drive.torsion @ G
     return made

@@ -192,7 +192,7 @@ def _owner(raw: int, joints: Sequence[str], terms: Sequence[TermColumn]) -> tupl
         return INERTIAL[raw % 10], raw // 10
     term = terms[raw - 10 * len(joints)]
     what, _, name = term.on.partition(" ")
-    others = {"cut": len(joints), "coordinate": len(joints), "motor": -1, "elastic": -1}
+    others = {"cut": len(joints), "coordinate": len(joints), "motor": -1, "elastic": -1, "sensor": -1}
     return term.name.removesuffix(name), joints.index(name) if what == "joint" else others[what]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypedDict
 
 import numpy as np
@@ -13,6 +13,7 @@ from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, freeze_fields
 from haptid._internal.escaping import c_comment, one_line
 from haptid.device import Motor
+from haptid.dynamics.counterparts import parameters_on, without_sensors
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnvalidatedModelError
 from haptid.estimation import Estimate
@@ -84,7 +85,7 @@ def provenance(
     anyway: bool = False,
     quoted: bool = False,
 ) -> Provenance:
-    """The model with its provenance, provided that it meets its validation criterion.
+    """The model with its provenance, provided that it meets its validation criterion; without its torque sensors.
 
     Args:
         identified: the model to export.
@@ -95,6 +96,35 @@ def provenance(
         UnvalidatedModelError: the prediction error exceeds the criterion, or there is a criterion but no validation.
         ShapeError: the number of base parameters is not that of the device.
     """
+    return _without_sensors(_identified(identified, validation, largest_error, anyway, quoted))
+
+
+def _without_sensors(source: Provenance) -> Provenance:
+    """What is exported of a device with torque sensors: it moves as one without."""
+    model = without_sensors(source.model)
+    if model is source.model:
+        return source
+    T = parameters_on(source.model, model)
+    kept = [(int(np.flatnonzero(row)[0]) if np.count_nonzero(row) == 1 else -1) for row in T]
+    places, covariance = [k for k in kept if k >= 0], source.covariance
+    whole = len(places) == len(kept)
+    return replace(
+        source,
+        model=model,
+        beta=T @ source.beta,
+        intervals=source.intervals[places] if whole and source.intervals is not None else None,
+        covariance=None if covariance is None else T @ covariance @ T.T,
+        zero=tuple(kept.index(k) for k in source.zero if k in kept),
+    )
+
+
+def _identified(
+    identified: ExportSource,
+    validation: Validation | None,
+    largest_error: float | None,
+    anyway: bool,
+    quoted: bool,
+) -> Provenance:
     validations: tuple[Validation, ...] = () if validation is None else (validation,)
     if isinstance(identified, Identification):
         identified = Result.of(identified)

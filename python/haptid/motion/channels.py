@@ -33,10 +33,11 @@ def check_log(device: Device, log: Log) -> tuple[str, ...]:
 
 
 def position_channels(device: Device, side: str) -> list[str]:
-    """Names of the position channels: active joints, or motors' shafts."""
+    """Names of the position channels: active joints, or motors' shafts; torsions that sensors measure have none."""
     if side == "joint":
-        return [device.joints[k].name for k in device.active]
-    return [drive.name for drive in device.drives]
+        sensed = [int(np.argmax(drive.sensed)) for drive in device.elastic if drive.sensed is not None]
+        return [device.joints[k].name for k in device.active if k not in sensed]
+    return [drive.name for drive in device.drives if not drive.sensor]
 
 
 def torque_channels(device: Device, side: str) -> list[str]:
@@ -87,12 +88,24 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
         raise _wrong_count("position", motion.q.shape[1], names)
-    change = np.asarray(device.row_map)
-    if side == "motor":
-        change = change @ device.active_from_drives / [drive.gear_ratio for drive in device.drives]
+    change = np.asarray(device.row_map) @ _active_from_channels(device, side)
     if change.shape == (len(names), len(names)) and (change == np.eye(len(names))).all():
         return lambda x: x
     return lambda x: np.asarray(change @ x)
+
+
+def _active_from_channels(device: Device, side: str) -> Array:
+    """Positions of the active joints by those of the position channels, (active, channels)."""
+    if side == "motor":
+        own = [k for k, drive in enumerate(device.drives) if not drive.sensor]  # a sensor's coordinate is zero
+        return np.asarray(device.active_from_drives[:, own] / [device.drives[k].gear_ratio for k in own])
+    made = np.eye(len(device.active))
+    sensed = []
+    for drive in device.elastic:
+        if drive.sensed is not None and drive.load_side is not None:
+            sensed.append(device.active.index(int(np.argmax(drive.sensed))))
+            made[sensed[-1]] = (drive.row - drive.load_side) @ device.closure.constant
+    return np.delete(made, sensed, axis=1)
 
 
 def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:

@@ -16,7 +16,14 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.toml.reader import device_of
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ConvergenceError, HaptidError, IdentifiabilityError, LogTimeError, SimulationError
+from haptid.errors import (
+    ConvergenceError,
+    HaptidError,
+    IdentifiabilityError,
+    LogMismatchError,
+    LogTimeError,
+    SimulationError,
+)
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.estimation.methods.motor_side import MotorSide
 from haptid.estimation.methods.simulation_based import base_columns
@@ -69,9 +76,12 @@ def complete_logs(
 
     Raises:
         IdentifiabilityError: the logs do not show the stiffness of a motor.
+        LogMismatchError: the device has torque sensors.
         HaptidError: as `propose` and `estimate`.
     """
     chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
+    if model.device.sensors:
+        raise _without_links(model, logs[0])
     rigid = _rigid(model)
     # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
     proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
@@ -242,6 +252,20 @@ def _expect_between_samples(log: Log, frequencies: Array, bandwidth: float) -> N
             limit=needed,
             advice=f"Record at {needed:.3g} Hz or more, or positions of the joints too.",
         )
+
+
+def _without_links(model: DynamicModel, log: Log) -> LogMismatchError:
+    """The error of a log with torque sensors and without positions of the links."""
+    every = position_channels(model.device, log.channels.position.side)
+    return LogMismatchError(
+        f"{log.path.name} has torque sensors behind the motors' springs, and {log.position.shape[1]} position channels; "
+        f"with a torque sensor, positions of both sides are required: {', '.join(every)}.",
+        where="position",
+        found=log.position.shape[1],
+        limit=len(every),
+        advice="Record the joints' positions too; or write sensor = false and leave the sensors' channels out, and "
+        "stiffness is found from the motors alone.",
+    )
 
 
 def _without_solution(

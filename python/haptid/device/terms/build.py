@@ -11,7 +11,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.device import Joint, Motor
-from haptid.device.elastic import row_map
+from haptid.device.elastic import SENSOR, row_map
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
@@ -141,6 +141,7 @@ class TermTargets:
     motors: tuple[Target, ...]
     coordinates: tuple[Target, ...]
     torsions: tuple[Target, ...]
+    sensors: tuple[Target, ...]
     rotors: tuple[str, ...]
 
     @staticmethod
@@ -161,9 +162,10 @@ class TermTargets:
             np.asarray(np.linalg.solve(frame.T, x.T).T, dtype=np.float64) for x in (closure.constant, coupling)
         )
         varies = [bool(row.any()) for row in closure.varying]
-        moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
+        moved = np.any([drive.row != 0 for drive in drives if drive.motorised and not drive.sensor], axis=0)
         names, behind = [joints[j].name for j in active], [d for d in drives if d.load_side is not None]
-        rotors = tuple(joints[d.first].name for d in behind)
+        own = [row for drive in behind for row in (drive.row, drive.sensed) if row is not None]
+        rotors = tuple(joints[int(np.argmax(row))].name for row in own)
         of_joints = (
             Target("joint", j.name, k, j.prismatic, rates[k], float(closure.offset[k]), f"v_{j.name}", varies[k])
             for k, j in enumerate(joints)
@@ -176,7 +178,7 @@ class TermTargets:
         of_motors = (
             _motor(drive, joints, motors[k], float(drive.row @ closure.offset), varies)
             for k, drive in enumerate(drives)
-            if drive.motorised
+            if drive.motorised and not drive.sensor
         )
         return TermTargets(
             joints=tuple(of_joints),
@@ -186,6 +188,11 @@ class TermTargets:
             motors=tuple(of_motors),
             coordinates=tuple(_sum(name, row, joints, rates, closure, varies) for name, row in (sums or {}).items()),
             torsions=tuple(_torsion(d, joints, frame, closure, varies) for d in behind),
+            sensors=tuple(
+                replace(_motor(d, joints, motors[k], 0.0, varies), what="sensor")
+                for k, d in enumerate(drives)
+                if d.sensor
+            ),
             rotors=rotors,
         )
 
@@ -224,6 +231,10 @@ class TermTargets:
                     "Let the term act on its joints; a motor may also drive one joint with factor 1.",
                 )
         return made
+
+    def sensor_of(self, torsion: Target) -> list[Target]:
+        """The torque sensor of an elastic motor's spring, if it has one."""
+        return [sensor for sensor in self.sensors if sensor.name == f"{SENSOR}{torsion.name}"]
 
     def expect_one(self, table: TermTable, place: Place) -> None:
         """Raise DeviceFileError unless a term names a single target."""
@@ -311,7 +322,8 @@ def _columns(table: AnyTerm, target: Target, targets: TermTargets, reader: Reade
             if given := {name: value for name in ("play", "rest") if (value := getattr(table, name)) != 0.0}:
                 loose = target.external(spring, own.unit, beyond_play(target, targets, place))
                 own = with_constants(loose, given, reader, place)
-            return [own, *([target.column(damper, "viscous")] if damping else [])]
+            bias = [sensor.column(f"OS{target.name}", "offset") for sensor in targets.sensor_of(target)]
+            return [own, *([target.column(damper, "viscous")] if damping else []), *bias]
         case PlainTerm(kind="viscous-by-direction"):
             unit = UNITS["viscous"][target.prismatic]
             return [
@@ -388,8 +400,8 @@ def _torsion(
 ) -> Target:
     """The torsion of an elastic motor as a target."""
     weights = np.asarray(np.linalg.solve(frame.T, drive.torsion @ closure.constant), dtype=np.float64)
-    acts = replace(drive, row=drive.torsion)
-    return replace(_motor(acts, joints, weights, float(drive.torsion @ closure.offset), varies), what="elastic")
+    acts, bent = replace(drive, row=drive.torsion), replace(drive, sensed=None).torsion
+    return replace(_motor(acts, joints, weights, float(bent @ closure.offset), varies), what="elastic")
 
 
 def _speed(row: Array, names: Sequence[str]) -> str:

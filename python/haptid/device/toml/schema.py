@@ -292,11 +292,13 @@ class SpringTerm(TermTable):
 class ElasticTerm(TermTable):
     """Spring and damper between a motor's rotor and what it drives; the rotor needs an inertia of its own.
 
-    `play` is the torsion within which the spring has no torque, from end to end, and `rest` its middle, rad or m.
+    `play` is the torsion within which the spring has no torque, from end to end, and `rest` its middle, rad or m;
+    `sensor` says that the log has the torque of the spring, as by a joint torque sensor.
     """
 
     kind: Literal["elastic"]
     damping: bool = True
+    sensor: bool = False
     play: _Constant = 0.0
     rest: _Constant = 0.0
 

@@ -62,6 +62,8 @@ def torque_rows(table: TransmissionTable, drives: Sequence[Motor], active: tuple
     Raises:
         DeviceFileError: the file asks for motor rows of such motors.
     """
+    if any(drive.sensor for drive in drives):
+        return "joint"  # the coordinate of a torque sensor is always zero
     passive = next((drive.name for drive in drives if np.delete(drive.row, active).any()), None)
     if len(drives) == len(active) and passive is None:
         return table.torque_rows or "motor"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
+from haptid.dynamics.counterparts import parameters_on
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import unknown_name
 from haptid.estimation import Estimate
@@ -61,6 +62,21 @@ class GivenParameters:
 
 
 IdentifiedModel = Estimate | GivenParameters
+
+
+def on_counterpart(identified: IdentifiedModel, other: DynamicModel) -> IdentifiedModel:
+    """The parameters of a counterpart of the device (`haptid.dynamics.counterparts`); as they are where it is itself.
+
+    Degrees of freedom are the least of any parameter's.
+    """
+    if other is identified.model:
+        return identified
+    T, covariance = parameters_on(identified.model, other), identified.covariance
+    least = identified.dof if isinstance(identified, GivenParameters) else float(np.min(identified.dof))
+    unknown = tuple(np.flatnonzero(T[:, list(identified.single_block)].any(axis=1)).tolist())
+    return GivenParameters(
+        other, T @ identified.beta, None if covariance is None else T @ covariance @ T.T, least, unknown
+    )
 
 
 def covariance_factor(identified: IdentifiedModel) -> Array | None:
