@@ -89,7 +89,7 @@ def other_side(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero
 
 def _differ(model: DynamicModel) -> bool:
     """Whether motors couple joints, or have gears: joint and motor side are then different quantities."""
-    drives = [drive for drive in model.device.drives if drive.motorised]
+    drives = [drive for drive in model.device.motors if not drive.sensor]
     single = all(np.count_nonzero(drive.row) == 1 and drive.row.max() == 1.0 for drive in drives)
     return not (single and all(drive.gear_ratio == 1.0 for drive in drives))
 

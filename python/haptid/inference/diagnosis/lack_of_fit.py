@@ -73,7 +73,7 @@ def coupled_coordinates(
     motors = [
         (f"motor {drive.name}", rate)
         for drive, rate, varies in zip(device.drives, device.drive_rates, device.drive_varies, strict=True)
-        if drive.motorised and not varies.any()
+        if drive.motorised and not drive.sensor and not varies.any()
     ]
     found = list(known)
     for label, weights in [*motors, *joints]:
