@@ -55,9 +55,7 @@ def test_torque_sensors_measure_springs_and_leave_the_model_as_it_is(sensors):
     sensed = [row for row, own in zip(behind, sensors, strict=True) if own]
     whole = [np.concatenate([x, np.array(sensed) @ x]) for x in states]
     rows = haptid.inverse_dynamics(model, beta, *whole)
-    theirs = haptid.inverse_dynamics(
-        plain, parameters_on(model, plain) @ beta, *states
-    )
+    theirs = haptid.inverse_dynamics(plain, parameters_on(model, plain) @ beta, *states)
     joints = model.device.row_map.T @ rows  # of all active joints
     carried = joints[: len(states[0])] + np.array(sensed).T @ joints[len(states[0]) :]
     np.testing.assert_allclose(plain.device.row_map.T @ theirs, carried, atol=1e-9 * np.abs(rows).max())
