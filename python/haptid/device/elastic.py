@@ -24,7 +24,7 @@ TORSION = "torsion_"
 
 @dataclass(frozen=True)
 class Behind:
-    """What a device file says of an elastic motor: the place of its term, and whether its spring's torque is measured."""
+    """An elastic motor in a device file: the place of its term, and whether the torque of its spring is measured."""
 
     place: Place
     sensor: bool

@@ -258,7 +258,7 @@ def _without_links(model: DynamicModel, log: Log) -> LogMismatchError:
     """The error of a log with torque sensors and without positions of the links."""
     every = position_channels(model.device, log.channels.position.side)
     return LogMismatchError(
-        f"{log.path.name} has torque sensors behind the motors' springs, and {log.position.shape[1]} position channels; "
+        f"{log.path.name} has torque sensors behind springs, and {log.position.shape[1]} position channels; "
         f"with a torque sensor, positions of both sides are required: {', '.join(every)}.",
         where="position",
         found=log.position.shape[1],
