@@ -6,6 +6,7 @@ Terms keep their names, so that parameters of both mean the same; only what they
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def _with_terms(model: DynamicModel, terms: Sequence[AnyTerm], gone: tuple[str, 
         )
         for rule in tables.symmetry
     ]
-    prior = {name: value for name, value in tables.prior.parameters.items() if name not in lost}
+    prior: dict[str, Any] = {name: value for name, value in tables.prior.parameters.items() if name not in lost}
     keep = [name for name in tables.base_parameters.keep if name not in lost]
     changed = {
         "terms": list(terms),
