@@ -20,6 +20,7 @@ from haptid.log.formats import messages
 from haptid.log.formats.messages import definitions, ros
 from haptid.log.formats.messages.mcap import MAGIC
 from haptid.log.request import Request
+from haptid.log.survey import survey
 from recorders import START, STORE, STORE1, arm, joint_state, mcap, ros1, ros2, shuffled
 
 JOINTS = ("arm/shoulder", "elbow", "wrist.1")
@@ -173,6 +174,36 @@ def protobuf_type() -> tuple[Any, bytes]:
     for one in files.file:
         pool.AddSerializedFile(one.SerializeToString())
     return message_factory.GetMessageClass(pool.FindMessageTypeByName("lab.Arm")), files.SerializeToString()
+
+
+@pytest.mark.parametrize("kind", ["numbers", "structs", "bag"])
+def test_messages_that_hold_samples_give_a_row_for_each(tmp_path: Path, kind: str) -> None:
+    """Blocks of 90 samples and a shorter last one: arrays beside each other, or an array of structs."""
+    stamps, q, tau = recorders.arm(2000, joints=1)
+    parts = [slice(begin, min(begin + 90, 2000)) for begin in range(0, 2000, 90)]
+    times = [int(stamps[part][-1]) + recorders.START for part in parts]
+    if kind == "bag":
+        store, state = recorders.STORE1, "sensor_msgs/msg/JointState"
+        sent = [
+            recorders.joint_state(t, (), q[p, 0], tau[p, 0], store=store) for t, p in zip(times, parts, strict=True)
+        ]
+        path = recorders.ros1(tmp_path / "a.bag", [("/a", t, state, m) for t, m in zip(times, sent, strict=True)])
+        names = "/a.position", "/a.effort"
+    else:
+        arrays = [{"q": q[p, 0].tolist(), "tau": tau[p, 0].tolist(), "k": 1} for p in parts]
+        if kind == "structs":
+            arrays = [{"s": [{"q": a, "tau": b} for a, b in zip(o["q"], o["tau"], strict=True)]} for o in arrays]
+        sent = [("/a", t, json.dumps(array).encode()) for t, array in zip(times, arrays, strict=True)]
+        path = recorders.mcap(tmp_path / "a.mcap", sent, {"/a": ("A", "jsonschema", b"{}", "json")})
+        names = ("/a.s.q", "/a.s.tau") if kind == "structs" else ("/a.q", "/a.tau")
+    log = read_log(
+        path, Channels(Signal(names[:1], "rad"), Signal(names[1:], "N m"), time="/a@receive", time_unit="ns")
+    )
+    assert any("23 messages of /a hold 2000 samples" in note for note in log.notes)
+    assert log.rate_hz == pytest.approx(500, rel=1e-4)
+    np.testing.assert_allclose(log.position[:, 0], q[:, 0], atol=1e-9)
+    np.testing.assert_allclose(log.torque[:, 0], tau[:, 0], atol=1e-9)
+    assert names[0] in survey(path).table
 
 
 def test_messages_of_other_joints_and_without_effort_are_left_out(tmp_path: Path) -> None:

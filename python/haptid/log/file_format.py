@@ -13,7 +13,7 @@ from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
 from haptid.errors import LogFileError
-from haptid.log.formats.controller_trace import is_trace
+from haptid.log.formats.controller_trace import HEAD, is_trace
 from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
@@ -103,14 +103,14 @@ def format_of(path: Path) -> Format:
                 advice="Check the path; a study takes it from the folder of --data, or from its own.",
             )
         with open_regular(path, LOG_FILE) as file:
-            first = file.read(1)
+            head = file.read(HEAD)
     except (OSError, ValueError) as error:
         raise _inaccessible(path, getattr(error, "strerror", None) or str(error)) from error
-    if not first:
+    if not head:
         raise empty(path, "0 bytes")
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
-            if kind is _TEXT and is_trace(path):
+            if kind is _TEXT and is_trace(head):
                 return _TRACE
             return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
     suffix = path.suffix.lower()

@@ -24,7 +24,7 @@ from haptid.log.request import Request
 _KIND = "trace"
 TIME = "time"
 # Bytes that show the kind of a trace, and lines of a header at most.
-_HEAD, _HEADER = 2**14, 60
+HEAD, _HEADER = 2**14, 60
 # CODESYS writes in `Flags` of its text how fine the times are.
 _MILLISECONDS, _MICROSECONDS = 16, 32
 _BLOCK = 2**20
@@ -49,10 +49,9 @@ class _Group:
     unit: str = ""
 
 
-def is_trace(path: Path) -> bool:
-    """Whether a file is such a trace, by its first lines."""
-    with path.open("rb") as file:
-        return _reader(file.read(_HEAD)) is not None
+def is_trace(head: bytes) -> bool:
+    """Whether a file with these first bytes is such a trace."""
+    return _reader(head) is not None
 
 
 def names(path: Path) -> list[str]:
@@ -97,7 +96,7 @@ def _groups(path: Path) -> list[_Group]:
     """
     with opened_file(path, _KIND):
         with path.open("rb") as file:
-            reader = _reader(file.read(_HEAD))
+            reader = _reader(file.read(HEAD))
         if reader is None:
             raise LogFileError(
                 f"{path} is not a trace of TwinCAT or CODESYS.",

@@ -36,6 +36,8 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 _NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip",
                       "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
                       "temp", "temperature", "diff", "deviation", "lag", "direct"})  # fmt: skip
+# Groups of settings, of which nothing is recorded.
+_SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
 # A command of nothing in particular stands for a torque.
@@ -119,7 +121,7 @@ def last_part(name: str) -> str:
 def quantity_of(name: str) -> Quantity:
     """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
     last = words_of(last_part(name))
-    if last & _NEITHER:
+    if last & _NEITHER or words_of(name) & _SETTINGS:
         return "other"
     rate = _RATE.search(name.rpartition(".")[2])
     if rate:

@@ -20,7 +20,7 @@ from haptid.log.checks import wrap_period
 from haptid.log.file_format import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.formats.messages.container import Topic
 from haptid.log.formats.messages.containers import containers
-from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable
+from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable, samples_in_messages
 from haptid.log.formats.sniff import RawChannel, opened_file
 from haptid.log.log import Signal
 from haptid.log.registers import register_of
@@ -116,6 +116,7 @@ def _messages(path: Path, notes: list[str]) -> list[TopicSurvey]:
                 there = batch.present[header] & (batch.values[header] != 0)  # 0 is a stamp that was never set
                 late.setdefault(topic.name, []).append(receive[there] - batch.values[header][there])
         refuse_unreadable(opened)
+        notes.extend(samples_in_messages(opened, {name: sum(map(len, received)) for name, received in stamps.items()}))
         counted: dict[str, tuple[Topic, int]] = {}
         for container in opened:
             notes.extend(container.notes)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptid.log.formats.messages.batch import HEADER, MOST_ELEMENTS, Batch, Decoder, Numbers, flatten
+from haptid.log.formats.messages.batch import HEADER, MOST_ELEMENTS, Batch, Decoder, Numbers, Samples, flatten
 from haptid.log.formats.messages.definitions import PRIMITIVES, Types, parse
 
 # Layouts that are kept for messages of one length.
@@ -32,18 +32,21 @@ class Layout:
         content: these bytes.
         places: first byte and type of each channel.
         empty: arrays without elements.
+        samples: places of the samples of channels that have several.
     """
 
     fixed: NDArray[np.intp]
     content: NDArray[np.uint8]
     places: Mapping[str, tuple[int, str]]
     empty: tuple[str, ...]
+    samples: Mapping[str, Samples]
 
 
 class RosDecoder(Decoder):
     """ROS messages: CDR of ROS 2 (XCDR version 1), or the packed form of ROS 1."""
 
     def __init__(self, definition: str, kind: str, cdr: bool) -> None:
+        super().__init__()
         self.types: Types = parse(definition, kind)
         self.cdr = cdr
         self.layouts: dict[int, list[Layout]] = {}
@@ -51,7 +54,7 @@ class RosDecoder(Decoder):
     def decode(self, messages: Sequence[bytes], wanted: set[str] | None) -> Batch:
         batch = Batch(len(messages))
         sizes = np.fromiter(map(len, messages), np.intp, len(messages))
-        for size in np.unique(sizes):
+        for size in np.unique(sizes)[::-1]:  # long messages show which arrays hold samples
             rows = np.flatnonzero(sizes == size)
             data = b"".join(messages) if rows.size == sizes.size else b"".join([messages[int(k)] for k in rows])
             self._decode(np.frombuffer(data, np.uint8).reshape(rows.size, size), rows, batch, wanted)
@@ -89,7 +92,7 @@ class RosDecoder(Decoder):
     def _walked(self, message: NDArray[np.uint8], batch: Batch) -> Layout | None:
         """The layout of a message; None where it is not of the type."""
         try:
-            return Walk(self.types, message.tobytes(), self.cdr).layout()
+            return Walk(self.types, message.tobytes(), self.cdr).layout(self.sampled)
         except (ValueError, struct.error, IndexError, KeyError):
             batch.other += 1
             return None
@@ -106,6 +109,11 @@ class RosDecoder(Decoder):
             if wanted is None or name in wanted or (stamp and HEADER in wanted):
                 batch.put(name, whole, _column(data, at, kind))
                 batch.stamps |= {name} if stamp else set()
+        for name, samples in layout.samples.items():
+            if wanted is None or name in wanted:
+                places = [samples.values[k] for k in range(len(samples.values))]
+                columns = np.column_stack([_column(data, *place) for place in places])
+                batch.samples.setdefault(name, {}).update(zip(rows.tolist(), columns, strict=True))
 
 
 def _column(data: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
@@ -134,8 +142,8 @@ class Walk:
         self.fixed: list[tuple[int, int]] = [(0, self.origin)]
         self.tree: dict[str, Any] = {}
 
-    def layout(self) -> Layout:
-        """The layout.
+    def layout(self, sampled: set[str] | None = None) -> Layout:
+        """The layout; `sampled` as of `flatten`.
 
         Raises:
             ValueError: the bytes are not those of the type.
@@ -146,13 +154,16 @@ class Walk:
             raise ValueError(f"{left} bytes are left over")
         places: dict[str, tuple[int, str]] = {}
         empty: list[str] = []
-        for name, leaf in flatten(tree):
-            if isinstance(leaf, Numbers):
+        samples: dict[str, Samples] = {}
+        for name, leaf in flatten(tree, sampled):
+            if isinstance(leaf, Samples):
+                samples[name] = leaf
+            elif isinstance(leaf, Numbers):
                 empty.append(name)
             else:
                 places[name] = leaf
         fixed = np.concatenate([np.arange(a, b) for a, b in self.fixed]).astype(np.intp)
-        return Layout(fixed, np.frombuffer(self.data, np.uint8)[fixed], places, tuple(empty))
+        return Layout(fixed, np.frombuffer(self.data, np.uint8)[fixed], places, tuple(empty), samples)
 
     def _struct(self, kind: str) -> dict[str, Any]:
         fields = self.types[kind]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -111,6 +112,25 @@ def refuse_unreadable(opened: Iterable[Container]) -> None:
             raise corrupt(container.path, "message", f"{what}, and nothing whole comes before")
 
 
+def samples_in_messages(opened: Iterable[Container], rows: Mapping[str, int]) -> list[str]:
+    """A sentence on each topic of which there are more rows than messages.
+
+    Args:
+        opened: the containers, read to their ends.
+        rows: of each topic.
+    """
+    messages = Counter[str]()
+    for container in opened:
+        for channel, topic in container.topics.items():
+            messages[topic.name] += container.counts.get(channel, 0)
+    return [
+        f"{messages[name]} messages of {name} hold {count} samples: these are taken as evenly spaced from message to "
+        "message; a channel of times among them can be given as `time`"
+        for name, count in rows.items()
+        if count > messages[name] > 0
+    ]
+
+
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted channels that the log has, each (n,), on the rows of the topic of the first one.
 
@@ -134,6 +154,7 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
         refuse_unreadable(opened)
     for container in opened:
         request.notes.extend(container.notes)
+    request.notes.extend(samples_in_messages(opened, {name: own.count for name, own in rows.items()}))
     streams = [
         s for topic, named in asked.items() if topic in rows for s in _streams(path, rows[topic], named, request)
     ]
@@ -188,13 +209,32 @@ class _Pending:
     messages: list[bytes] = field(default_factory=list)
     stamps: list[int] = field(default_factory=list)
     size: int = 0
+    last: int | None = None
 
     def flush(self) -> tuple[Topic, Batch, NDArray[np.int64]]:
+        """What was collected, a row for each sample, and the stamps of the rows."""
         assert self.decoder is not None
-        batch = self.decoder.decode(self.messages, self.wanted)
+        batch, rows = self.decoder.decode(self.messages, self.wanted).by_samples()
         stamps = np.array([min(stamp, 2**63 - 1) for stamp in self.stamps], np.int64)
+        last, self.last = self.last, int(stamps[-1])
         self.messages, self.stamps, self.size = [], [], 0
-        return self.topic, batch, stamps
+        return self.topic, batch, stamps if (rows == 1).all() else _of_samples(stamps, rows, last)
+
+
+def _of_samples(stamps: NDArray[np.int64], rows: NDArray[np.intp], last: int | None) -> NDArray[np.int64]:
+    """Stamps of samples that came together: evenly from the message before to their own, of which the last one is.
+
+    Args:
+        stamps: of the messages, ns, (n,).
+        rows: samples of each, (n,).
+        last: stamp of the message before; None where these are the first.
+    """
+    apart = np.diff(stamps, prepend=stamps[0] if last is None else last)
+    if last is None and stamps.size > 1:
+        apart[0] = apart[1] * rows[0] // rows[1]
+    behind = np.repeat(np.cumsum(rows), rows) - 1 - np.arange(int(rows.sum()))  # samples to the last one of a message
+    earlier: NDArray[np.int64] = np.rint(behind * np.repeat(apart / rows, rows)).astype(np.int64)
+    return np.repeat(stamps, rows) - earlier
 
 
 def _decoder(container: Container, channel: int, wanted: bool) -> Decoder | None:

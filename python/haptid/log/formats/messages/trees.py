@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptid.errors import MissingDependencyError
-from haptid.log.formats.messages.batch import HEADER, MOST_ELEMENTS, Batch, Decoder, Numbers, Stamp, flatten
+from haptid.log.formats.messages.batch import HEADER, MOST_ELEMENTS, Batch, Decoder, Numbers, Samples, Stamp, flatten
 from haptid.log.formats.messages.container import Topic
 
 # Names of the parts of a stamp.
@@ -30,12 +30,15 @@ class _TreeDecoder(Decoder):
         found: dict[str, tuple[list[int], list[Any]]] = {}
         for row, message in enumerate(messages):
             try:
-                leaves = list(flatten(stamped(self.tree(message))))
+                leaves = list(flatten(stamped(self.tree(message)), self.sampled))
             except (ValueError, TypeError, RecursionError, KeyError, AttributeError):
                 batch.other += 1
                 continue
             for name, value in leaves:
-                if isinstance(value, Numbers):
+                if isinstance(value, Samples):
+                    if wanted is None or name in wanted:
+                        batch.samples.setdefault(name, {})[row] = np.array(value.values, np.float64)
+                elif isinstance(value, Numbers):
                     batch.empty[name] = batch.empty.get(name, 0) + 1
                 elif wanted is None or name in wanted or (type(value) is Stamp and HEADER in wanted):
                     batch.stamps |= {name} if type(value) is Stamp else set()
@@ -84,6 +87,7 @@ class ProtobufDecoder(_TreeDecoder):
     """Protobuf, by the set of descriptors that travels along."""
 
     def __init__(self, topic: Topic) -> None:
+        super().__init__()
         try:
             from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
             from google.protobuf.message import DecodeError
