@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import time
 from importlib.resources import files
 from pathlib import Path
 
@@ -218,6 +219,21 @@ def test_a_closed_chain_of_symoro_has_its_published_base_parameters(tmp_path: Pa
     assert haptid.DynamicModel(robot.device).base.names == shipped
     assert robot.check.gap < 1e-12
     with pytest.raises(RobotFileError, match="--length d2="):
+        import_robot(par)
+
+
+def test_long_words_of_a_symoro_file_are_refused_at_once(tmp_path: Path) -> None:
+    """Entries without end, and thousands of names, neither take time by their square nor fill the message."""
+    par = tmp_path / "long.par"
+    for word in ("9" * 800_000, "a" * 800_000, "9." * 400_000, "b = {" * 160_000):
+        par.write_text(SR400.replace("t2", word, 1))
+        begin = time.process_time()
+        with pytest.raises(RobotFileError) as caught:
+            import_robot(par)
+        assert time.process_time() - begin < 60.0  # by the square of the length: ten minutes
+        assert len(str(caught.value)) < 600
+    par.write_text(SR400.replace("d = {0,", "d = {" + "".join(f"0 + L{k} + " for k in range(20)) + "0,", 1))
+    with pytest.raises(RobotFileError, match="and 1[0-9] more"):
         import_robot(par)
 
 

@@ -36,7 +36,12 @@ _LONGEST = 1_000_000
 _WRITTEN = 1e-5
 _TERMS = {"IA": "rotor-inertia", "FV": "viscous", "FS": "coulomb"}
 _ENTRIES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-_WORD = re.compile(r"[A-Za-z_]\w*")
+# Characters of an entry, and names of lengths that a message lists.
+_LONGEST_ENTRY, _MOST_LISTED = 200, 10
+# Possessive, so that none is tried again within a long word that does not match.
+_WORD = re.compile(r"[A-Za-z_]\w*+")
+_EXPONENT = re.compile(r"(?<![\d.])[\d.]++[eE][+-]?\d++")
+_ASSIGNED = re.compile(r"\b(\w++)\s*+=\s*+(\{[^{}]*+\}|[^\s{]++)")
 
 
 def read_symoro(content: bytes, file: str, lengths: Mapping[str, float], snap: float = 0.0) -> RobotTree:
@@ -62,7 +67,7 @@ class _Par:
         plain = re.sub(r"\(\*.*?\*\)", "", text, flags=re.DOTALL)
         self.title = next((x.strip() for x in re.findall(r"\(\*\s*Robotname\s*=\s*'([^']*)'", text)), "") or "robot"
         self.values: dict[str, list[str] | str] = {}
-        for key, value in re.findall(r"(\w+)\s*=\s*(\{[^}]*\}|[^\s{]+)", plain):
+        for key, value in _ASSIGNED.findall(plain):
             self.values[key] = [x.strip() for x in value[1:-1].split(",")] if value[0] == "{" else value.strip()
         self.bodies, self.joint_count, self.frame_count = (self._count(key) for key in ("NL", "NJ", "NF"))
         if not self.bodies <= self.joint_count <= self.frame_count or self.frame_count > 1000 or self.bodies < 1:
@@ -92,7 +97,10 @@ class _Par:
 
     def _number(self, text: str, what: str) -> float:
         """A number, or arithmetic over named lengths."""
-        for name in _WORD.findall(re.sub(r"[\d.]+[eE][+-]?\d+", "0", text)):
+        if len(text) > _LONGEST_ENTRY:
+            found = f"an entry of {what} has {len(text)} characters, more than {_LONGEST_ENTRY}"
+            self._refuse(found, f"It begins with {text[:40]!r}: correct it.")
+        for name in _WORD.findall(_EXPONENT.sub("0", text)):
             if name in self.given:
                 self.used[name] = self.given[name]
             elif name.lower() != "pi":
@@ -116,8 +124,10 @@ class _Par:
         placed = [self._frame(k, columns, sigma[k]) for k in range(frames)]
         gravity = [self._gravity(text) for text in self._list("G", 3, "0")[:3]]
         if self.missing:
-            listed = ", ".join(sorted(self.missing))
-            advice = "Give each a value: " + " ".join(f"--length {name}=..." for name in sorted(self.missing)) + "."
+            missing = sorted(self.missing)[:_MOST_LISTED]
+            more = len(self.missing) - len(missing)
+            listed = ", ".join(missing) + (f" and {more} more" if more else "")
+            advice = "Give each a value: " + " ".join(f"--length {name}=..." for name in missing) + "."
             self._refuse(f"it names the lengths {listed} without a value", advice)
         moving = self._list("mu" if "mu" in self.values else "Mu", self.joint_count, "1")
         names = [str(k + 1) for k in range(self.joint_count)]
