@@ -222,10 +222,22 @@ def test_a_closed_chain_of_symoro_has_its_published_base_parameters(tmp_path: Pa
         import_robot(par)
 
 
+def test_many_comments_before_a_description_take_no_time(tmp_path: Path) -> None:
+    """Forty lines of licence without an XML declaration: told apart in one way, not in 2^40."""
+    urdf = tmp_path / "licensed.urdf"
+    urdf.write_text("<!-- a line of a licence -->\n" * 40 + "<robot/>")
+    with pytest.raises(RobotFileError) as caught:
+        import_robot(urdf)
+    assert "not XML" not in str(caught.value)
+    urdf.write_text("<!-- a line of a licence -->\n" * 40 + "<?xml version='1.0'?><robot/>")
+    with pytest.raises(RobotFileError, match=re.escape(str(caught.value).partition(":")[2][:40])):
+        import_robot(urdf)
+
+
 def test_long_words_of_a_symoro_file_are_refused_at_once(tmp_path: Path) -> None:
     """Entries without end, and thousands of names, neither take time by their square nor fill the message."""
     par = tmp_path / "long.par"
-    for word in ("9" * 800_000, "a" * 800_000, "9." * 400_000, "b = {" * 160_000):
+    for word in ("9" * 800_000, "a" * 800_000, "9." * 400_000, "b = {" * 160_000, "(*" * 400_000):
         par.write_text(SR400.replace("t2", word, 1))
         begin = time.process_time()
         with pytest.raises(RobotFileError) as caught:

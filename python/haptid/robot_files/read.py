@@ -19,7 +19,7 @@ from haptid.robot_files.xml import parse, read_bytes, refused
 
 _FORMATS = "URDF, xacro, MJCF, SDF, USD, SYMORO (.par) or a table of Denavit-Hartenberg parameters (.csv)"
 # What xacro expands; its name space alone stands in many URDFs that it has written.
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_COMMENT = re.compile(rb"<!--.*?(?:-->|\Z)", re.DOTALL)
 _XACRO = re.compile(rb"<xacro:|\$\{|\$\(")
 
 

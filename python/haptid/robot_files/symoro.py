@@ -41,6 +41,7 @@ _LONGEST_ENTRY, _MOST_LISTED = 200, 10
 # Possessive, so that none is tried again within a long word that does not match.
 _WORD = re.compile(r"[A-Za-z_]\w*+")
 _EXPONENT = re.compile(r"(?<![\d.])[\d.]++[eE][+-]?\d++")
+_COMMENT = re.compile(r"\(\*.*?(?:\*\)|\Z)", re.DOTALL)
 _ASSIGNED = re.compile(r"\b(\w++)\s*+=\s*+(\{[^{}]*+\}|[^\s{]++)")
 
 
@@ -64,7 +65,7 @@ class _Par:
 
     def __init__(self, text: str, file: str, lengths: Mapping[str, float], snap: float) -> None:
         self.file, self.given, self.snap = file, dict(lengths), snap
-        plain = re.sub(r"\(\*.*?\*\)", "", text, flags=re.DOTALL)
+        plain = _COMMENT.sub("", text)
         self.title = next((x.strip() for x in re.findall(r"\(\*\s*Robotname\s*=\s*'([^']*)'", text)), "") or "robot"
         self.values: dict[str, list[str] | str] = {}
         for key, value in _ASSIGNED.findall(plain):
@@ -203,7 +204,7 @@ class _Par:
 
     def _body(self, k: int) -> Inertial | None:
         texts = [self._list(key, self.bodies, key)[k] for key in _ENTRIES]
-        if any(_WORD.search(re.sub(r"[\d.]+[eE][+-]?\d+", "0", text)) for text in texts):
+        if any(_WORD.search(_EXPONENT.sub("0", text)) for text in texts):
             return None
         xx, xy, xz, yy, yz, zz, mx, my, mz, m = (self._number(text, f"body {k + 1}") for text in texts)
         if m < 0:
@@ -216,7 +217,7 @@ class _Par:
 
     def _plain(self, key: str, k: int) -> float:
         text = self._list(key, self.bodies, "0")[k]
-        return 0.0 if _WORD.search(re.sub(r"[\d.]+[eE][+-]?\d+", "0", text)) else self._number(text, f"{key}{k + 1}")
+        return 0.0 if _WORD.search(_EXPONENT.sub("0", text)) else self._number(text, f"{key}{k + 1}")
 
     def _open(self, key: str, moving: list[str]) -> tuple[str, ...]:
         values = self._list(key, self.bodies, "0")

@@ -23,7 +23,8 @@ _SHOWN = 60
 DEEPEST = 400
 # Most elements of one file.
 MOST_ELEMENTS = 500_000
-_AHEAD = re.compile(rb"\s*(<!--.*?-->\s*)*(?=<\?xml)", re.DOTALL)
+# Possessive: comments are told apart in one way only, or their number is the exponent of the time.
+_AHEAD = re.compile(rb"\s*+(?:<!--(?:(?!-->).)*+-->\s*+)*+(?=<\?xml)", re.DOTALL)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 

@@ -68,7 +68,7 @@ _RATE = re.compile(
     r"(?i:^d(?P<second>d)?_)|^d(?P<capital>d)?(?=[A-Z]|theta|phi|pos|angle|th\d*$)|(?i:(?P<dot>d)?dot(?=[^a-z]|$))"
 )
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
-_BRACKETED = re.compile(r"(?P<space>\s*)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+_BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
 # `Torque / Nm`, `torque in Nm`, `Torque Nm`; a single letter after a space is more often a name.
 _WRITTEN = re.compile(r"(?<=\w)(?:\s?/\s?(?P<slash>[^\s/.]+)|\s+in\s+(?P<stated>\S+)|\s+(?P<bare>[^\s\w]|\S{2,}))$")
