@@ -245,7 +245,7 @@ def test_long_words_of_a_symoro_file_are_refused_at_once(tmp_path: Path) -> None
         assert time.process_time() - begin < 60.0  # by the square of the length: ten minutes
         assert len(str(caught.value)) < 600
     par.write_text(SR400.replace("d = {0,", "d = {" + "".join(f"0 + L{k} + " for k in range(20)) + "0,", 1))
-    with pytest.raises(RobotFileError, match="and 1[0-9] more"):
+    with pytest.raises(RobotFileError, match=r"and 1[0-9] more"):
         import_robot(par)
 
 
