@@ -227,6 +227,8 @@ class DynamicModel:
         """
         coordinates = [np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)]
         given = self._by_state(*coordinates) | dict(history or {})
+        if all(term.name in given for term in self.externals):  # without the poses of all joints
+            return np.array([given[term.name] for term in self.externals])
         return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), given)
 
     @property

@@ -50,7 +50,7 @@ class ResidualContext:
 
     @property
     def history(self) -> dict[str, Array]:
-        """Columns of friction with presliding or warming, by name, each (samples,)."""
+        """Columns that the state does not determine, by name, each (samples,)."""
         return self.plan.history(self.low, self.high)
 
     @cached_property
@@ -92,7 +92,7 @@ class ResidualContext:
         if key not in self._torques:
             c, cd, cdd, own = self._signals
             cdd = np.zeros_like(c) if cdd is None else cdd
-            self._torques[key] = freeze(core_torque(self.model, chi, c, cd, cdd, own))
+            self._torques[key] = freeze(core_torque(self.plan.core, chi, c, cd, cdd, own))
         return self._torques[key]
 
 

@@ -64,7 +64,7 @@ def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals
         signals: those of `plan.signals` for the samples under the rows.
     """
     c, cd, cdd, own = signals
-    shared, d = plan.filter, plan.motion.treatment.decimation
+    model, shared, d = plan.for_core(model), plan.filter, plan.motion.treatment.decimation
     if cdd is not None:
         return decimate(core_torque(model, chi, c, cd, cdd, own), shared.taps, d)
     assert shared.slope is not None  # in the momentum formulation the filter differentiates
@@ -75,7 +75,7 @@ def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals
 def treated_columns(plan: Plan, signals: Signals) -> Array:
     """Columns of W over base parameters, filtered and decimated, (coordinates, rows, p)."""
     c, cd, cdd, own = signals
-    model, shared, d = plan.model, plan.filter, plan.motion.treatment.decimation
+    model, shared, d = plan.core, plan.filter, plan.motion.treatment.decimation
     mechanism, loops = model.mechanism, model.loops(c, cd)
     if cdd is not None:
         made = decimate(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)

@@ -16,6 +16,7 @@ from haptid.dynamics.regressor import external
 from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
 from haptid.motion.filters import ParallelFilter, bad_setting
 from haptid.motion.motion import Motion, too_short
+from haptid.observation.own_instants import OwnColumn, along, own_columns, with_given
 from haptid.observation.r_factor import triangle
 
 # Samples passed to the core at a time: enough for all its threads, little memory compared with a log.
@@ -146,13 +147,31 @@ class Plan:
         """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
         if self.motion.treatment.momentum:
             c, cd = state(self.model.device, self.motion, low, high)
-            return c, cd, None, external(self.model, c, cd, None, self.history(low, high))
+            return c, cd, None, external(self.core, c, cd, None, self.history(low, high))
         c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
-        return c, cd, cdd, external(self.model, c, cd, cdd, self.history(low, high))
+        return c, cd, cdd, external(self.core, c, cd, cdd, self.history(low, high))
+
+    @property
+    def core(self) -> DynamicModel:
+        """The model of which the core computes the columns."""
+        return self.for_core(self.model)
+
+    def for_core(self, model: DynamicModel) -> DynamicModel:
+        """The plan's model, or one with other settings, with friction at its motors' own instants from `history`."""
+        given = frozenset(own.term.name for own in self._own_columns)
+        return with_given(model, given) if given else model
+
+    @cached_property
+    def _own_columns(self) -> tuple[OwnColumn, ...]:
+        return own_columns(self.model, self.motion)
 
     def history(self, low: int, high: int) -> dict[str, Array]:
-        """Columns of friction with presliding or warming at samples low..high, by name, each (samples,)."""
-        return {name: column[low:high] for name, column in self._columns_with_history.items()}
+        """Columns at samples low..high that their state does not determine, by name, each (samples,).
+
+        Those of friction with presliding or warming, and of dry friction at the instants of a motor by itself.
+        """
+        before = {name: column[low:high] for name, column in self._columns_with_history.items()}
+        return {**before, **along(self.model, self.motion, self._own_columns, low, high)}
 
     @cached_property
     def _columns_with_history(self) -> dict[str, Array]:
@@ -180,7 +199,7 @@ class Plan:
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)
         c, cd, cdd, own = self.signals(low, high)
-        made = self.model.mechanism.reduce(
+        made = self.core.mechanism.reduce(
             c,
             cd,
             cdd,

@@ -141,6 +141,16 @@ class TermColumn:
         a, b, c = (value if k == place else old for k, old in enumerate(self.settings))
         return replace(self, settings=(a, b, c))
 
+    def sliding(self, v: Array) -> Array:
+        """The column of a term of dry friction that the core computes, from its velocity, (samples,)."""
+        side = {1: np.maximum(v, 0.0), -1: np.minimum(v, 0.0)}.get(self.side, v)
+        width = self.constant("width")
+        sign = np.tanh(side / width) if width else np.sign(side)
+        if self.kind != "stribeck":
+            return np.asarray(sign)
+        fading = (np.abs(v) / self.constant("velocity")) ** self.constant("exponent")
+        return np.asarray(sign * np.exp(-fading))
+
     def moves_as(self, other: TermColumn) -> bool:
         """Whether its velocity is that of another term, or its negative."""
         opposite = any(np.array_equal(self.weights, sign * other.weights) for sign in (1, -1))
@@ -164,7 +174,7 @@ def external_columns(
         terms: the external ones, in the core's order.
         joints: names of all joints.
         motion: position, velocity and acceleration of all joints, each (joints, samples).
-        given: columns of load-dependent friction and of friction with a history, by name, each (samples,).
+        given: columns that are computed before, by name, each (samples,).
 
     Raises:
         DeviceError: a column is not finite at some sample.
@@ -175,7 +185,7 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
-        elif isinstance(term.shape, LoadDependentFriction | Presliding | Warming):
+        elif term.name in given:
             row[:] = given[term.name]
         elif term.shape is not None:
             row[:] = term.shape.values(named, samples)
