@@ -185,10 +185,10 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
-        elif term.name in given:
-            row[:] = given[term.name]
-        elif term.shape is not None:
+        elif isinstance(term.shape, CustomColumn):
             row[:] = term.shape.values(named, samples)
+        else:
+            row[:] = given[term.name]
         if not np.isfinite(row).all():
             sample = int(np.argmin(np.isfinite(row)))
             value = float(row[sample])
