@@ -284,6 +284,34 @@ def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
         np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
 
 
+def test_a_folder_of_tables_is_one_log(tmp_path: Path) -> None:
+    """A file for each signal, with and without a header, and a file of one column; a note beside them."""
+    np.savetxt(tmp_path / "position.csv", np.column_stack([DATA[:, 1], DATA[:, 2]]), delimiter=",")
+    np.savetxt(tmp_path / "drive.csv", np.column_stack([DATA[:, 2], T]), delimiter=",", header="tau,heat", comments="")
+    np.save(tmp_path / "t.npy", T)
+    (tmp_path / "read me.txt").write_text("Recorded by hand.\n")
+    wanted = {"position[1]": DATA[:, 1], "position[2]": DATA[:, 2], "drive.tau": DATA[:, 2], "t": T}
+    assert set(wanted) < set(format_of(tmp_path).names(tmp_path))
+    found, _ = read(tmp_path, list(wanted))
+    for name, samples in wanted.items():
+        np.testing.assert_allclose(found[name], samples)
+    log = read_log(tmp_path, Channels(Signal("position[1]", "rad"), Signal("drive.tau", "N m"), time="t"))
+    assert log.t.size == N
+    assert len(log.sha256) == 64
+    table = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert (table["time"], table["torque"]["channels"]) == ("t", ["drive.tau"])
+
+
+def test_labelled_lines_above_the_samples_are_no_samples(tmp_path: Path) -> None:
+    """Each signal with its times, and lines of settings that hold as many numbers as texts."""
+    ahead = "Start,12:00,Start,12:00\nInterval,0.01,Interval,0.01\nChannel,q,Channel,tau\nUnit,deg,Unit,V\n"
+    rows = "".join(f"{t},{q},{t},{tau}\n" for t, q, tau in DATA)
+    (tmp_path / "log.csv").write_text(ahead + rows)
+    assert format_of(tmp_path / "log.csv").names(tmp_path / "log.csv") == ["Channel (1)", "q", "Channel (2)", "tau"]
+    found, _ = read(tmp_path / "log.csv", ["q", "tau"])
+    np.testing.assert_allclose(found["tau"], DATA[:, 2])
+
+
 def test_cells_of_a_matlab_file_are_numbered(tmp_path: Path) -> None:
     cells = np.empty((1, 2), dtype=object)
     cells[0, :] = [{"q": DATA[:, 1]}, DATA]

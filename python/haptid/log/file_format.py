@@ -14,7 +14,7 @@ from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
 from haptid.errors import LogFileError
 from haptid.log.formats.controller_trace import HEAD, is_trace
-from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files
+from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files, table_files
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.request import Request
@@ -80,19 +80,24 @@ FORMATS = (
     Format("text with a channel in each row", (), "transposed"),
     Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
     Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
+    Format("folder of tables", (), "table_folder"),
 )
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE = (FORMATS[k] for k in (0, 5, 7, 9, 10, 11))
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES = (FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12))
+_FOLDERS = (
+    *((LEROBOT, data_set_files), (MESSAGES, bag_files)),
+    *((_PARQUET_FILES, parquet_files), (_TABLES, table_files)),
+)
 
 
 def format_of(path: Path) -> Format:
     """The format by the suffix, of a file that exists and can be read."""
     try:
         if path.is_dir():
-            for kind, files in ((LEROBOT, data_set_files), (MESSAGES, bag_files), (_PARQUET_FILES, parquet_files)):
+            for kind, files in _FOLDERS:
                 if files(path):
                     return kind
             raise LogFileError(
-                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of Parquet files.",
+                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of tables.",
                 where=path,
                 advice="Name one file in it.",
             )

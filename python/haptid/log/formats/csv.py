@@ -277,7 +277,12 @@ def _dialect(path: Path) -> _Dialect:
     width = _width(rows, decimal)
     samples = [_is_row(row, width, decimal) for row in rows]
     names_only = [len(row) == width and not any(_number(cell, decimal) for cell in row) for row in rows]
-    begins = (i for i in range(len(rows)) if samples[i] and (all(samples[i : i + _ROWS_TOGETHER]) or names_only[i - 1]))
+    plain = [samples[k] and all(_number(cell, decimal) for cell in row) for k, row in enumerate(rows)]
+    begins = (
+        i
+        for i in range(len(rows))
+        if samples[i] and (all(samples[i : i + _ROWS_TOGETHER]) or (plain[i] and names_only[i - 1]))
+    )
     first = next(begins, 1)
     head = first - 1
     units: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Logs that are folders: the files of a ROS 2 bag, of a LeRobot data set, and of a log in several Parquet files."""
+"""Logs that are folders: a ROS 2 bag, a LeRobot data set, rows in several Parquet files, signals in several tables."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 
 BAG_SUFFIXES = (".mcap", ".bag", ".db3")
 _INFO = "meta/info.json"
+# Suffixes of files with one signal each, and most of them in a folder.
+_TABLES, _MOST_TABLES = (".csv", ".tsv", ".txt", ".dat", ".npy", ".mat"), 64
 
 
 def bag_files(folder: Path) -> list[Path]:
@@ -29,11 +31,17 @@ def parquet_files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: natural(file.relative_to(folder).as_posix()))
 
 
+def table_files(folder: Path) -> list[Path]:
+    """Tables and arrays in a folder: signals of one recording, a file for each."""
+    files = [file for file in folder.iterdir() if file.suffix.lower() in _TABLES and file.is_file()]
+    return sorted(files, key=lambda file: natural(file.name)) if 1 < len(files) <= _MOST_TABLES else []
+
+
 def log_files(path: Path) -> list[Path]:
     """The files that hold a log's samples: itself, or those of its folder."""
     if not path.is_dir():
         return [path]
-    return data_set_files(path) or bag_files(path) or parquet_files(path)
+    return data_set_files(path) or bag_files(path) or parquet_files(path) or table_files(path)
 
 
 def log_size(path: Path) -> int:
