@@ -53,7 +53,7 @@ def mutated(data: bytes, other: bytes, text: bool, rng: random.Random) -> bytes:
         elif kind == 2:
             del made[at : at + size]
         elif kind == 3:
-            made[at:at] = made[at : at + size] * rng.choice((1, 1, 2, 50))
+            made[at:at] = made[at : at + size] * rng.choice((1, 1, 2, 50, 1, 2, 50, 5000))
         elif kind == 4:
             start = rng.randrange(len(other) + 1)
             made[at : at + size] = other[start : start + size]

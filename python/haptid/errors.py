@@ -16,8 +16,12 @@ Errors that cross processes keep their attributes and notes.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
+
+# A word of a message that is longer is shown by its first and last characters: a key of a hostile file, never a path.
+_LONGEST_WORD, _FIRST, _LAST = 1000, 200, 50
 
 
 class HaptidError(Exception):
@@ -42,7 +46,7 @@ class HaptidError(Exception):
         advice: str = "",
         notes: Iterable[str] = (),
     ) -> None:
-        super().__init__(f"{message} {advice}" if advice else message)
+        super().__init__(_shortened(f"{message} {advice}" if advice else message))
         self.where, self.found, self.limit, self.advice = where, found, limit, advice
         for note in notes:
             self.add_note(note)
@@ -50,6 +54,14 @@ class HaptidError(Exception):
     def __reduce__(self) -> tuple[object, ...]:
         """By text and attributes, not by the constructor's arguments: errors come back from worker processes."""
         return _unpickled, (type(self), self.args), self.__dict__
+
+
+def _shortened(message: str) -> str:
+    """The message without the middle of words that nobody can read."""
+    if len(message) <= _LONGEST_WORD:
+        return message
+    word = rf"\S{{{_LONGEST_WORD},}}"
+    return re.sub(word, lambda m: f"{m[0][:_FIRST]}...{m[0][-_LAST:]} ({len(m[0])} characters)", message)
 
 
 def _unpickled(kind: type[HaptidError], args: tuple[object, ...]) -> HaptidError:

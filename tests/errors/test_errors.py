@@ -513,6 +513,18 @@ def test_message_fields_advice_and_notes() -> None:
     assert str(Place("a.toml", "joints[0]").error("found 1", "Write 2.")) == "a.toml: joints[0]: found 1. Write 2."
 
 
+def test_a_key_of_a_hostile_file_does_not_fill_the_screen(tmp_path: Path) -> None:
+    """200 000 characters of a key are shown by its ends; paths as long as a system allows a name are whole."""
+    path = tmp_path / ("d" * 200) / ("e" * 200)
+    path.mkdir(parents=True)
+    device = path / "device.toml"
+    device.write_text('name = "d"\n' + "k" * 200_000 + " = 1\n")
+    with pytest.raises(HaptidError) as caught:
+        haptid.read_device(device)
+    assert str(device) in str(caught.value)
+    assert "(20000" in str(caught.value) and len(str(caught.value)) < 3000
+
+
 def test_names_are_suggested() -> None:
     assert errors.suggestion("FV11", ["FV1", "FC1"]) == 'Did you mean "FV1"? Known: FV1, FC1.'
     assert errors.suggestion("x", []) == "Known: none."
