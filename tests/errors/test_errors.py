@@ -522,7 +522,8 @@ def test_a_key_of_a_hostile_file_does_not_fill_the_screen(tmp_path: Path) -> Non
     with pytest.raises(HaptidError) as caught:
         haptid.read_device(device)
     assert str(device) in str(caught.value)
-    assert "(20000" in str(caught.value) and len(str(caught.value)) < 3000
+    assert "(20000" in str(caught.value)
+    assert len(str(caught.value)) < 3000
 
 
 def test_names_are_suggested() -> None:
