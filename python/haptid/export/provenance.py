@@ -96,25 +96,26 @@ def provenance(
         UnvalidatedModelError: the prediction error exceeds the criterion, or there is a criterion but no validation.
         ShapeError: the number of base parameters is not that of the device.
     """
-    return _without_sensors(_identified(identified, validation, largest_error, anyway, quoted))
+    source = _identified(identified, validation, largest_error, anyway, quoted)
+    return on_counterpart(source, without_sensors(source.model))
 
 
-def _without_sensors(source: Provenance) -> Provenance:
-    """What is exported of a device with torque sensors: it moves as one without."""
-    model = without_sensors(source.model)
+def on_counterpart(source: Provenance, model: DynamicModel) -> Provenance:
+    """The same with a counterpart of the device (`haptid.dynamics.counterparts`); as it is where it is itself."""
     if model is source.model:
         return source
     T = parameters_on(source.model, model)
-    kept = [(int(np.flatnonzero(row)[0]) if np.count_nonzero(row) == 1 else -1) for row in T]
-    places, covariance = [k for k in kept if k >= 0], source.covariance
-    whole = len(places) == len(kept)
+    # Intervals are of the parameters that are one of the source's; where one is a sum of several, none are given.
+    same = [int(np.flatnonzero(row)[0]) if np.count_nonzero(row) == 1 else None for row in T]
+    intervals, covariance = source.intervals, source.covariance
+    places = [k for k in same if k is not None]
     return replace(
         source,
         model=model,
         beta=T @ source.beta,
-        intervals=source.intervals[places] if whole and source.intervals is not None else None,
+        intervals=None if intervals is None or len(places) < len(same) else intervals[places],
         covariance=None if covariance is None else T @ covariance @ T.T,
-        zero=tuple(kept.index(k) for k in source.zero if k in kept),
+        zero=tuple(same.index(k) for k in source.zero if k in same),
     )
 
 

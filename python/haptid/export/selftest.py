@@ -15,9 +15,11 @@ from haptid.dynamics.kinematics import HandleMotion, handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.momentum_observer import MomentumObserver
+from haptid.experiment.bench.elastic import planned_torque
 from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
+from haptid.export.model.elastic import torsions
 from haptid.export.model.passive import passive_positions, start_pose
 from haptid.motion.filters import HighPass
 from haptid.observation.reversals import smoothed_friction
@@ -83,6 +85,10 @@ class ReferenceValues:
             "handle_pose": lambda: {"position": self._handle.position, "rotation": self._flat(self._handle.rotation)},
             "handle_jacobian": lambda: {"J": self._flat(self._handle.row_jacobian)},
             "handle_mobility": lambda: {"mobility": self._flat(self._J @ np.linalg.solve(self._M, self._J.mT))},
+            "springs": self._springs,
+            "spring_torque": lambda: {"spring": self._spring_torque.T},
+            "rotors": self._rotors,
+            "motor_position": lambda: {"theta": self._motors(self._qa)[self.model.device.driven].T},
             "row_torque": lambda: {"tau": self.model.device.row_torque(self.q, self.motor).T},
             "motor_torque": lambda: {"motor": self.model.device.drive_torque(self.q, self.tau).T},
             "handle_force": lambda: {"force": (np.linalg.pinv(self._J.mT) @ self.tau.T[:, :, None])[:, :, 0]},
@@ -106,8 +112,59 @@ class ReferenceValues:
     @property
     def inputs(self) -> dict[str, Array]:
         """Inputs of the functions by their names, (size, samples)."""
-        names = ("q", "z", "qd", "qdd", "tau", "motor", "before")
+        names = ("q", "z", "qd", "qdd", "tau", "motor", "before", "theta", "thetad")
         return {name: getattr(self, name) for name in names if len(getattr(self, name))}
+
+    @property
+    def theta(self) -> Array:
+        """Positions of the motors before springs, (elastic motors, samples), rad or m."""
+        elastic = [drive.load_side is not None for drive in self.model.device.drives]
+        return self._motors(self._qa)[elastic]
+
+    @property
+    def thetad(self) -> Array:
+        """Rates of the same."""
+        return np.asarray(np.cos(np.arange(self.theta.size)).reshape(self.theta.shape))
+
+    def _motors(self, qa: Array) -> Array:
+        """Positions of all drives, (drives, samples)."""
+        return np.asarray(self.model.device.drive_rows @ self.model.device.closure.follow(qa).q)
+
+    def _springs(self) -> dict[str, Array]:
+        made = {}
+        for name, nature in (("stiffness", "spring"), ("damping", "viscous")):
+            known = {
+                term.on: value
+                for term, value in zip(self.model.terms, self._chi[10 * len(self.model.device.joints) :], strict=True)
+                if term.nature == nature
+            }
+            own = [known.get(f"elastic {drive.name}", 0.0) for drive in self.model.device.elastic]
+            made[name] = np.tile(own, (self.q.shape[1], 1))
+        return made
+
+    @property
+    def _spring_torque(self) -> Array:
+        """Torque of the elastic motors on the same motion without torsion, less that on their rotors."""
+        device, own = self.model.device, torsions(self.model)
+        q, qd, qdd = (x.copy() for x in (self.q, self.qd, self.qdd))
+        for x in (q, qd, qdd):
+            x[own] = 0.0
+        still = replace(self, q=q, qd=qd, qdd=qdd)
+        rows = still._bodies(qd, qdd) + still._terms(lambda term: term.kind != "rotor")
+        motors = [drive.name for drive in device.motors]
+        whole = planned_torque(device, q, rows)[[motors.index(drive.name) for drive in device.elastic]]
+        return np.asarray(whole - rows[own])
+
+    def _rotors(self) -> dict[str, Array]:
+        """Momentum and torque of the rotors' terms, with the links at zero."""
+        own, q, qd = torsions(self.model), np.zeros_like(self.q), np.zeros_like(self.q)
+        q[own], qd[own] = self.theta, self.thetad
+        moving = replace(self, q=q, qd=qd)
+        motors = [f"motor {drive.name}" for drive in self.model.device.elastic]
+        p = core_torque(self.model, rigid(self.model, self._chi), q, np.zeros_like(qd), qd) - moving._bodies(
+            np.zeros_like(qd), np.zeros_like(qd)
+        )
+        return {"p": p[own].T, "rest": moving._terms(lambda term: term.on in motors and term.kind != "rotor")[own].T}
 
     @cached_property
     def z(self) -> Array:

@@ -16,6 +16,7 @@ from haptid._internal.escaping import c_comment
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.model.elastic import torsions
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode
@@ -148,6 +149,7 @@ class Files:
             prototypes=prototypes,
             handle=handle,
             loops=loops,
+            elastic=self._elastic("elastic.h"),
         )
 
     def body(self) -> str:
@@ -163,7 +165,15 @@ class Files:
             bodies="".join(self._definition(function) for function in self.code.functions),
             handle=self.filled("handle.c") if "handle_mobility" in self.code else "",
             loops=self.filled("loops.c") if self.code.passive else "",
+            elastic=self._elastic("elastic.c"),
         )
+
+    def _elastic(self, template: str) -> str:
+        """The states of springs behind motors; empty where there are none."""
+        if "springs" not in self.code:
+            return ""
+        own = torsions(self.model)
+        return self.filled(template, springs=len(own), torsions=", ".join(map(str, own)))
 
     def signature(self, function: Function) -> str:
         """The function's declaration without the semicolon."""

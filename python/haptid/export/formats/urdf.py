@@ -22,12 +22,13 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import Cut, Joint
 from haptid.device.geometry import angles
+from haptid.dynamics.counterparts import with_stiff_springs
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportCriterion, ExportSource, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, on_counterpart, provenance
 
 DRAKE = "http://drake.mit.edu"
 # Value of an unknown limit where URDF requires one, SI; `haptid import` takes it as unknown.
@@ -74,14 +75,16 @@ def export_urdf(identified: ExportSource, folder: str | Path, **criterion: Unpac
         PhysicalConsistencyError: the base parameters are not physically consistent.
         ExportError: a term without counterpart in rigid-body simulators.
     """
-    source = provenance(identified, **criterion)
+    bent = provenance(identified, **criterion)
+    source = on_counterpart(bent, with_stiff_springs(bent.model))
     model = source.model
     chi = standard_parameters_of(model, source.beta)
     made = bodies(model, chi)
     acts = effects(model, chi, made)
     root = _robot(model, made, acts)
     indent(root)
-    heading_text = heading(source, chi, *_missing(model, acts), *_unknown(model), *_renamed(model))
+    stiff = [] if bent is source else ["URDF has no springs between joints: motors are rigid, as below the resonances."]
+    heading_text = heading(source, chi, *stiff, *_missing(model, acts), *_unknown(model), *_renamed(model))
     text = f'<?xml version="1.0"?>\n{heading_text}\n{tostring(root, encoding="unicode")}\n'
     return write(folder, {f"{default_name(model.device.name)}.urdf": text}, source.verdict)
 

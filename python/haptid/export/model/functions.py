@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, 
 from haptid.export.expressions.polynomial import TRIALS, cheapest
 from haptid.export.expressions.rewriting import replaced
 from haptid.export.expressions.solving import Factors, Orthogonal, force, mobility
-from haptid.export.expressions.vectors import Turn, dot, snapped
+from haptid.export.expressions.vectors import Turn, combined, dot, snapped
 from haptid.export.model.composite import mass_matrix_expressions
+from haptid.export.model.elastic import constants, has_linear_springs, links_of, on_links, rotors, spring_shares
 from haptid.export.model.frames import FrameExpressions, frame_expressions
 from haptid.export.model.hamilton import momentum_expressions
 from haptid.export.model.loops import LoopExpressions
@@ -85,6 +86,8 @@ def _code_of(model: DynamicModel, speed: float, zero: frozenset[int]) -> Code:
     functions = [*made.closing(), *made.torques(), *made.rigid(), made.momentum()]
     if model.device.handle is not None:
         functions += made.at_handle(frame_expressions(tree, model.device.handle, made.x))
+    if has_linear_springs(model):
+        functions += made.elastic()
     return Code(model, graph, (*functions, *made.drives()), speed, tree.passive)
 
 
@@ -196,8 +199,8 @@ class _Functions:
         gravity = project(cheapest_form(self.graph, self.newton(self.none, self.none)))
         arguments = self.model, self.tree, self.parameters, self.x, self.xd, self.speed
         terms, friction = (
-            self.moving(project(shortest(self.graph, term_torque(*arguments, friction_only=alone))))
-            for alone in (False, True)
+            self.moving(project(shortest(self.graph, term_torque(*arguments, wanted))))
+            for wanted in (lambda _: True, lambda term: term.resists)
         )
         return [
             Function(
@@ -363,6 +366,42 @@ class _Functions:
             tuple(checks),
             parameters=False,
         )
+
+    def elastic(self) -> list[Function]:
+        """Springs behind motors: constants, the torque that they carry, rotors, and positions of the motors."""
+        model, qdd = self.model, self.rows(self.xdd)
+        arguments = self.model, self.tree, self.parameters, self.x, self.xd, self.speed
+        moved = inverse_dynamics_expressions(
+            self.tree, links_of(model, self.bodies), self.x, self.xd, self.xdd, self.tree.gravity
+        )
+        resisting = term_torque(*arguments, partial(on_links, model))
+        whole = [a + b for a, b in zip(moved, resisting, strict=True)]
+        tau = self.moving(self.loops.projected(cheapest_form(self.graph, whole)), qdd)
+        carried = tuple(combined(row, tau) for row in spring_shares(model))
+        positions = [
+            combined(row, self.rows(self.x)) + float(drive.row @ model.device.closure.offset)
+            for row, drive in zip(snapped(model.device.drive_rates), model.device.drives, strict=True)
+        ]
+        return [
+            constants(model, self.parameters, self.graph),
+            Function(
+                "spring_torque",
+                (
+                    "Torque that the springs behind motors carry along a motion of the links, N m or N: that of bodies",
+                    "and terms behind them. Positions, rates and accelerations of torsions are not read.",
+                ),
+                self.sizes("q", "qd", "qdd"),
+                (("spring", carried),),
+            ),
+            rotors(model, self.tree, self.parameters, self.graph, self.speed),
+            Function(
+                "motor_position",
+                ("Positions of the motors at the joint side, rad or m, from the coordinates.",),
+                self.sizes("q"),
+                (("theta", tuple(positions[d] for d in model.device.driven)),),
+                parameters=False,
+            ),
+        ]
 
     def drives(self) -> list[Function]:
         """Torques of the motors from those of the rows, and back; none where rows are the motors'."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -27,8 +27,7 @@ def term_torque(
     q: list[Expr],
     qd: list[Expr],
     speed: float,
-    *,
-    friction_only: bool,
+    wanted: Callable[[TermColumn], bool],
 ) -> list[Expr]:
     """Torque of the terms on the tree's coordinates, without rotors.
 
@@ -36,14 +35,13 @@ def term_torque(
         parameters: the device's base parameters.
         q, qd: the coordinates and their rates.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
-        friction_only: only the terms that resist motion.
+        wanted: whether a term counts.
     """
     S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.independent_columns)]
     graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
     for term, row in zip(model.terms, S, strict=True):
-        wanted = term.resists if friction_only else term.kind != "rotor"
-        if not wanted or not row.any():
+        if term.kind == "rotor" or not wanted(term) or not row.any():
             continue
         parameter = combined(row, parameters)
         weights = tree.of_term(term)

@@ -102,4 +102,4 @@ void @{name}_differentiator_update(@{name}_differentiator *filter, const @{name}
     }
     filter->started = 1;
 }
-@{handle}@{loops}
+@{handle}@{loops}@{elastic}

@@ -80,7 +80,7 @@ int @{name}_differentiator_init(@{name}_differentiator *filter, @{name}_real cut
 
 /* Next sample; at rest before the first one. */
 void @{name}_differentiator_update(@{name}_differentiator *filter, const @{name}_real q[@{n}], @{name}_real qd[@{n}]);
-@{loops}@{handle}
+@{loops}@{elastic}@{handle}
 #ifdef __cplusplus
 }
 #endif
