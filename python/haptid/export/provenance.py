@@ -97,10 +97,10 @@ def provenance(
         ShapeError: the number of base parameters is not that of the device.
     """
     source = _identified(identified, validation, largest_error, anyway, quoted)
-    return on_counterpart(source, without_sensors(source.model))
+    return counterpart_source(source, without_sensors(source.model))
 
 
-def on_counterpart(source: Provenance, model: DynamicModel) -> Provenance:
+def counterpart_source(source: Provenance, model: DynamicModel) -> Provenance:
     """The same with a counterpart of the device (`haptid.dynamics.counterparts`); as it is where it is itself."""
     if model is source.model:
         return source

@@ -28,7 +28,7 @@ from haptid.experiment.bench.bodies import Effect, SimulatedBody, bodies, effect
 from haptid.experiment.bench.mjcf import numbers
 from haptid.export.formats.bodies import heading, standard_parameters_of
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import ExportCriterion, ExportSource, on_counterpart, provenance
+from haptid.export.provenance import ExportCriterion, ExportSource, counterpart_source, provenance
 
 DRAKE = "http://drake.mit.edu"
 # Value of an unknown limit where URDF requires one, SI; `haptid import` takes it as unknown.
@@ -76,7 +76,7 @@ def export_urdf(identified: ExportSource, folder: str | Path, **criterion: Unpac
         ExportError: a term without counterpart in rigid-body simulators.
     """
     bent = provenance(identified, **criterion)
-    source = on_counterpart(bent, with_stiff_springs(bent.model))
+    source = counterpart_source(bent, with_stiff_springs(bent.model))
     model = source.model
     chi = standard_parameters_of(model, source.beta)
     made = bodies(model, chi)

@@ -31,7 +31,7 @@ def has_linear_springs(model: DynamicModel) -> bool:
     return bool(springs) and linear and not model.device.drive_varies.any()
 
 
-def torsions(model: DynamicModel) -> list[int]:
+def torsion_places(model: DynamicModel) -> list[int]:
     """Indices of the coordinates that are torsions, in the order of the elastic motors."""
     device, names = model.device, list(model.device.row_names)
     if device.torque_rows == "joint":
@@ -42,7 +42,7 @@ def torsions(model: DynamicModel) -> list[int]:
 def spring_shares(model: DynamicModel) -> Array:
     """Torques of the springs by those of the links on all coordinates, (springs, active); none by those of torsions."""
     device = model.device
-    held = np.delete(np.arange(len(device.active)), torsions(model))
+    held = np.delete(np.arange(len(device.active)), torsion_places(model))
     shares = device.law.of(device.driven).shares(device.drive_rates[device.driven][:, held])
     motors = [drive.name for drive in device.motors]
     made = np.zeros((len(device.elastic), len(device.active)))
@@ -62,11 +62,11 @@ def on_links(model: DynamicModel, term: TermColumn) -> bool:
 
 def links_of(model: DynamicModel, bodies: Bodies) -> Bodies:
     """The bodies without the rotors before springs."""
-    own = torsions(model)
+    own = torsion_places(model)
     return replace(bodies, rotors=tuple(one for one in bodies.rotors if not one[0][own].any()))
 
 
-def constants(model: DynamicModel, parameters: Sequence[Expr], graph: Graph) -> Function:
+def spring_constants(model: DynamicModel, parameters: Sequence[Expr], graph: Graph) -> Function:
     """Stiffness and damping of the springs."""
     made = {nature: _of_each(model, parameters, graph, nature, "elastic") for nature in ("spring", "viscous")}
     return Function(
@@ -77,9 +77,9 @@ def constants(model: DynamicModel, parameters: Sequence[Expr], graph: Graph) -> 
     )
 
 
-def rotors(model: DynamicModel, tree: Tree, parameters: Sequence[Expr], graph: Graph, speed: float) -> Function:
+def rotor_function(model: DynamicModel, tree: Tree, parameters: Sequence[Expr], graph: Graph, speed: float) -> Function:
     """Momentum of the rotors and the torque of the terms on them, from the positions of the motors alone."""
-    own, count = torsions(model), len(model.device.elastic)
+    own, count = torsion_places(model), len(model.device.elastic)
     theta, thetad = ([graph.name(f"{text}[{k}]") for k in range(count)] for text in ("theta", "thetad"))
     # The rotors' terms depend on their own positions: links at zero, and torsions as large as the rotors' positions.
     q, qd = ([graph.number(0.0)] * tree.coordinates for _ in range(2))

@@ -20,7 +20,14 @@ from haptid.export.expressions.rewriting import replaced
 from haptid.export.expressions.solving import Factors, Orthogonal, force, mobility
 from haptid.export.expressions.vectors import Turn, combined, dot, snapped
 from haptid.export.model.composite import mass_matrix_expressions
-from haptid.export.model.elastic import constants, has_linear_springs, links_of, on_links, rotors, spring_shares
+from haptid.export.model.elastic import (
+    has_linear_springs,
+    links_of,
+    on_links,
+    rotor_function,
+    spring_constants,
+    spring_shares,
+)
 from haptid.export.model.frames import FrameExpressions, frame_expressions
 from haptid.export.model.hamilton import momentum_expressions
 from haptid.export.model.loops import LoopExpressions
@@ -383,7 +390,7 @@ class _Functions:
             for row, drive in zip(snapped(model.device.drive_rates), model.device.drives, strict=True)
         ]
         return [
-            constants(model, self.parameters, self.graph),
+            spring_constants(model, self.parameters, self.graph),
             Function(
                 "spring_torque",
                 (
@@ -393,7 +400,7 @@ class _Functions:
                 self.sizes("q", "qd", "qdd"),
                 (("spring", carried),),
             ),
-            rotors(model, self.tree, self.parameters, self.graph, self.speed),
+            rotor_function(model, self.tree, self.parameters, self.graph, self.speed),
             Function(
                 "motor_position",
                 ("Positions of the motors at the joint side, rad or m, from the coordinates.",),
