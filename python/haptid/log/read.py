@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.time_base import TimeBaseReport
+from haptid.log.velocities import joined
 
 # A file of more bytes is opened rather than read.
 _LARGE = 2**26
@@ -101,6 +103,14 @@ def read_log(
     notes.extend(found.report.sentences)
     position = _block(found.position, columns, channels.position, "position", blocks["position"])
     torque = _block(found.torque, columns, channels.torque, "torque", blocks["torque"])
+    if (rates := channels.velocity) is not None:
+        columns |= {name: columns[name].astype(np.float64) for name in rates.channels}
+        velocity = _block(found.position, columns, rates, "velocity", None)
+        better, sentence = joined(
+            position.T, velocity.T, found.segments, float(np.median(np.diff(found.t))), rates.channels
+        )
+        position = freeze(np.ascontiguousarray(better.T))
+        notes.append(sentence)
     log = Log(
         path, sha256_of(path), found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report
     )
@@ -119,7 +129,13 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
     )
 
 
-def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: ChannelKind, own: Array | None) -> Array:
+def _block(
+    grid: Resampling,
+    columns: dict[str, Array],
+    signal: Signal,
+    kind: Literal["position", "velocity", "torque"],
+    own: Array | None,
+) -> Array:
     """The channels of a signal on the grid, (channels, n), SI; each column is released once copied.
 
     Args:
@@ -136,7 +152,8 @@ def _block(grid: Resampling, columns: dict[str, Array], signal: Signal, kind: Ch
             for start in range(0, grid.t.size, SAMPLES_RESAMPLED):
                 stop = min(start + SAMPLES_RESAMPLED, grid.t.size)
                 low, high = grid.rows(start, stop)
-                out[start:stop] = grid.make(column[None, low:high], low, start, stop, kind)[0]
+                how: ChannelKind = "torque" if kind == "torque" else "position"
+                out[start:stop] = grid.make(column[None, low:high], low, start, stop, how)[0]
         elif not np.may_share_memory(out, column):
             out[:] = column
         if (scale * gain, offset) != (1.0, 0.0):
@@ -187,6 +204,8 @@ def open_log(
         channels, sentence = guess(path, kind.names(path), kind.units(path))
         notes.append(sentence)
     reader = _FileReader(path, kind, channels, time_range, notes)
+    if channels.velocity is not None:
+        notes.append("velocities are not used: the log is opened and not read as a whole")
     known = reader.inspect_positions(channels.position)
     reader.inspect_torques(channels.torque)
     found = reader.times.base(reader.inspection, reader.channels_of, channels)

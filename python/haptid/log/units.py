@@ -8,7 +8,7 @@ from typing import Literal
 
 from haptid.errors import LogChannelError
 
-_Quantity = Literal["position", "torque", "time"]
+_Quantity = Literal["position", "velocity", "torque", "time"]
 
 # unit -> (SI unit, factor); counts keep their name, and the gain is per count.
 _POSITION = {
@@ -19,6 +19,14 @@ _POSITION = {
     "mm": ("m", 1e-3),
     "um": ("m", 1e-6),
     "counts": ("counts", 1.0),
+}
+_VELOCITY = {
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180),
+    "turn/s": ("rad/s", 2 * math.pi),
+    "rpm": ("rad/s", 2 * math.pi / 60),
+    "m/s": ("m/s", 1.0),
+    "mm/s": ("m/s", 1e-3),
 }
 _TORQUE = {
     "N m": ("N m", 1.0),
@@ -31,7 +39,12 @@ _TORQUE = {
     "counts": ("counts", 1.0),
 }
 _TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
-TABLES: dict[_Quantity, dict[str, tuple[str, float]]] = {"position": _POSITION, "torque": _TORQUE, "time": _TIME}
+TABLES: dict[_Quantity, dict[str, tuple[str, float]]] = {
+    "position": _POSITION,
+    "velocity": _VELOCITY,
+    "torque": _TORQUE,
+    "time": _TIME,
+}
 
 # Period of a wrapped channel, in its own unit; counters wrap at a power of two.
 PERIODS = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0}
@@ -44,6 +57,9 @@ SPELLINGS = {
     "mm": ("millimeter", "millimetre", "millimeters", "millimetres"),
     "um": ("µm", "μm", "micron", "microns", "micrometer", "micrometre"),
     "counts": ("count", "tick", "ticks", "inc", "increments", "lsb", "raw"),
+    "deg/s": ("°/s", "degps"),
+    "turn/s": ("rev/s", "rps"),
+    "rpm": ("1/min", "min-1", "u/min", "rev/min"),
     "N m": ("nm", "n.m", "n*m", "n·m", "newtonmeter", "newton meter", "newton metre"),
     "mN m": ("mnm", "mn.m", "mn*m", "mn·m"),
     "N": ("newton", "newtons"),

@@ -34,7 +34,8 @@ class SignalTable(_Table):
         None, min_length=1, description="elements of the field by name, or by number from 1, in the device's order"
     )
     unit: str | list[str] = Field(
-        description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts; for all or for each channel"
+        description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts; "
+        "rad/s, deg/s, turn/s, rpm, m/s, mm/s; for all or for each channel"
     )
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
     gain: _Finite | list[_Finite] = Field(1.0, description="factor on the channel, applied first")
@@ -84,6 +85,9 @@ class ChannelsTable(_Table):
     stale: Literal["drop", "keep"] = Field("drop", description="rows that repeat the row before in spite of motion")
     position: SignalTable
     torque: SignalTable
+    velocity: SignalTable | None = Field(
+        None, description="of the positions, in their order; used where they are less noisy than differences"
+    )
 
 
 class PayloadTable(_Table):

@@ -22,6 +22,8 @@ _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", 
 _MEASURED = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
 _TWELVE_BITS = 4096
+# Unit of a velocity by that of its position.
+_RATE_UNITS = {"rad": "rad/s", "deg": "deg/s", "turn": "turn/s", "m": "m/s", "mm": "mm/s"}
 # Positions beyond this, m, of a prismatic joint are in mm.
 _METRES = 5.0
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
@@ -178,7 +180,22 @@ def channels_table(
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
+    lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity")], position)
     return "\n".join(lines) + "\n"
+
+
+def _velocity_line(rates: Sequence[_Family], position: _Family) -> list[str]:
+    """The velocities of the positions, one for each and in the same rows."""
+    units = [_RATE_UNITS.get(channel.unit, "") for channel in position.channels]
+    samples = min(channel.count for channel in position.channels)
+    for family in (rate.ordered(position) for rate in rates):
+        fits = family.topic is position.topic and len(family.channels) == len(units) and all(units)
+        wanted = bool(words_of(family.array) & _WANTED) != bool(words_of(position.array) & _WANTED)
+        if fits and not wanted and family.rank[0] and min(c.count for c in family.channels) == samples:
+            own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=True)]
+            stated = basic_string(own[0]) if len(set(own)) == 1 else f"[{', '.join(map(basic_string, own))}]"
+            return [f"velocity = {{ {_where(family)}, unit = {stated} }}  # used where less noisy than differences"]
+    return []
 
 
 def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
@@ -237,9 +254,8 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
 
-def _signal_line(key: str, family: _Family) -> str:
-    units = dict.fromkeys(channel.unit for channel in family.channels)
-    reasons = dict.fromkeys(channel.reason for channel in family.channels)
+def _where(family: _Family) -> str:
+    """The keys that name the channels of a family."""
     elements = [m["element"] for channel in family.channels if (m := element_of(channel.name))]
     if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
         topic = f"topic = {basic_string(family.topic.name)}, " if family.topic.name else ""
@@ -248,6 +264,13 @@ def _signal_line(key: str, family: _Family) -> str:
     else:
         prefix = f"{family.topic.name}." if family.topic.name else ""
         where = "channels = [" + ", ".join(basic_string(prefix + channel.name) for channel in family.channels) + "]"
+    return where
+
+
+def _signal_line(key: str, family: _Family) -> str:
+    units = dict.fromkeys(channel.unit for channel in family.channels)
+    reasons = dict.fromkeys(channel.reason for channel in family.channels)
+    where = _where(family)
     reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 and not _mixed(units) else "")
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""

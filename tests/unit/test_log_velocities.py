@@ -1,0 +1,86 @@
+"""Measured velocities beside positions: used where they are less noisy than differences, and only there."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid.log import Channels, Signal, read_log
+from haptid.log.survey import survey
+from haptid.log.velocities import joined
+
+DT, N = 0.005, 6000
+T = DT * np.arange(N)
+Q = 0.5 * np.sin(2.1 * T) + 0.2 * np.cos(5.3 * T)
+RATE = 1.05 * np.cos(2.1 * T) - 1.06 * np.sin(5.3 * T)
+WHOLE = ((0, N),)
+
+
+def noisy(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """A coarse position and a fine velocity, each (n,)."""
+    rng = np.random.default_rng(seed)
+    return np.round((Q + 5e-4 * rng.standard_normal(N)) / 1e-3) * 1e-3, RATE + 5e-3 * rng.standard_normal(N)
+
+
+def roughness(position: np.ndarray) -> float:
+    """RMS error of its differences, without the ends."""
+    return float(np.std((np.gradient(position, DT) - RATE)[200:-200]))
+
+
+def test_a_fine_velocity_replaces_the_differences_of_a_coarse_position():
+    position, velocity = noisy()
+    made, sentence = joined(position[:, None], velocity[:, None], WHOLE, DT, ("v",))
+    assert "less noisy than differences" in sentence
+    assert roughness(made[:, 0]) < 0.2 * roughness(position)
+    assert np.std((made[:, 0] - Q)[200:-200]) < 1e-3  # nothing drifts away
+
+
+def test_a_late_velocity_is_made_up_for():
+    position, velocity = noisy()
+    late = np.interp(T - 0.013, T, velocity)
+    made, sentence = joined(position[:, None], late[:, None], WHOLE, DT, ("v",))
+    assert "13 ms late" in sentence
+    assert roughness(made[:, 0]) < 0.2 * roughness(position)
+
+
+def test_parts_without_a_gap_are_joined_each_for_itself():
+    position, velocity = noisy()
+    halves = ((0, 3000), (3000, N))
+    position[3000:] += 0.7
+    made, _ = joined(position[:, None], velocity[:, None], halves, DT, ("v",))
+    assert roughness(np.concatenate([made[:3000, 0], made[3000:, 0] - 0.7])) < 0.3 * roughness(noisy()[0])
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda _, v: np.rad2deg(v), "check its unit"),
+        (lambda _, v: -v, "check its unit"),
+        (lambda _, v: np.roll(v, 60), "late"),
+        (lambda q, _: np.convolve(np.gradient(q, DT), np.ones(8) / 8, "same"), "computed from the positions"),
+        (lambda _, v: v + 0.5 * np.random.default_rng(3).standard_normal(N), "no less noisy"),
+        (lambda _, v: 0 * v, "at rest"),
+    ],
+)
+def test_others_are_named_and_not_used(make, said):
+    position, velocity = noisy()
+    made, sentence = joined(position[:, None], make(position, velocity)[:, None], WHOLE, DT, ("v",))
+    assert said in sentence
+    np.testing.assert_array_equal(made[:, 0], position)
+
+
+def test_velocities_of_a_table_are_drafted_and_read(tmp_path: Path):
+    position, velocity = noisy()
+    table = np.column_stack((T, np.rad2deg(position), np.rad2deg(velocity) / 6, np.sin(T)))
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,angle,speed [rpm],torque", comments="")
+    channels = tomllib.loads(survey(tmp_path / "log.csv").table)["channels"]
+    assert channels["velocity"] == {"channels": ["speed [rpm]"], "unit": "rpm"}
+    signals = Signal("angle", "deg"), Signal("torque", "N m")
+    plain = read_log(tmp_path / "log.csv", Channels(*signals, time="t"))
+    log = read_log(tmp_path / "log.csv", Channels(*signals, time="t", velocity=Signal("speed [rpm]", "rpm")))
+    assert roughness(log.position[:, 0]) < 0.2 * roughness(plain.position[:, 0])
+    assert any("less noisy" in note for note in log.notes)
+    assert not any("velocit" in note for note in plain.notes)
