@@ -10,7 +10,7 @@ import pytest
 
 from haptid.log import Channels, Signal, read_log
 from haptid.log.survey import survey
-from haptid.log.velocities import joined
+from haptid.log.velocities import with_velocities
 
 DT, N = 0.005, 6000
 T = DT * np.arange(N)
@@ -32,7 +32,7 @@ def roughness(position: np.ndarray) -> float:
 
 def test_a_fine_velocity_replaces_the_differences_of_a_coarse_position():
     position, velocity = noisy()
-    made, sentence = joined(position[:, None], velocity[:, None], WHOLE, DT, ("v",))
+    made, sentence = with_velocities(position[:, None], velocity[:, None], WHOLE, DT, ("v",))
     assert "less noisy than differences" in sentence
     assert roughness(made[:, 0]) < 0.2 * roughness(position)
     assert np.std((made[:, 0] - Q)[200:-200]) < 1e-3  # nothing drifts away
@@ -41,7 +41,7 @@ def test_a_fine_velocity_replaces_the_differences_of_a_coarse_position():
 def test_a_late_velocity_is_made_up_for():
     position, velocity = noisy()
     late = np.interp(T - 0.013, T, velocity)
-    made, sentence = joined(position[:, None], late[:, None], WHOLE, DT, ("v",))
+    made, sentence = with_velocities(position[:, None], late[:, None], WHOLE, DT, ("v",))
     assert "13 ms late" in sentence
     assert roughness(made[:, 0]) < 0.2 * roughness(position)
 
@@ -50,7 +50,7 @@ def test_parts_without_a_gap_are_joined_each_for_itself():
     position, velocity = noisy()
     halves = ((0, 3000), (3000, N))
     position[3000:] += 0.7
-    made, _ = joined(position[:, None], velocity[:, None], halves, DT, ("v",))
+    made, _ = with_velocities(position[:, None], velocity[:, None], halves, DT, ("v",))
     assert roughness(np.concatenate([made[:3000, 0], made[3000:, 0] - 0.7])) < 0.3 * roughness(noisy()[0])
 
 
@@ -67,7 +67,7 @@ def test_parts_without_a_gap_are_joined_each_for_itself():
 )
 def test_others_are_named_and_not_used(make, said):
     position, velocity = noisy()
-    made, sentence = joined(position[:, None], make(position, velocity)[:, None], WHOLE, DT, ("v",))
+    made, sentence = with_velocities(position[:, None], make(position, velocity)[:, None], WHOLE, DT, ("v",))
     assert said in sentence
     np.testing.assert_array_equal(made[:, 0], position)
 

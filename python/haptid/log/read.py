@@ -27,7 +27,7 @@ from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.time_base import TimeBaseReport
-from haptid.log.velocities import joined
+from haptid.log.velocities import with_velocities
 
 # A file of more bytes is opened rather than read.
 _LARGE = 2**26
@@ -106,7 +106,7 @@ def read_log(
     if (rates := channels.velocity) is not None:
         columns |= {name: columns[name].astype(np.float64) for name in rates.channels}
         velocity = _block(found.position, columns, rates, "velocity", None)
-        better, sentence = joined(
+        better, sentence = with_velocities(
             position.T, velocity.T, found.segments, float(np.median(np.diff(found.t))), rates.channels
         )
         position = freeze(np.ascontiguousarray(better.T))

@@ -33,7 +33,7 @@ _LENGTH = 512
 _Joined = tuple[Array, str]
 
 
-def joined(position: Array, velocity: Array, segments: Spans, dt: float, names: Sequence[str]) -> _Joined:
+def with_velocities(position: Array, velocity: Array, segments: Spans, dt: float, names: Sequence[str]) -> _Joined:
     """Positions with the velocities in them, (n, channels), and a sentence on what was used and why.
 
     Args:
