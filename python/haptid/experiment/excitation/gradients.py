@@ -142,7 +142,7 @@ class Evaluation:
     def excesses(self) -> list[tuple[float, str]]:
         """Largest relative violation of each limit, at most 0 where it is met, and the name of the limit."""
         values, names = self.violations
-        made = [(float(worst), name) for worst, name in zip(values.max(axis=1), names, strict=True)]
+        made = list(zip(values.max(axis=1).tolist(), names, strict=True))
         made += [(float(excess.max()), name) for excess, name in self.over_time]
         if self._flat is not None:
             made.append((float(self._flat[1].max(initial=-self.gradients.margin)), FLAT_LOOPS))
@@ -151,6 +151,11 @@ class Evaluation:
             worst = (self.gradients.bounds.limits.clearance - float(self.nearest.distance[k])) / collision.size
             made.append((worst, f"the clearance of {collision.label(int(self.nearest.pair[k]))}"))
         return made
+
+    @cached_property
+    def worst(self) -> float:
+        """The largest of them."""
+        return max(excess for excess, _ in self.excesses)
 
     @property
     def _collision(self) -> CollisionModel:

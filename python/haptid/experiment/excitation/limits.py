@@ -171,13 +171,9 @@ class MotionBounds:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
         """
         low, high = self.position.T[:, :, None]
-        outside = _beyond(states[0], low, high)
-        yield from zip(outside, (f"the position of joint {name}" for name in self.names), strict=True)
-        for what, limits, values in (("speed", self.speed, states[1]), ("acceleration", self.acceleration, states[2])):
-            over = np.abs(values) / limits[:, None] - 1
-            for name, most, excess in zip(self.names, limits, over, strict=True):
-                if np.isfinite(most):
-                    yield excess, f"the {what} of joint {name}"
+        yield from zip(_beyond(states[0], low, high), self._labels[0], strict=True)
+        for s, most, joints, labels in self._rates:
+            yield from zip(np.abs(states[s, joints]) / most - 1, labels, strict=True)
         for c in self.limits.couplings:
             yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
         yield from self._passive(states)
@@ -191,15 +187,30 @@ class MotionBounds:
             weights: (limits, n).
         """
         made, rest = np.zeros_like(states), iter(weights)
-        for j, (low, high) in enumerate(self.position):
-            made[0, j] += next(rest) * _outwards(states[0, j], low, high)
-        for s, limits in ((1, self.speed), (2, self.acceleration)):
-            for j in np.flatnonzero(np.isfinite(limits)).tolist():
-                made[s, j] += next(rest) * np.sign(states[s, j]) / limits[j]
+        low, high = self.position.T[:, :, None]
+        made[0] = _next(rest, len(low)) * _outwards(states[0], low, high)
+        for s, most, joints, _ in self._rates:
+            made[s, joints] = _next(rest, len(most)) * np.sign(states[s, joints]) / most
         for c in self.limits.couplings:
             made[0] += np.outer(c.weights, next(rest) * _outwards(np.array(c.weights) @ states[0], c.low, c.high))
         self._passive_slopes(states, rest, made)
         return made + self.actuation.gradients(states, rest)
+
+    @cached_property
+    def _labels(self) -> tuple[list[str], ...]:
+        """Names of the limits of position, speed and acceleration of each active joint."""
+        return tuple([f"the {what} of joint {n}" for n in self.names] for what in ("position", "speed", "acceleration"))
+
+    @cached_property
+    def _rates(self) -> list[tuple[int, Array, slice | list[int], list[str]]]:
+        """Limits of speeds and accelerations: which state, maximum, (k, 1), of which joints, names."""
+        made = list[tuple[int, Array, slice | list[int], list[str]]]()
+        for s, limits in ((1, self.speed), (2, self.acceleration)):
+            limited = np.flatnonzero(np.isfinite(limits)).tolist()
+            joints = slice(None) if len(limited) == len(limits) else limited
+            if limited:
+                made.append((s, limits[limited, None], joints, [self._labels[s][j] for j in limited]))
+        return made
 
     def over_time(self, states: Array, dt: float) -> list[tuple[Array, str]]:
         """Relative violations that take several samples: jerk between samples, (n - 1,), and rms torques, (1,).
@@ -339,6 +350,11 @@ def _beyond(x: Array, low: float | Array, high: float | Array) -> Array:
     return np.asarray(np.maximum(low - x, x - high) / (high - low))
 
 
-def _outwards(x: Array, low: float, high: float) -> Array:
+def _outwards(x: Array, low: float | Array, high: float | Array) -> Array:
     """Derivative of `_beyond` by x."""
     return np.asarray(np.where(x - high > low - x, 1.0, -1.0) / (high - low))
+
+
+def _next(rest: Iterator[Array], many: int) -> Array:
+    """The weights of the next limits, (many, n)."""
+    return np.array([next(rest) for _ in range(many)])

@@ -37,15 +37,16 @@ _OUTSIDE = 1e9
 # that more evaluations give more descents and longer ones. With many parameters descents take longer.
 STARTS = 1.5
 # Rounds of the descents: share of the starting points that are still followed, the best so far; share of the
-# evaluations; one row of how many; power of the smooth criterion, weight of the penalties. The many local minima differ
-# by a third: after some forty evaluations the cost of a descent tells much of where it ends, and few are worth
-# finishing. Power and weight grow: first towards good motions, then to the sharp optimum within the limits.
+# evaluations; one row of how many, where the least rows of the family times a factor remain; power of the smooth
+# criterion, weight of the penalties. The many local minima differ by a third: after some forty evaluations the cost of
+# a descent tells much of where it ends, and few are worth finishing. Power and weight grow: first towards good motions,
+# then to the sharp optimum within the limits.
 _ROUNDS = (
-    (1.0, 0.36, 2, 2, 3e2),
-    (0.3, 0.20, 2, 4, 1e3),
-    (0.12, 0.18, 1, 8, 3e3),
-    (0.0, 0.12, 1, 16, 1e4),
-    (0.0, 0.14, 1, 40, 1e5),
+    (1.0, 0.36, (4, 1), 2, 3e2),
+    (0.3, 0.20, (4, 1), 4, 1e3),
+    (0.12, 0.18, (2, 2), 8, 3e3),
+    (0.0, 0.12, (2, 2), 16, 1e4),
+    (0.0, 0.14, (1, 1), 40, 1e5),
 )
 # L-BFGS-B memory, steps.
 MEMORY = 30
@@ -306,7 +307,7 @@ class _Search:
         history: number of motions evaluated, and least cost, at each improvement.
         nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
         made: rows of the search, by how many of them one is taken.
-        noted: costs and motions of a descent within the limits at its rows, each better than those before it.
+        noted: penalised costs and motions of a descent within the limits at its rows, each better than those before.
     """
 
     bounds: MotionBounds
@@ -336,15 +337,17 @@ class _Search:
                 followed = sorted(followed, key=lambda one: one[0])[: max(1, round(of_points * many))]
                 most = max(1, round(share / left * (tries - self.tried) / len(followed)))
                 left -= share
-                rows = self._rows(every if self.search.rows_hz / every >= self.family.least_rows_hz else 1)
+                rows = self._rows(*every)
                 followed = [self._descend(rows, start, power, weight, most) for _, start in followed]
         except _EvaluationsUsedError:
             pass
         if self.progress:
             self.progress(1.0, self.least)
 
-    def _rows(self, every: int) -> _Rows:
-        """The rows of the search, or every second one of them."""
+    def _rows(self, every: int = 1, factor: int = 1) -> _Rows:
+        """Every fourth or second of the rows of the search, if `factor` times the least of the family remain."""
+        while every > 1 and self.search.rows_hz / every < factor * self.family.least_rows_hz:
+            every //= 2
         if every not in self.made:
             dt = every / self.search.rows_hz
             there = None if self.information is None else self.information / every
@@ -426,9 +429,14 @@ class _Search:
     def _gradient(self, x: Array, rows: _Rows, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,); a large cost where loops do not close."""
         try:
-            cost, by_state = self.evaluate(rows, x, seed).slopes(power, weight)
+            made = self.evaluate(rows, x, seed)
+            cost, by_state = made.slopes(power, weight)
         except (LoopClosureError, SingularityError):  # a step beyond the limits: the line search shortens it
             return _OUTSIDE, np.zeros(len(x))
+        if made.worst <= 0 and cost < (self.noted[-1][0] if self.noted else np.inf):
+            self.noted.append((cost, _Start(x.copy(), seed)))
+            if self.first is None:
+                self._keep_noted()
         if rows.basis is not None:
             return cost, rows.basis.gradient(by_state, len(x))
         return cost, np.tensordot(self._jacobian(rows, x, seed), by_state, axes=3)
@@ -449,18 +457,13 @@ class _Search:
         return _stacked(plan(self.family.kind(x, self.bounds), self.bounds.model, rows.dt, phases(seed)))
 
     def evaluate(self, rows: _Rows, x: Array, seed: int) -> Evaluation:
-        """The motion at a point of the unit cube; one that is within the limits and better than all before is noted."""
+        """The motion at a point of the unit cube; of those outside the limits the least is remembered."""
         if self.tried >= self.search.tries:
             raise _EvaluationsUsedError
         self.tried += 1
         made = rows.gradients.at(self._states(rows, x, seed))
-        exceeded = _sorted(made.excesses)
-        if exceeded[0][0] > 0:
-            self.nearest = min(self.nearest, exceeded, key=lambda found: found[0][0])
-        elif (cost := min(made.cost(), _WORST)) < (self.noted[-1][0] if self.noted else self.least):
-            self.noted.append((cost, _Start(x.copy(), seed)))
-            if self.first is None:
-                self._keep_noted()
+        if 0 < made.worst < self.nearest[0][0]:
+            self.nearest = _sorted(made.excesses)
         if self.progress:
             self.progress(self.tried / self.search.tries, self.least)
         return made
@@ -468,7 +471,7 @@ class _Search:
     def _keep_noted(self) -> None:
         """Keep the best of the noted motions that is within the limits between its rows too, if it is the best."""
         noted, self.noted = [start for _, start in self.noted], []
-        every_row, looked_at = self._rows(1), 0
+        every_row, looked_at = self._rows(), 0
         while noted and looked_at < _LOOKED_AT:
             start, looked_at = noted[-1], looked_at + 1
             made = every_row.gradients.at(self._states(every_row, start.x, start.seed))
