@@ -1,5 +1,6 @@
 """More motors than degrees of freedom: B(q)' Gamma = Y beta against own Lagrangians and MuJoCo, and its estimation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -8,17 +9,21 @@ import pytest
 from scipy.optimize import linprog
 
 import haptid
+from haptid import estimation
 from haptid.device.priors import PriorBody
+from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenParameters, characterise
 from haptid.errors import IncompleteDeviceError, LogMismatchError
 from haptid.estimation import TorqueNoise
 from haptid.estimation.methods.gls import channel_variances
+from haptid.experiment import bench
 from haptid.experiment.bench.mjcf import depth_first, mjcf
 from haptid.log import Channels, Log, Signal
 from haptid.motion.motion import Motion
 from haptid.motion.treatment import Treatment
 from haptid.observation import Payload, log_without_payload, without_payload
 from haptid.observation.rows import Rows
+from haptid.simulation import PID, Segments, closed_loop, sensitivity, smooth
 from haptid.study.draft import draft_study
 from true_parameters import put
 
@@ -245,6 +250,53 @@ def test_parameters_are_recovered_whatever_the_preload(five_bar):
     np.testing.assert_allclose(variances[:2].sum(), (NOISE[:2] ** 2).sum(), rtol=0.3)
     other = haptid.estimate(haptid.observe(five_bar, preloaded), TorqueNoise())
     np.testing.assert_allclose(other.beta, found.beta, atol=1e-6 * np.abs(found.se).max())
+
+
+@pytest.fixture(scope="module")
+def controlled(five_bar):
+    """The five-bar under three motors' own controllers on MuJoCo's bench, and the model along it."""
+    controller, encoders = bench.Controller((3.0, 3.0, 1.0), (0.03, 0.03, 0.01)), bench.Encoders((4000.0,))
+    setup = bench.Setup(five_bar, chi_of(five_bar), controller, encoders=encoders)
+    kind = bench.Multisine(3.0, (2.356, 0.785), (0.3, 0.3), speed=4.0)
+    trajectory = bench.plan(kind, five_bar, setup.dt, np.random.default_rng(1))
+    made = bench.simulate(setup, trajectory, np.random.default_rng(2))
+    channels = Channels(Signal(("q1", "q2"), "rad"), Signal(("c1", "c2", "c3"), "N m", side="motor"), time="t")
+    log = Log(Path("bench"), "", made.t, made.position, made.command, channels)
+    treatment = Treatment(cutoff_hz=30, decimation=10, torque_delay_s=5e-4, reversal_speed=0.05)
+    law = PID((3.0, 3.0, 1.0), (0.03, 0.03, 0.01), reference=(made.target,), velocity_cutoff_hz=100)
+    return made, haptid.treat(log, treatment), law
+
+
+def test_simulated_controllers_of_rates_that_vary_are_those_of_the_bench(five_bar, controlled):
+    """Against MuJoCo; sensitivities against differences of simulations."""
+    made, motion, law = controlled
+    base = np.asarray(five_bar.device.parameters.S[:, list(five_bar.base.independent_columns)])
+    beta, smoothed = five_bar.base.of(chi_of(five_bar)), smooth(five_bar, [motion], 0.05)
+    forward, begin = ForwardDynamics(smoothed, sets_of(five_bar, beta)), np.array([1000, 1500])
+    segments = Segments(np.arange(100)[:, None] + begin, np.ones((100, 2), dtype=bool), len(motion))
+    steps = closed_loop(forward, law, motion, 0, segments)
+    exact = made.q[segments.sample][:, :, list(five_bar.device.active)].transpose(0, 2, 1)
+    assert np.sqrt(((steps.c - exact)[50:] ** 2).mean()) < 5e-4
+    # The controller's torque is constant in a control period, and the trapezoidal rule takes it at its middle.
+    fast = replace(law, rate_hz=2000.0)
+    steps = closed_loop(forward, fast, motion, 0, segments)
+    sensitive = sensitivity(forward, fast, motion, steps, base)
+    for k in range(0, len(beta), 6):
+        h = 1e-4 * max(abs(beta[k]), 1e-4)
+        sets = beta + h * np.array([[1.0], [-1.0]]) * np.eye(len(beta))[k]
+        both = closed_loop(ForwardDynamics(smoothed, sets_of(five_bar, sets)), fast, motion, 0, segments)
+        for values, found in ((both.c, sensitive.c[:, :, k]), (both.tau, sensitive.tau[:, :, k])):
+            slope = (values[:: steps.per, :, :2] - values[:: steps.per, :, 2:]) / (2 * h)
+            assert np.linalg.norm(found - slope) < 0.01 * np.linalg.norm(slope), five_bar.base.names[k]
+
+
+def test_a_method_that_simulates_recovers_redundant_drives(five_bar, controlled):
+    _, motion, law = controlled
+    truth = five_bar.base.of(chi_of(five_bar))
+    found = haptid.estimate(haptid.observe(five_bar, motion), estimation.CLIE(law))
+    low, high = found.conf_int().T
+    assert ((low <= truth) & (truth <= high)).mean() > 0.8
+    assert (np.abs(found.beta - truth) <= 6 * found.se).all()
 
 
 def test_measured_preload_is_reported_apart(five_bar):

@@ -17,7 +17,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, SimulationError
 from haptid.motion.channels import position_map, state
 from haptid.motion.motion import Motion
-from haptid.simulation.control import PID, ControllerState, InitialState, reference
+from haptid.simulation.control import PID, ControllerState, MotorRates, reference
 
 # Speed at which a simulation counts as diverged, rad/s or m/s.
 FASTEST = 1e3
@@ -91,6 +91,7 @@ class Steps:
         per: control periods per sample.
         c, cd, cdd, tau: each (steps * per, n, segments * sets).
         free: which motors were not saturated, (steps * per, motors, segments * sets).
+        motors: torque of each motor, of the same shape; none in an open loop, where that of the rows is given.
     """
 
     segments: Segments
@@ -100,6 +101,7 @@ class Steps:
     cdd: Array
     tau: Array
     free: np.ndarray
+    motors: Array
 
     def course(self, motion: Motion, k: int = 0) -> Course:
         """Trajectory of the k-th set of parameters."""
@@ -109,8 +111,9 @@ class Steps:
         return Course(motion, *parts)
 
 
-# From control period k, positions and velocities to torques, and which motors are not saturated.
-_TorqueLaw = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
+# From control period k, positions and velocities to torques of the rows and of the motors, and which motors are not
+# saturated.
+_TorqueLaw = Callable[[int, Array, Array], tuple[Array, Array, np.ndarray]]
 
 
 def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
@@ -144,15 +147,20 @@ def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, 
         SettingError: the controller does not fit the device or the motion.
     """
     model, sets, per = forward.model, len(forward.chi), law.periods(motion.dt)
-    target = reference(law, model, motion, place)
+    target = MotorRates.positions(model, reference(law, model, motion, place))
     speed = np.gradient(target, motion.dt, axis=1)
     wanted, rate = (np.tile(between(x, segments, per), sets) for x in (target, speed))
     c, cd = (np.tile(x[:, segments.sample[0]], sets) for x in measured_state(model, motion))
     static = forward.inverse(c, cd, np.zeros_like(c))
-    running = ControllerState(law, model, motion.dt / per, InitialState(c, cd, wanted[0], rate[0], static))
+    motors = MotorRates.at(model, c)
+    d, velocity = MotorRates.positions(model, c), motors.of_motors(cd)
+    running = ControllerState(law, model, motion.dt / per, d, velocity)
+    running.settle(wanted[0] - d, rate[0] - velocity, motors.torque_in_total(static))
 
-    def drive(k: int, c: Array, cd: Array) -> tuple[Array, np.ndarray]:
-        return running.torque(c, cd, wanted[k], rate[k])
+    def drive(k: int, c: Array, cd: Array) -> tuple[Array, Array, np.ndarray]:
+        motors = MotorRates.at(model, c)
+        command, free = running.torque(MotorRates.positions(model, c), motors.of_motors(cd), wanted[k], rate[k])
+        return motors.of_rows(command), command, free
 
     return _run(forward, motion, segments, per, (c, cd), drive)
 
@@ -175,8 +183,9 @@ def open_loop(
     sets = len(forward.chi)
     applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, segments.sample], 0, 1)), sets)
     free = np.ones((len(forward.model.device.motors), applied.shape[2]), dtype=bool)
+    none = np.zeros(free.shape)
     c, cd = (np.tile(x, sets) for x in start)
-    return _run(forward, motion, segments, 1, (c, cd), lambda k, _c, _cd: (applied[k], free))
+    return _run(forward, motion, segments, 1, (c, cd), lambda k, _c, _cd: (applied[k], none, free))
 
 
 def _run(
@@ -197,8 +206,9 @@ def _run(
     )
     made = np.empty((4, steps, *c.shape))
     free = np.empty((steps, len(forward.model.device.motors), c.shape[1]), dtype=bool)
+    motors = np.empty(free.shape)
     for k in range(steps):
-        tau, free[k] = law(k, c, cd)
+        tau, motors[k], free[k] = law(k, c, cd)
         cdd = forward.acceleration(c, cd, tau)
         made[:, k] = c, cd, cdd, tau
         turning = forward.turning(c, cd, cdd, period)
@@ -209,7 +219,7 @@ def _run(
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
             raise _diverged(forward.model, motion, segments, k // per, cd)
-    return Steps(segments, per, made[0], made[1], made[2], made[3], free)
+    return Steps(segments, per, made[0], made[1], made[2], made[3], free, motors)
 
 
 def _control_period(

@@ -9,6 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, positive
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import DIFFERENCE_STEPS
 from haptid.errors import SettingError
 from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
@@ -104,85 +105,104 @@ def recorded(log: Log, wanted: Signal) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class InitialState:
-    """Initial state of a controller, of the coordinates, each (n, ...), SI.
+class MotorRates:
+    """Positions of the motors' coordinates, and their Jacobian B by those of the rows, at many device states at once.
+
+    Trailing axes of values are the states'; where B varies with the pose, there is one of them, and `by` has it.
 
     Attributes:
-        c, cd: positions and velocities.
-        target, speed: planned.
-        static: torque that the controller exerts in total, which determines its integral.
+        model: the dynamic model.
+        by: B at every state, (states, motors, n), or for all of them, (motors, n).
     """
 
-    c: Array
-    cd: Array
-    target: Array
-    speed: Array
-    static: Array
+    model: DynamicModel
+    by: Array
+
+    @staticmethod
+    def at(model: DynamicModel, c: Array) -> MotorRates:
+        """At positions of the rows' coordinates, (n, states)."""
+        return MotorRates(model, model.device.drive_jacobian(c)[..., model.device.driven, :])
+
+    @staticmethod
+    def positions(model: DynamicModel, c: Array) -> Array:
+        """Positions of the motors' coordinates, (motors, states), from those of the rows, (n, states), rad or m."""
+        device = model.device
+        if not device.drive_varies.any():
+            return _by_matrix(device.drive_rates[device.driven], c)
+        return np.asarray(
+            device.drive_rows[device.driven] @ device.closure.follow(np.linalg.solve(device.row_map, c)).q
+        )
+
+    def of_motors(self, values: Array) -> Array:
+        """B times values of the rows' coordinates, (n, states, ...)."""
+        return _by_matrix(self.by, values) if self.by.ndim == 2 else np.einsum("smn,ns...->ms...", self.by, values)
+
+    def of_rows(self, values: Array) -> Array:
+        """B' times values of the motors, (motors, states, ...)."""
+        return _by_matrix(self.by.T, values) if self.by.ndim == 2 else np.einsum("smn,ms...->ns...", self.by, values)
+
+    def torque_in_total(self, rows: Array) -> Array:
+        """Torques of the motors with the least sum of squares that load the rows as given, (n, states, ...)."""
+        inverse = np.linalg.pinv(np.swapaxes(self.by, -1, -2))
+        return MotorRates(self.model, np.swapaxes(inverse, -1, -2)).of_rows(rows)
+
+    def changes(self, c: Array) -> Array | None:
+        """Derivatives of B by the rows' coordinates at positions, (n, states): (n, states, motors, n); None if zero.
+
+        By central differences.
+        """
+        if self.by.ndim == 2:
+            return None
+        step = DIFFERENCE_STEPS[0]
+        sides = [
+            [MotorRates.at(self.model, c + by * unit[:, None]).by for by in (step, -step)] for unit in np.eye(len(c))
+        ]
+        return np.array([(after - before) / (2 * step) for after, before in sides])
 
 
 class ControllerState:
     """State of a controller on many device states at once; trailing axes are the states'.
 
-    Except for saturation it is linear, so the same code propagates sensitivities.
+    Except for saturation it is linear in the motors' coordinates, so the same code propagates sensitivities.
     """
 
-    def __init__(self, law: PID, model: DynamicModel, period: float, start: InitialState) -> None:
-        """Start in the stationary state of the initial torque."""
-        if model.device.drive_varies.any():
-            raise SettingError(
-                f"controller: motors of {model.device.name} are on passive joints whose rates vary with the pose; the "
-                "simulated controller requires constant ones.",
-                where="controller",
-                found=model.device.name,
-                advice="Use a method that simulates no controller, such as wls, torque-noise, iv or output-error.",
-            )
-        self.rates = np.asarray(model.device.drive_rates[model.device.driven])
+    def __init__(self, law: PID, model: DynamicModel, period: float, d: Array, velocity: Array) -> None:
+        """Without an integral at positions and velocities of the motors' coordinates, (motors, ...)."""
         self.kp, self.kd, self.ki = (law.figures(name, model) for name in ("kp", "kd", "ki"))
         self.limit = None if law.saturation is None else law.figures("saturation", model)
         self.keep = None
         if law.velocity_cutoff_hz is not None:
             self.keep = float(np.exp(-2 * np.pi * law.velocity_cutoff_hz * period))
-        self.period = period
-        d, self.velocity = self.drives(start.c), self.drives(start.cd)
-        self.last = d - period * self.velocity
+        self.period, self.velocity, self.last = period, velocity, d - period * velocity
         self.integral = np.zeros_like(d)
-        if self.ki.any():
-            error, rate = self.drives(start.target) - d, self.drives(start.speed) - self.velocity
-            total = np.tensordot(np.linalg.pinv(self.rates.T), start.static, 1)
-            proportional = _each(self.kp, error) + _each(self.kd, rate)
-            self.integral = np.where(_each(self.ki, np.ones_like(d)) != 0, total - proportional, 0.0)
 
-    def drives(self, c: Array) -> Array:
-        """Coordinates of the motorised drives, (motors, ...)."""
-        return _by_matrix(self.rates, c)
+    def settle(self, error: Array, rate: Array, total: Array) -> None:
+        """Begin with the integral at which the torque is a total, (motors, ...), at errors of position and velocity."""
+        proportional = _each(self.kp, error) + _each(self.kd, rate)
+        self.integral = np.where(_each(self.ki, np.ones_like(error)) != 0, total - proportional, 0.0)
 
     def torque(
-        self, c: Array, cd: Array, target: Array | None, speed: Array | None, free: np.ndarray | None = None
+        self, d: Array, velocity: Array, target: Array | None, speed: Array | None, free: np.ndarray | None = None
     ) -> tuple[Array, np.ndarray]:
-        """One control period: torque of the coordinates, (n, ...), and which motors are not saturated.
+        """One control period: torque of each motor, (motors, ...), and which motors are not saturated.
 
         Args:
-            c, cd: positions and velocities, (n, ...).
+            d, velocity: of the motors' coordinates, (motors, ...); the velocity is not read where it is filtered.
             target, speed: planned; None for zero, as for sensitivities.
             free: which motors are not saturated, (motors, ...); None determines it from the limit.
         """
-        d = self.drives(c)
-        if self.keep is None:
-            velocity = self.drives(cd)
-        else:
+        if self.keep is not None:
             velocity = self.keep * self.velocity + (1 - self.keep) / self.period * (d - self.last)
         self.velocity, self.last = velocity, d
-        error = -d if target is None else self.drives(target) - d
-        rate = -velocity if speed is None else self.drives(speed) - velocity
+        error = -d if target is None else target - d
+        rate = -velocity if speed is None else speed - velocity
         self.integral = self.integral + _each(self.period * self.ki, error)
         command = _each(self.kp, error) + _each(self.kd, rate) + self.integral
         if free is None:
             limit = np.inf if self.limit is None else _each(self.limit, np.ones_like(command))
             free = np.abs(command) < limit
-            command = np.clip(command, -limit, limit)
-        else:
-            command = np.where(free, command, 0.0)
-        return _by_matrix(self.rates.T, command), free
+            return np.clip(command, -limit, limit), free
+        return np.where(free, command, 0.0), free
 
 
 def _by_matrix(A: Array, values: Array) -> Array:

@@ -13,10 +13,11 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
 from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import Steps
-from haptid.simulation.control import PID, ControllerState, InitialState
+from haptid.simulation.control import PID, ControllerState, MotorRates
 
 # Steps that are linearised at a time: enough for the core, with little memory.
 _CHUNK = 64
@@ -69,22 +70,22 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         x[:, :, p:] = np.eye(2 * n)
     else:
         c, cd = steps.c[0, :, :count], steps.cd[0, :, :count]
-        static = regressor_columns(forward.model, c, cd, np.zeros_like(c), base).transpose(
-            0, 2, 1
-        )  # as `closed_loop` begins
-        none = np.zeros((n, count, varied))
-        running = ControllerState(law, forward.model, period, InitialState(none, none, none, none, static))
+        static = regressor_columns(forward.model, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)
+        none = np.zeros((len(forward.model.device.motors), count, varied))
+        running = ControllerState(law, forward.model, period, none, none)
+        running.settle(none, none, MotorRates.at(forward.model, c).torque_in_total(static))  # as `closed_loop` begins
     made_c = np.empty((len(steps.segments.sample), n, varied, count))
     made_tau = None if running is None else np.empty_like(made_c)
     for first in range(0, len(steps.c), _CHUNK):
         part = slice(first, min(first + _CHUNK + 1, len(steps.c)))
         linear = _linearised(forward, steps, part, base)
         ahead = np.asarray(np.linalg.inv(np.eye(2 * n) - 0.5 * period * linear.F))
+        driven = None if running is None else _Driven.of(forward.model, steps, part)
         for k in range(first, min(first + _CHUNK, len(steps.c))):
             s, rate = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
             tau = None
-            if running is not None:
-                tau, _ = running.torque(s, rate, None, None, steps.free[k, :, :count, None])
+            if running is not None and driven is not None:
+                tau = driven.torque(running, k - first, s, rate)
             if k % steps.per == 0:
                 made_c[k // steps.per] = s.transpose(0, 2, 1)
                 if made_tau is not None and tau is not None:
@@ -92,6 +93,51 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
             if k + 1 < part.stop:
                 x = _ahead(linear, ahead, k - first, x, tau, 0.5 * period)
     return Sensitivity(made_c, made_tau)
+
+
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """The motors at some steps of the first set of parameters.
+
+    Attributes:
+        model: the dynamic model.
+        by: Jacobian B of the motors by the coordinates, (steps, segments, motors, n), or (motors, n).
+        changes: its derivatives by the coordinates, (n, steps, segments, motors, n); None where it is constant.
+        cd: velocities of the coordinates, (steps, n, segments).
+        motors: torque of each motor, (steps, motors, segments).
+        free: which were not saturated, (steps, motors, segments).
+    """
+
+    model: DynamicModel
+    by: Array
+    changes: Array | None
+    cd: Array
+    motors: Array
+    free: np.ndarray
+
+    @staticmethod
+    def of(model: DynamicModel, steps: Steps, part: slice) -> _Driven:
+        count = steps.segments.count
+        c = _flat(steps.c[part, :, :count])
+        rates = MotorRates.at(model, c)
+        by, changes = rates.by, rates.changes(c)
+        if changes is not None:
+            by = by.reshape(-1, count, *by.shape[1:])
+            changes = changes.reshape(len(c), *by.shape)
+        own = (x[part, :, :count] for x in (steps.cd, steps.motors, steps.free))
+        return _Driven(model, by, changes, *own)
+
+    def torque(self, running: ControllerState, k: int, s: Array, rate: Array) -> Array:
+        """Derivatives of the rows' torque, (n, segments, varied), from those of positions and velocities."""
+        rates = MotorRates(self.model, self.by if self.changes is None else self.by[k])
+        velocity = rates.of_motors(rate)
+        if self.changes is not None:
+            velocity = velocity + np.einsum("jsmn,ns,jsv->msv", self.changes[:, k], self.cd[k], s)
+        command, _ = running.torque(rates.of_motors(s), velocity, None, None, self.free[k, :, :, None])
+        tau = rates.of_rows(command)
+        if self.changes is not None:
+            tau = tau + np.einsum("jsmn,ms,jsv->nsv", self.changes[:, k], self.motors[k], s)
+        return np.asarray(tau)
 
 
 def _ahead(linear: _Linear, ahead: Array, k: int, x: Array, tau: Array | None, half: float) -> Array:
