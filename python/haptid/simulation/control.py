@@ -129,9 +129,8 @@ class MotorRates:
         device = model.device
         if not device.drive_varies.any():
             return _by_matrix(device.drive_rates[device.driven], c)
-        return np.asarray(
-            device.drive_rows[device.driven] @ device.closure.follow(np.linalg.solve(device.row_map, c)).q
-        )
+        qa = np.asarray(np.linalg.solve(device.row_map, c), dtype=np.float64)
+        return np.asarray(device.drive_rows[device.driven] @ device.closure.follow(qa).q)
 
     def of_motors(self, values: Array) -> Array:
         """B times values of the rows' coordinates, (n, states, ...)."""
