@@ -3,8 +3,8 @@
 Recorders are not ideal: stamps jitter, rows are lost, recording pauses, and a sample is written twice. Each of these is
 recognised, acted on by itself, and reported in a sentence with its size. A log without any is taken as it is.
 
-1. Gaps. A step longer than a quarter period of the fastest motion splits the log into segments; shorter ones are
-   bridged.
+1. Gaps. A step longer than a quarter period of the fastest motion, or than ten steps and an eighth of that period,
+   splits the log into segments; shorter ones are bridged.
 2. Regular stamps, also rounded ones and ones with missing rows, are the grid.
 3. Otherwise the stamps deviate from the regular grid, after a slow drift of the clock has been followed. The roughness
    of the positions is regressed on speed times deviation: the slope is 1 where the stamps say when samples were taken,
@@ -48,8 +48,9 @@ from haptid.log.stamps import FEWEST_SAMPLES, Stamps
 
 # A step up to this many regular ones, and four standard deviations of the jitter, is no gap between segments.
 SHORTEST_GAP = 4.5
-# Nor is one below a quarter period of the fastest motion, at most `LONGEST_GAP` steps or this long, s.
-LONGEST_GAP_S = 0.05
+# Nor is one below a quarter period of the fastest motion, at most `LONGEST_GAP` steps or this long, s; nor any below
+# this share of the period, across which positions are interpolated to a thousandth of their stroke.
+LONGEST_GAP_S, BRIDGED = 0.05, 1 / 8
 
 
 @dataclass(frozen=True)
@@ -239,7 +240,9 @@ def _segments(
     edges = [0, *(candidates + 1).tolist(), seconds.size]
     quiet = max(pairwise(edges), key=lambda span: span[1] - span[0])
     fastest = _motion_edge(recorded.positions(), slice(*quiet), step)
-    limit = min(0.25 / fastest if fastest else np.inf, max(LONGEST_GAP * step, LONGEST_GAP_S))
+    period = 1 / fastest if fastest else 0.0
+    longest_bridged = max(LONGEST_GAP * step, LONGEST_GAP_S, BRIDGED * period)
+    limit = min(0.25 * period, longest_bridged) if fastest else longest_bridged
     limit = max(limit, SHORTEST_GAP * step)
     breaks = candidates[steps[candidates] > limit]
     if not breaks.size:
@@ -261,7 +264,8 @@ def _segments(
     gaps = tuple((float(seconds[k]), float(steps[k])) for k in breaks)
     sentence = (
         f"{breaks.size} gap{'s' if breaks.size > 1 else ''} of more than {limit:.3g} s (a quarter period of the "
-        f"fastest motion, {fastest:.2g} Hz; at most {LONGEST_GAP:.0f} steps or {LONGEST_GAP_S:g} s), the longest "
+        f"fastest motion, {fastest:.2g} Hz; at most {LONGEST_GAP:.0f} steps, {LONGEST_GAP_S:g} s or an eighth of it), "
+        f"the longest "
         f"{steps[longest]:.4g} s at t = {seconds[longest]:.6g} s: {len(spans)} segments of the log are treated by "
         f"themselves"
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
 from haptid.observation.plan import LEAST_BLOCKS
+from haptid.treatment_choice.corners import cuts_corners
 from haptid.treatment_choice.delay_estimate import Delays, find_delays
 from haptid.treatment_choice.first_fit import least_squares, residual_memory
 from haptid.treatment_choice.motion_filters import HIGHEST, USUAL, Given, MotionFilters
@@ -45,8 +47,9 @@ _APART, _RIPPLE = 1.3, 0.25
 # Length of a time block: integral times of the residual, periods of the parallel filter's cut-off, s.
 _MEMORIES, _PERIODS, _SECOND = 4.0, 2.0, 1.0
 # Other filters are tried where errors of the positions are such a share of the torque's variance, and its standard
-# error is above this, per cent; one is taken that leaves at most this share of the standard error.
-_BY_POSITIONS, _WORTH_TRYING, _BETTER = 0.1, 0.3, 0.8
+# error is above this, per cent; one is taken that leaves at most this share of the standard error, in steps of which
+# each leaves at most the last share of the one before.
+_BY_POSITIONS, _WORTH_TRYING, _BETTER, _STEP = 0.1, 0.3, 0.8, 0.95
 # Cut-offs over the bandwidth that are tried then: of the position filters, and of the parallel filter.
 _LOWER, _OTHERS, _HALF = (3.0, 2.0, 1.4), (12.0, 1.5), 0.5
 # Length of the part of each log that is analysed, s, and samples up to which it may be longer.
@@ -219,25 +222,28 @@ def _least_uncertain(usual: _Choice) -> _Choice:
 
     Unseen rows cannot choose here: their positions have the same errors, and parameters that these attenuate predict
     them better than the true ones. A lower position filter takes away more of the errors and more of the motion; a wide
-    parallel filter behind it keeps the information of dry friction. The standard error has all of this in it.
+    parallel filter behind it keeps the information of dry friction. The standard error has all of this in it, but for
+    corners of the motion at its reversals, which no lower filter may cut.
 
     Args:
         usual: filters for the noise as it was taken from the spectra.
     """
     given, best = usual.given, usual
+
+    def better(best: _Choice, filters: MotionFilters, times: float) -> _Choice:
+        return best if _cuts(usual, filters, times) else _better(best, filters, times)
+
     if "cutoff_hz" not in given:
-        for lower in _LOWER:
+        for lower in takewhile(lambda lower: not _cuts(usual, usual.filters.lowered(lower), usual.times), _LOWER):
             best = _better(best, best.filters.lowered(lower), usual.times)
-            if best.filters.position > lower:
-                break
     if "parallel_cutoff_hz" not in given:
         for times in _OTHERS:
-            best = _better(best, best.filters, times)
+            best = better(best, best.filters, times)
         while best.times == times:  # as narrow as it helps: a loop that vibrates is slower than its bandwidth
             times *= _HALF
-            best = _better(best, best.filters, times)
+            best = better(best, best.filters, times)
         if "cutoff_hz" not in given and not usual.filters.above:
-            best = _better(best, usual.filters.bulk(given), usual.times)
+            best = better(best, usual.filters.bulk(given), usual.times)
     return best if best.torque_se < _BETTER * usual.torque_se else usual
 
 
@@ -250,7 +256,12 @@ def _better(best: _Choice, filters: MotionFilters, times: float) -> _Choice:
         other = best.with_filters(filters, times)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return best
-    return other if other.torque_se < best.torque_se else best
+    return other if other.torque_se < _STEP * best.torque_se else best
+
+
+def _cuts(choice: _Choice, filters: MotionFilters, times: float) -> bool:
+    """Whether other filters cut corners of the motion that those of a choice leave."""
+    return cuts_corners(filters.logs, choice.treatment, filters.at(times, choice.given))
 
 
 def _no_delay(logs: Sequence[Log]) -> str:
