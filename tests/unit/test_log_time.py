@@ -149,6 +149,15 @@ def test_a_gap_that_the_motion_bridges_is_none(tmp_path: Path) -> None:
     assert error(log)[0] < 1e-3
 
 
+def test_a_gap_of_slow_motion_is_bridged(tmp_path: Path) -> None:
+    """0.08 s at 500 Hz, 40 steps: less than an eighth of the second that the motion takes."""
+    t = np.delete(np.arange(10_000) / 500, [*range(2000, 2040), *range(7200, 7240)])
+    log = record(tmp_path, t)
+    assert len(log.segments) == 1
+    assert log.t.size == 10_000
+    assert error(log)[0] < 2e-3
+
+
 def test_a_log_of_gaps_alone(tmp_path: Path) -> None:
     t = (np.arange(1000) + 100 * (np.arange(1000) // 40)) / 100
     with pytest.raises(errors.LogTimeError) as raised:
