@@ -11,6 +11,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,23 +80,8 @@ def recursion() -> dict[str, float]:
 
 def recorded(folder: Path) -> dict[str, float]:
     """Fourteen channels by UDP while pages look on: what is lost, and what it takes of the server."""
-    names = [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(JOINTS)]
-    for name in ("studies", "logs"):
-        (folder / name).mkdir(parents=True)
-    text = f"""schema = 1
-name = "seven"
-device = "arm7"
-[channels]
-time = "t"
-position = {{ channels = {json.dumps(names[:JOINTS])}, unit = "rad" }}
-torque = {{ channels = {json.dumps(names[JOINTS:])}, unit = "N m" }}
-[[logs]]
-path = "../logs/live.csv"
-"""
-    (folder / "studies" / "seven.toml").write_text(text)
     served = Served(folder)
-    begin = {"study": "studies/seven.toml", "name": "live", "rate": f"{RATE:g}", "port": "0"}
-    state = json.loads(served.asked("/api/live/start", begin).content)
+    state = begun(served, folder)
     _, q, tau = arm_samples(60.0)
     end, over = time.monotonic() + LIVE_S, threading.Event()
 
@@ -125,3 +111,23 @@ path = "../logs/live.csv"
         f"{what}: of one core, %": 100 * used / LIVE_S,
         f"{what}: memory, MiB": memory,
     }
+
+
+def begun(served: Served, folder: Path) -> dict[str, Any]:
+    """A recording of a seven-joint arm, waiting for samples: its state."""
+    names = [f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(JOINTS)]
+    for name in ("studies", "logs"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    text = f"""schema = 1
+name = "seven"
+device = "arm7"
+[channels]
+time = "t"
+position = {{ channels = {json.dumps(names[:JOINTS])}, unit = "rad" }}
+torque = {{ channels = {json.dumps(names[JOINTS:])}, unit = "N m" }}
+[[logs]]
+path = "../logs/live.csv"
+"""
+    (folder / "studies" / "seven.toml").write_text(text)
+    begin = {"study": "studies/seven.toml", "name": "live", "rate": f"{RATE:g}", "port": "0"}
+    return dict(json.loads(served.asked("/api/live/start", begin).content))

@@ -11,6 +11,7 @@ import subprocess
 from pathlib import Path
 
 import bench_identification
+import beside_nicegui
 import characterisation
 import codegen
 import command_time
@@ -72,6 +73,7 @@ STUDIES = {
     "estimator-benchmark": estimator_benchmark.run,
     "workbench": workbench.run,
     "live": live.run,
+    "beside-nicegui": beside_nicegui.run,
     "zoo": zoo_study.run,
 }
 

@@ -104,6 +104,15 @@ class Page:
         self.call("Page.navigate", url=address)
         self.wait("document.body && 'ready' in document.body.dataset")
 
+    def busy(self) -> float:
+        """Processor time of the page's main thread so far, s: other processes do not count. `busy_in_threads` first."""
+        metrics = self.call("Performance.getMetrics")["metrics"]
+        return float(next(one["value"] for one in metrics if one["name"] == "TaskDuration"))
+
+    def busy_in_threads(self) -> None:
+        """From now on the page's times are those of its thread, not of the clock."""
+        self.call("Performance.enable", timeDomain="threadTicks")
+
     def press(self, key: str, shift: bool = False) -> None:
         """A key, as by a person."""
         text = {"Enter": "\r", "Space": " "}.get(key, key if len(key) == 1 else "")
@@ -112,6 +121,20 @@ class Page:
         about = {"key": name, "code": key, "windowsVirtualKeyCode": codes.get(key, 0), "modifiers": 8 * shift}
         self.call("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
         self.call("Input.dispatchKeyEvent", type="keyUp", **about)
+
+    def tabs(self, count: int) -> None:
+        """The Tab key this many times; answers of the browser are read at the end."""
+        first = self.count + 1
+        for _ in range(count):
+            for kind in ("keyDown", "keyUp"):
+                self.count += 1
+                about = {"type": kind, "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
+                self.socket.send(json.dumps({"id": self.count, "method": "Input.dispatchKeyEvent", "params": about}))
+        left = set(range(first, self.count + 1))
+        while left:
+            message = json.loads(self.socket.recv(timeout=PATIENCE))
+            self.note(message)
+            left.discard(message.get("id", 0))
 
     def write(self, selector: str, text: str) -> None:
         """Put a text into a field, as if it were typed."""
@@ -187,7 +210,7 @@ def page(folder: Path) -> Iterator[Page]:
         stderr=subprocess.DEVNULL,
     )
     try:
-        with connect(_address(profile, process), max_size=None, proxy=None) as socket:
+        with connect(_address(profile, process), max_size=None, proxy=None, ping_interval=None) as socket:
             yield Page(socket)
     finally:
         process.terminate()

@@ -142,3 +142,31 @@ def test_a_remedy_is_pressed(bench, tab):
     tab.wait("document.querySelector('#remedies .ok') && !document.querySelector('#remedies .problem')")
     assert 'unit = "deg"' in tab.ask(f"{area}.value")
     tab.ask(f"{area}.value = ''")
+
+
+@needs_browser
+def test_a_stretch_that_is_seen_is_left_out(bench, tab):
+    """Zoomed by keys; the button says the stretch, and its text has it as `exclude`."""
+    tab.go(f"{bench.origin}/data?path=logs/sweep.csv&device=devices/two-links.toml", LAPTOP)
+    tab.ask("[...document.querySelectorAll('form')].at(-2).querySelectorAll('select')[2].value = ''")  # no other log
+    tab.ask("[...document.querySelectorAll('form')].at(-2).requestSubmit()")
+    area = "document.getElementById('editor-study-file')"
+    press = "[...document.querySelectorAll('button')].find((b) => b.textContent.startsWith('Leave out'))"
+    tab.wait("document.querySelectorAll('#remedies h3').length")
+    assert tab.ask(f"{press}.disabled")
+    tab.ask("document.querySelector('.plot').focus()")
+    for key in ("+", "+", "+"):
+        tab.press(key)
+    begin, end = map(float, tab.ask(f"{press}.textContent.match(/[0-9.]+/g)"))
+    whole = 2e-3 * (len(columns(1)["t"]) - 1)
+    assert end - begin == pytest.approx(whole / 8, abs=2e-3)
+    tab.ask(f"{press}.click()")
+    tab.wait(f"{area}.value.includes('exclude')")
+    logs = tomllib.loads(tab.ask(f"{area}.value"))["logs"]
+    assert [log.get("exclude") for log in logs if log["path"].endswith("sweep.csv")] == [[[begin, end]]]
+    tab.wait("document.querySelector('#remedies .ok') && !document.querySelector('#remedies .problem')")
+    tab.ask(f"{area}.value = ''")
+    wrong = {"text": "", "log": "logs/sweep.csv", "begin": "0", "end": "1"}
+    for change in ({}, {"text": "a ="}, {"text": text_of(bench), "begin": "x"}, {"text": text_of(bench), "log": "x"}):
+        status, said = bench.ask("POST", "/api/form/leave-out", wrong | change)
+        assert (status, bool(said["error"])) == (400, True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterator
+from pathlib import PurePosixPath
 from typing import Any
 
 from haptid._internal.toml_edit import TomlEditError, with_value
@@ -44,6 +45,22 @@ def _changed(_session: Session, asked: Asked) -> dict[str, Any]:
         raise WorkbenchError(f"{error}", where=asked.text("field")) from error
     except (json.JSONDecodeError, RecursionError) as error:
         raise WorkbenchError("field or value is not JSON.") from error
+
+
+def _left_out(_session: Session, asked: Asked) -> dict[str, Any]:
+    """The text of a study without a stretch of one log, besides those that are left out already."""
+    text, name = asked.text("text"), PurePosixPath(asked.text("log")).name
+    try:
+        logs = tomllib.loads(text).get("logs", [])
+        stretch = [float(asked.text("begin")), float(asked.text("end"))]
+        k = next(k for k, log in enumerate(logs) if PurePosixPath(log["path"]).name == name)
+        return {"text": with_value(text, ("logs", k, "exclude"), [*logs[k].get("exclude", []), stretch])}
+    except StopIteration:
+        raise WorkbenchError(
+            f"the study has no log {name}.", where="logs", advice="Draft a study of this log."
+        ) from None
+    except (TomlEditError, tomllib.TOMLDecodeError, TypeError, KeyError, AttributeError, ValueError) as error:
+        raise WorkbenchError(f"no stretch can be left out of {name}: {error}.", where="logs") from error
 
 
 def _schema(kind: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -116,4 +133,4 @@ def _resolved(whole: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     return {**found, **{k: v for k, v in given.items() if k != "$ref"}} if found else given
 
 
-FORMS_CALLS = PageCalls(changes={"form": _form, "form/set": _changed})
+FORMS_CALLS = PageCalls(changes={"form": _form, "form/set": _changed, "form/leave-out": _left_out})

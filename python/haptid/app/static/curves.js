@@ -78,11 +78,33 @@ export class Curves extends Chart {
     this.group = group;
     this.full = [t[0], t[t.length - 1]];
     group.add(this);
+    this.holder.tabIndex = 0;
+    this.holder.addEventListener("keydown", (event) => this.key(event));
     this.make();
   }
 
+  get view() { return [this.chart.scales.x.min, this.chart.scales.x.max]; }
+
+  // As in the report: arrows move the cursor, with shift the view; + and - zoom about the cursor, 0 shows all.
+  key(event) {
+    const [from, to] = this.view, wide = to - from, way = event.key === "ArrowLeft" ? -1 : 1;
+    const inside = this.at >= from && this.at <= to ? this.at : (from + to) / 2;
+    const zoom = (factor) => this.all(inside - (factor * wide) / 2, inside + (factor * wide) / 2);
+    const move = () => (event.shiftKey ? this.all(from + 0.2 * way * wide, to + 0.2 * way * wide) : this.read(inside + 0.01 * way * wide));
+    const acts = { ArrowLeft: move, ArrowRight: move, "+": () => zoom(0.5), "-": () => zoom(2), 0: () => this.all(...this.full) };
+    if (!acts[event.key] || event.target !== this.holder || event.ctrlKey || event.metaKey) return;
+    acts[event.key]();
+    event.preventDefault();
+  }
+
+  // The cursor at a time, in all charts.
+  read(t) {
+    this.at = Math.min(Math.max(t, this.view[0]), this.view[1]);
+    this.chart.setCursor({ left: this.chart.valToPos(this.at, "x"), top: 0 }, true, true);
+  }
+
   make() {
-    const [from, to] = this.chart ? [this.chart.scales.x.min, this.chart.scales.x.max] : this.full;
+    const [from, to] = this.chart ? this.view : this.full;
     const chosen = (u) => {
       const { left, width } = u.select;
       if (width > 3) this.all(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
@@ -99,9 +121,12 @@ export class Curves extends Chart {
     this.put(thin(this.t, this.ys, from, to, this.width), from, to);
   }
 
+  // A stretch in all charts, within the log and at least some samples wide; said by an event `view`.
   all(from, to) {
-    for (const one of this.group) one.show(from, to);
-    this.holder.dispatchEvent(new CustomEvent("view", { bubbles: true, detail: [from, to] }));
+    const [first, last] = this.full, wide = Math.min(Math.max(to - from, (10 * (last - first)) / this.t.length), last - first);
+    const start = Math.min(Math.max(from, first), last - wide);
+    for (const one of this.group) one.show(start, start + wide);
+    this.holder.dispatchEvent(new CustomEvent("view", { bubbles: true, detail: wide < last - first ? [start, start + wide] : null }));
   }
 }
 

@@ -79,7 +79,7 @@ async function channels(part, path) {
     plots.replaceChildren();
     if (!chosen.length) { said.textContent = "No channel is drawn."; return; }
     const data = await samples(path, time, chosen.map((c) => c.name));
-    said.textContent = `As recorded, before any treatment. Drag across a chart to zoom, double-click to show all.${data.each > 1 ? ` Least and greatest of every ${data.each} samples are drawn.` : ""}`;
+    said.textContent = `As recorded, before any treatment. Drag across a chart to zoom, double-click to show all; with the keys + and -, 0, and the arrows.${data.each > 1 ? ` Least and greatest of every ${data.each} samples are drawn.` : ""}`;
     drawn.clear();
     for (const quantity of QUANTITIES) {
       const of = chosen.filter((c) => c.quantity === quantity);
@@ -135,7 +135,9 @@ async function drafting(main, path, logs, device, own) {
     first?.all(from, to);
     first?.holder.scrollIntoView({ block: "nearest" });
   };
-  el("button", { type: "button", onclick: acting(part, () => remedies(found, editor, zoom)) }, el("p", { class: "row" }, place), "Read the logs again");
+  const row = el("p", { class: "row" }, place);
+  el("button", { type: "button", onclick: acting(part, () => remedies(found, editor, zoom)) }, row, "Read the logs again");
+  brushing(main, row, path, editor, () => remedies(found, editor, zoom));
   const save = el("form", { class: "row" }, place);
   const name = field(save, "Save as studies/", el("input", { type: "text", size: 24, required: true, autocomplete: "off" }));
   const press = el("button", { type: "submit", class: "main" }, save, "Save and go on to solve");
@@ -154,5 +156,23 @@ async function drafting(main, path, logs, device, own) {
     const at = `studies/${name.value.replace(/(\.toml)?$/, ".toml")}`;
     await editor.save(at);
     if (!editor.conflict.childElementCount) location.href = link("solve", { path: at });
+  }));
+}
+
+// The stretch that the charts show can be left out of the log.
+function brushing(main, row, path, editor, again) {
+  const words = "Leave out a stretch: zoom to it in a chart first", press = el("button", { type: "button", disabled: true }, row, words);
+  let seen = [0, 0];
+  main.addEventListener("view", ({ detail }) => {
+    press.disabled = !detail;
+    seen = detail ?? seen;
+    press.textContent = detail ? `Leave out ${seen[0].toFixed(3)} to ${seen[1].toFixed(3)} s of this log` : words;
+  });
+  press.addEventListener("click", acting(main, async () => {
+    const [begin, end] = seen.map((t) => t.toFixed(3));
+    const { text } = await call("form/leave-out", { text: editor.text, log: path, begin, end }, "POST");
+    editor.area.value = text;
+    await editor.look();
+    await again();
   }));
 }
