@@ -119,10 +119,10 @@ def theirs(folder: Path) -> dict[str, float]:
     np.save(folder / "log.npy", np.loadtxt(path, delimiter=",", skiprows=1))
     with last_of(lambda: Nice(folder / "log.npy")) as (server, figures):
         address = f"http://127.0.0.1:{server.port}"
-        with tab_of(folder / "raw") as tab:
-            figures[f"{LOG}: painted, s"] = painted(tab, f"{address}/log")
         with tab_of(folder / "thinned") as tab:
             figures |= of_thinned(tab, server, address)
+        with tab_of(folder / "raw") as tab:
+            figures[f"{LOG}: painted, s"] = painted(tab, f"{address}/log")
     return {f"NiceGUI: {what}": figure for what, figure in figures.items()}
 
 
@@ -171,14 +171,14 @@ def tab_of(folder: Path) -> Iterator[Page]:
 
 
 def painted(tab: Page, address: str) -> float:
-    """Seconds from the request of a page until its canvases have ink; infinite where it takes too long. Second load."""
+    """Seconds from the request of a page until its canvases have ink, of a second load; NaN where it takes a minute."""
     for _ in range(2):
         try:
             tab.call("Page.navigate", url="about:blank")
             tab.call("Page.navigate", url=address)
             tab.wait("window.painted")
         except (AssertionError, TimeoutError):
-            return float("inf")
+            return float("nan")
     return float(tab.ask("painted")) / 1e3
 
 

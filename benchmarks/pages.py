@@ -205,6 +205,24 @@ def workbench_figures(figures: Figures) -> str:
     return aligned([("", "figure", "unit"), *(cells(*item) for item in figures.items())])
 
 
+def beside_nicegui(figures: Figures) -> str:
+    """A line for each figure: ours, theirs, and theirs where curves are thinned in Python."""
+
+    def cell(name: str) -> str:
+        figure = figures.get(name)
+        shown = "" if figure is None else "not in a minute" if figure != figure else f"{figure:.2g}"
+        return shown if figure is None or not abs(figure) >= 100 else f"{figure:.0f}"
+
+    names = [name.partition(": ")[2] for name in figures if name.startswith("haptid: ")]
+
+    def thinned(name: str) -> str:
+        what, _, unit = name.rpartition(", ")
+        return f"NiceGUI: {what}, thinned, {unit}"
+
+    cells = [(name, *map(cell, (f"haptid: {name}", f"NiceGUI: {name}", thinned(name)))) for name in names]
+    return aligned([("", "haptid", "NiceGUI", "NiceGUI, thinned"), *cells])
+
+
 def aligned(cells: Any) -> str:
     """A table; columns of numbers are flush right."""
     heads, *lines = ([str(cell).replace("|", "\\|") for cell in line] for line in cells)
@@ -237,6 +255,7 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Twenty seeds of each branch": ("medical-study", branches),
     "Workbench": ("workbench", workbench_figures),
     "Live": ("live", workbench_figures),
+    "Beside NiceGUI": ("beside-nicegui", beside_nicegui),
 }
 
 if __name__ == "__main__":

@@ -56,8 +56,8 @@ class Navigated(Exception):
 class Page:
     """One tab. `troubles` are the errors and warnings of its console, and what it threw; `asked` what it requested."""
 
-    def __init__(self, socket: ClientConnection) -> None:
-        self.socket = socket
+    def __init__(self, socket: ClientConnection, address: str) -> None:
+        self.socket, self.address = socket, address
         self.count = 0
         self.troubles: list[str] = []
         self.asked: list[str] = []
@@ -90,6 +90,14 @@ class Page:
             self.asked.append(values["url"])
         elif message.get("method") == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
             self.troubles.append(values["entry"]["text"])
+
+    @contextmanager
+    def another(self) -> Iterator[Page]:
+        """A second tab of the same browser."""
+        target = self.call("Target.createTarget", url="about:blank", background=True)["targetId"]
+        with _tab(f"{self.address.rpartition('/')[0]}/{target}") as opened:
+            yield opened
+        self.call("Target.closeTarget", targetId=target)
 
     def open(self, path: Path, width: int, height: int = 900) -> None:
         """Load a file and wait until its charts are drawn."""
@@ -210,11 +218,18 @@ def page(folder: Path) -> Iterator[Page]:
         stderr=subprocess.DEVNULL,
     )
     try:
-        with connect(_address(profile, process), max_size=None, proxy=None, ping_interval=None) as socket:
-            yield Page(socket)
+        with _tab(_address(profile, process)) as opened:
+            yield opened
     finally:
         process.terminate()
         process.wait(timeout=PATIENCE)
+
+
+@contextmanager
+def _tab(address: str) -> Iterator[Page]:
+    """The tab with this socket; a busy page may be late, and is not given up."""
+    with connect(address, max_size=None, proxy=None, ping_interval=None) as socket:
+        yield Page(socket, address)
 
 
 def _address(profile: Path, process: subprocess.Popen[bytes]) -> str:

@@ -150,3 +150,17 @@ def tab(tmp_path_factory: pytest.TempPathFactory, bench: Bench) -> Iterator[Page
     with page(tmp_path_factory.mktemp("profile")) as opened:
         opened.go(bench.address, 1280)
         yield opened
+
+
+@pytest.fixture(autouse=True)
+def untroubled(request: pytest.FixtureRequest) -> Iterator[None]:
+    """In a test with a browser: no error in the console, and no request to anything but this server."""
+    if "tab" not in request.fixturenames:
+        yield
+        return
+    tab, bench = request.getfixturevalue("tab"), request.getfixturevalue("bench")
+    tab.troubles.clear()
+    tab.asked.clear()
+    yield
+    assert tab.troubles == []
+    assert [one for one in tab.asked if not one.startswith((bench.origin, "data:", "blob:", "about:"))] == []

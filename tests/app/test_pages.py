@@ -28,16 +28,6 @@ STAGES = ("/", "/device", "/experiment", "/data", "/solve", "/results", "/use", 
 PAGES = (*STAGES, "/device?path=sr400")
 
 
-@pytest.fixture(autouse=True)
-def untroubled(bench, tab):
-    """No error in the console, and no request to anything but this server, in any test."""
-    tab.troubles.clear()
-    tab.asked.clear()
-    yield
-    assert tab.troubles == []
-    assert [one for one in tab.asked if not one.startswith((bench.origin, "data:", "blob:"))] == []
-
-
 @pytest.mark.parametrize("path", PAGES)
 def test_pages_fit_and_are_accessible(bench, tab, path):
     tab.go(bench.origin + path, NARROW)
