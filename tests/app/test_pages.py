@@ -307,7 +307,11 @@ def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab):
         tab.size(LAPTOP + 1, 900)
         tab.ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         drawn = tab.ask(curves)
-        found.append((len(drawn), hashlib.sha256("".join(drawn).encode()).hexdigest(), tab.ask(numbers)))
+        # The mechanism follows the cursor of the torque.
+        tab.ask("document.querySelector('#torque-0-0').focus()")
+        tab.press("ArrowRight")
+        pose = tab.ask("[...document.querySelectorAll('input[data-joint]')].map((s) => s.valueAsNumber)")
+        found.append((len(drawn), hashlib.sha256("".join(drawn).encode()).hexdigest(), tab.ask(numbers), pose))
     tab.asked[:] = [one for one in tab.asked if not one.startswith("file:")]
     assert found[0] == found[1]
 

@@ -12,7 +12,7 @@ from haptid.dynamics import link_poses
 from haptid.report.page import module_of_scripts
 from haptid.report.page import page as written
 from haptid.report.sections.mechanism import MechanismSection
-from reported import found, made
+from reported import found, made, source
 from true_parameters import true_parameters
 
 pytestmark = needs_browser
@@ -143,6 +143,24 @@ def test_the_device_moves_with_its_sliders_and_has_the_masses_the_library_states
     assert before != after
     np.testing.assert_allclose(there - pose, [0, 0.3, -0.2], atol=1e-6)
     agrees(found().estimate, moved, there)
+
+
+def test_the_device_follows_the_cursor_of_the_torque(report):
+    """At the cursor's time the drawing has the pose of the log, and its links are where the library's kinematics is."""
+    before = scene_of(report)[0]
+    report.ask("document.addEventListener('cursor', (event) => { window.at = event.detail.x; })")
+    report.ask("document.querySelector('#torque-0-1').focus()")
+    for _ in range(3):
+        report.press("ArrowRight")
+    picture, masses, pose = scene_of(report)
+    assert picture != before
+    track, model = source().tracks[0], found().estimate.model
+    qa, t = np.linalg.inv(model.device.row_map) @ track.position, track.t0 + track.step * np.arange(track.rows)
+    there = [np.interp(report.ask("window.at"), t, q) for q in qa]
+    # The page has some hundred poses of the log, and takes the line between two.
+    np.testing.assert_allclose(pose, there, atol=0.01 * np.ptp(qa))
+    np.testing.assert_allclose(script_poses(report, pose), link_poses(model, pose[:, None])[0], atol=1e-9)
+    agrees(found().estimate, masses, pose)
 
 
 def test_the_device_turns_when_it_is_dragged(report):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.force import WORST_CONDITION
-from haptid.report.chart import Chart, packed
+from haptid.report.chart import Chart, even, packed, quantised
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
 
@@ -43,7 +43,11 @@ class MechanismSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> MechanismSection:
-        return cls.drawn(source.estimate.model, source.identification.use.beta, poses_of(source))
+        made = cls.drawn(source.estimate.model, source.identification.use.beta, poses_of(source))
+        (chart,) = made.charts
+        drawing = {**chart.drawing, "logs": [_along(source, k) for k in range(len(source.tracks))]}
+        caption = f"{chart.caption} It follows the cursor in the curves of the torque."
+        return replace(made, charts=(replace(chart, drawing=drawing, caption=caption),))
 
     @classmethod
     def undriven(cls, model: DynamicModel) -> MechanismSection:
@@ -79,9 +83,17 @@ class MechanismSection(Section):
         )
 
 
-def poses_of(source: ReportSource) -> Array:
-    """Positions of the active joints along the first log, (active, samples), thinned."""
-    return np.linalg.inv(source.estimate.model.device.row_map) @ source.tracks[0].trail
+def poses_of(source: ReportSource, log: int = 0) -> Array:
+    """Positions of the active joints along a log, (active, samples), thinned."""
+    return np.linalg.inv(source.estimate.model.device.row_map) @ source.tracks[log].trail
+
+
+def _along(source: ReportSource, log: int) -> dict[str, Any]:
+    """Positions along a log, over the times of its curves."""
+    track, qa = source.tracks[log], poses_of(source, log)
+    each = max(1, round(track.rows / qa.shape[1]))
+    times = even(track.t0, each * track.step, qa.shape[1])
+    return {"group": f"log-{log}", "t": times, "q": [quantised(q) for q in qa]}
 
 
 def sliders_of(model: DynamicModel, qa: Array, margin: float = _MARGIN) -> list[dict[str, Any]]:

@@ -137,7 +137,9 @@ class Plot {
     });
   }
 
+  // The values at a place; other drawings of the group's log follow by an event `cursor`.
   tell(x) {
+    if (this.drawing.group) document.dispatchEvent(new CustomEvent("cursor", { detail: { group: this.drawing.group, x } }));
     const parts = this.series.filter((s) => s.style !== "points" && !s.hidden).map((s) => {
       const k = nearest(s.x, x);
       const value = s.raw ?? s.y;

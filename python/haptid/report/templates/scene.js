@@ -17,6 +17,7 @@ class Scene {
     this.zoom = 1;
     this.frame();
     this.unit = this.massUnit();
+    this.logs = new Map((drawing.logs ?? []).map(({ group, t, q }) => [group, { t: numbers(t), q: q.map(numbers) }]));
     this.addControls();
     this.listen();
   }
@@ -60,8 +61,17 @@ class Scene {
     for (const slider of this.sliders) slider.addEventListener("input", () => this.moved());
   }
 
-  moved() {
-    const wanted = this.sliders.map((s) => s.valueAsNumber);
+  // The pose of a log at a time, between two samples by their line.
+  follow({ group, x }) {
+    const log = this.logs.get(group), n = log?.t.length;
+    if (!(n > 1)) return;
+    const at = Math.min(Math.max((x - log.t[0]) / (log.t[1] - log.t[0]), 0), n - 1), k = Math.min(Math.floor(at), n - 2);
+    const qa = log.q.map((q) => q[k] + (at - k) * (q[k + 1] - q[k]));
+    this.sliders.forEach((slider, j) => { slider.valueAsNumber = qa[j]; });
+    this.moved(qa);
+  }
+
+  moved(wanted = this.sliders.map((s) => s.valueAsNumber)) {
     const closes = this.device.move(wanted);
     this.sliders.forEach((s, k) => {
       if (!closes) s.valueAsNumber = this.device.qa[k];
@@ -72,6 +82,7 @@ class Scene {
   }
 
   listen() {
+    document.addEventListener("cursor", (/** @type {CustomEvent} */ event) => this.follow(event.detail));
     this.canvas.addEventListener("pointerdown", (event) => {
       let [x, y] = [event.clientX, event.clientY];
       this.canvas.setPointerCapture(event.pointerId);
