@@ -130,7 +130,7 @@ def of_thinned(tab: Page, server: Nice, address: str) -> dict[str, float]:
     """Curves of as many points as a screen shows, and the stream."""
     thinned = painted(tab, f"{address}/log?points=2200")
     charts = "[...document.querySelectorAll('[_echarts_instance_]')].map((d) => getElement(d.id.slice(1)).chart)"
-    tab.ask(f"window.plots = {charts}; 0")
+    assert tab.ask(f"(window.plots = {charts}).length") == 2
     half = "50 / 2 ** (k % 10)"
     to = f"{{ type: 'dataZoom', startValue: 50 - {half}, endValue: 50 + {half} }}"
     step = zoomed(tab, f"plots.forEach((c) => c.dispatchAction({to}))")
@@ -175,6 +175,7 @@ def painted(tab: Page, address: str) -> float:
     for _ in range(2):
         try:
             tab.call("Page.navigate", url="about:blank")
+            tab.wait("location.href === 'about:blank'")
             tab.call("Page.navigate", url=address)
             tab.wait("window.painted")
         except (AssertionError, TimeoutError):

@@ -79,7 +79,7 @@ def test_a_field_changes_the_text_and_keeps_its_comments(bench, tab):
     assert text_of(bench, path).startswith("# Monday\n")
     tab.size(NARROW, 900)
     assert tab.ask("document.documentElement.scrollWidth") <= NARROW
-    tab.ask(f"{area}.value = ''")  # nothing unsaved is left
+    tab.ask(f"{area}.value = {json.dumps(text_of(bench, path))}")  # nothing unsaved is left
 
 
 def spoiled(name):
