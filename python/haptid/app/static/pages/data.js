@@ -68,9 +68,9 @@ async function channels(part, path) {
       const box = el("input", { type: "checkbox", "aria-label": `draw ${c.name}`, checked: first.has(c.name), disabled: !c.count || c.name === time });
       boxes.push([c, box]);
       const range = c.count ? `${Number(c.low.toPrecision(5))} .. ${Number(c.high.toPrecision(5))}` : "nothing but NaN";
-      return [box, c.name, String(c.count), String(c.missing || ""), range, c.unit ? `${c.quantity}, ${c.unit}` : c.quantity, c.reason];
+      return [box, c.name, c.unit ? `${c.quantity}, ${c.unit}` : c.quantity, range, String(c.count), String(c.missing || ""), c.reason];
     });
-    table(part, ["draw", "channel", "samples", "missing", "range", "guess", "reason"], rows);
+    table(part, ["draw", "channel", "guess", "range", "samples", "missing", "reason"], rows);
   }
   const said = el("p", { class: "small", role: "status" }, part);
   const plots = el("div", { id: "plots" }, part);
