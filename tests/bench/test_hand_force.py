@@ -7,6 +7,8 @@ import pytest
 from scipy import signal
 
 import haptid
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.schema import ElasticTerm
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
@@ -131,3 +133,32 @@ def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, es
     error = rms((seen - hand).T[during])
     assert error < rms((observer.smooth(differentiated, dt) - hand).T[during])
     assert error < 0.1 * rms(hand.T[during])
+
+
+def test_springs_behind_motors_do_not_hide_the_hand():
+    """Both sides of an elastic arm are measured: six rows, and the hand acts on three; no moment is made up."""
+    arm, rng = haptid.read_device("arm3"), np.random.default_rng(0)
+    terms = [ElasticTerm(kind="elastic", motors="all"), *(term for term in arm.tables.terms if term.kind != "coulomb")]
+    model = haptid.DynamicModel(device_of(arm.tables.model_copy(update={"terms": terms}), "arm3"))
+    chi = true_parameters(model, KE=400.0, DE=0.8, IA=0.02, FV=0.05)
+    kind = bench.Multisine(3.0, (0.0, 0.7, -1.0), (0.5, 0.3, 0.4), frequencies_hz=(0.4, 2.0), ramp=1.0)
+    push = bench.Push((5.0, -4.0, 6.0), frequency_hz=1.3, start=1.0)
+    setup = bench.Setup(model, chi, bench.Controller((80.0, 80.0, 40.0), (2.0, 2.0, 1.0), gravity=True), hand=(push,))
+    found = bench.simulate(setup, bench.plan(kind, model, setup.dt, rng), rng)
+    sides = haptid.Signal(tuple(f"q{k}" for k in range(6)), "rad")
+    channels = haptid.Channels(sides, haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"), time="t")
+    log = haptid.Log("bench", "", found.t, found.position, found.command, channels)
+    estimate = haptid.estimate(
+        haptid.observe(model, motion(model, model.base.of(chi), seconds=5.0, noise=0.02)), haptid.WLS()
+    )
+    treated = haptid.treat(log, replace(TREATMENT, torque_delay_s=5e-4))
+    force, watched = estimate_force(estimate, treated), observe_force(estimate, treated)
+    assert force.moment == watched.moment == "taken as zero"
+    assert not force.lever.inverse[:, :, model.device.row_map[:, 3:].any(axis=1)].any()
+    hand = signal.convolve(found.hand, TREATMENT.taps(found.dt)[:, None], mode="same")
+    hand, during = hand[np.rint(force.t / found.dt).astype(int)], (force.t > 1.3) & (force.t < 2.7)
+    assert rms((force.force - hand)[during]) < 0.02 * rms(hand[during])
+    means = 0.5 * (found.hand + np.roll(found.hand, 1, axis=0))
+    seen = MomentumObserver().smooth(means.T, found.dt).T[np.rint(watched.t / found.dt).astype(int)]
+    during = (watched.t > 1.3) & (watched.t < 2.7)
+    assert rms((watched.force - seen)[during]) < 0.02 * rms(seen[during])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import haptid
+from haptid.device.elastic import without_torsion
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.counterparts import parameters_on, with_stiff_springs, without_sensors
-from haptid.experiment.bench.elastic import without_torsion
 
 PLAIN = [
     {"kind": "rotor-inertia", "motors": "all"},

@@ -7,6 +7,8 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.schema import ElasticTerm
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenParameters, characterise
@@ -168,3 +170,23 @@ def test_settings_that_mean_nothing(given):
         with pytest.raises(errors.SettingError) as setting:
             DeviceInstruments(**wrong)
         assert setting.value.where == where
+
+
+def test_rotors_behind_springs_are_in_the_mass_below_the_structural_frequency_alone():
+    """Against the same arm with rigid motors, with its rotors and without them."""
+    arm = haptid.read_device("arm3")
+    terms = [ElasticTerm(kind="elastic", motors="all", sensor=True), *arm.tables.terms]
+
+    def sheet(device, **sizes):
+        model = haptid.DynamicModel(device)
+        known = GivenParameters(model, model.base.of(true_parameters(model, **sizes)))
+        return data_sheet(known, workspace(model, {"1": (-0.5, 0.5), "2": (0.3, 1.0), "3": (-1.5, -0.5)}), poses=30)
+
+    bent = sheet(device_of(arm.tables.model_copy(update={"terms": terms}), "arm3"), IA=0.05, KE=400.0, DE=0.1)
+    rigid, bare = sheet(arm, IA=0.05), sheet(arm, IA=0.0)
+    for which in ("largest", "smallest"):
+        below, above = (bent[f"{which} effective mass{end}"] for end in ("", " of the links alone"))
+        assert below.value == pytest.approx(rigid[f"{which} effective mass"].value, rel=1e-9)
+        assert above.value == pytest.approx(bare[f"{which} effective mass"].value, rel=1e-9)
+        assert above.value < 0.9 * below.value
+    assert 1.0 < bent["structural frequency, motors held"].value < bent["structural frequency, motors free"].value

@@ -54,21 +54,24 @@ def characterise(
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.handle import chosen, draw, figures, show, table_request
+    from haptid.dynamics.counterparts import with_stiff_springs
     from haptid.end_effector.characterisation.characterise import characterise as compute
+    from haptid.end_effector.characterisation.model import on_counterpart
     from haptid.end_effector.characterisation.table import table_columns, write_columns
     from haptid.end_effector.force import WORST_CONDITION
     from haptid.results.result import Result
 
     with errors_shown():
         check_writable(out_folder)
-        read = Result.load(result)
-        poses = chosen(read.model, at or (), sweep, grid, limit or ())
-        wanted = table_request(read.model.device, along, speed, stiffness, torque or ())
+        read = Result.load(result).identified
+        known = on_counterpart(read, with_stiff_springs(read.model))  # what a hand feels below resonances
+        poses = chosen(known.model, at or (), sweep, grid, limit or ())
+        wanted = table_request(known.model.device, along, speed, stiffness, torque or ())
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             progress("figures", 0.0)
             found = compute(
-                read.identified, poses.qa, worst_condition=WORST_CONDITION if max_condition is None else max_condition
+                known, poses.qa, worst_condition=WORST_CONDITION if max_condition is None else max_condition
             )
             made = table_columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")

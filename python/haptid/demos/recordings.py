@@ -13,12 +13,13 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid._internal.extras import needing
 from haptid.device import read_device
+from haptid.device.elastic import without_torsion
 from haptid.dynamics.inverse import core_torque, inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.errors import IdentifiabilityError
 from haptid.executors import ProcessExecutor
-from haptid.experiment.bench.elastic import planned_torque, without_torsion
+from haptid.experiment.bench.elastic import planned_torque
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders

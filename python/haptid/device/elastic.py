@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Joint, Motor
+from haptid.device.device import Device, Joint, Motor
 from haptid.device.loops.formula import AnyClosure
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import AnyTerm, ElasticTerm, PlainTerm
@@ -149,4 +149,26 @@ def row_map(drives: Sequence[Motor], active: Sequence[int], closure: AnyClosure,
         if drive.load_side is not None and drive.sensed is None:
             row = list(active).index(drive.first) if joint_rows else k
             made[row] = drive.torsion @ G
+    return made
+
+
+def rotors(device: Device) -> list[int]:
+    """Indices of the elastic motors' rotors in the active joints."""
+    return [device.active.index(drive.first) for drive in device.elastic]
+
+
+def without_torsion(device: Device, links: Array, position: bool) -> Array:
+    """Motion of all active joints without torsion, (n, active), from that of those that are no rotors, (n, links).
+
+    Args:
+        device: the device.
+        links: positions or rates.
+        position: whether they are positions.
+    """
+    own, made = rotors(device), np.zeros((len(links), len(device.active)))
+    made[:, np.delete(np.arange(len(device.active)), own)] = links
+    for k, drive in zip(own, device.elastic, strict=True):
+        behind = drive.row - drive.torsion
+        offset = float(behind @ device.closure.offset) if position else 0.0
+        made[:, k] = made @ (behind @ device.closure.constant) + offset
     return made

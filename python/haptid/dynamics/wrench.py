@@ -27,6 +27,7 @@ class Lever:
         usable: whether it is below the limit, (samples,).
         determined: whether torques alone determine a component, forces first, in the handle's own axes, at every
             usable pose, (6,).
+        acting: number of measured rows on which the wrench acts.
         sure: directions of force that are determined whatever the moment; 0 where no pose is usable.
         leak: largest force error for a unit of unknown moment, N/(N m); NaN where no pose is usable.
     """
@@ -37,6 +38,7 @@ class Lever:
     condition: Array
     usable: np.ndarray
     determined: np.ndarray
+    acting: int
     sure: int
     leak: float
 
@@ -45,11 +47,17 @@ class Lever:
         return np.asarray(np.einsum("num,mn->un", self.inverse, torque))
 
 
+def acting_rows(handle: HandleMotion, rows: list[int]) -> np.ndarray:
+    """Places among these rows of those on which a wrench at the handle acts at some pose; all where it acts on none."""
+    found = np.flatnonzero(handle.row_jacobian[:, :, rows].any(axis=(0, 1)))
+    return found if len(found) else np.arange(len(rows))
+
+
 def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, worst: float) -> Lever:
     """Invert the transposed Jacobian at every pose.
 
-    With fewer rows than unknown components the inverse gives the part of the force along the handle's own motion, and
-    zero for the rest.
+    Rows on which the handle does not act, such as torsions of elastic motors, do not count. With fewer rows than
+    unknown components the inverse gives the part of the force along the handle's own motion, and zero for the rest.
 
     Args:
         handle: poses.
@@ -59,6 +67,8 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
         worst: condition number beyond which a pose is not usable.
     """
     expect("noise", noise.shape, (len(rows),))
+    acting = acting_rows(handle, rows)
+    noise, count, rows = noise[acting], len(rows), [rows[k] for k in acting]
     J = handle.row_jacobian[:, :, rows]
     # Moments are scaled by the device's characteristic length, so that condition numbers have one unit.
     linear, angular = (float(np.linalg.norm(half)) for half in np.split(J, 2, axis=1))
@@ -70,14 +80,17 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
     usable = condition <= worst
     weights = 1 / np.maximum(noise, _LEAST_NOISE * noise.max()) if noise.any() else np.ones(len(rows))
     inverse = _inverse(scaled[:, :unknown].mT * weights[:, None], rank) * weights * scale[:unknown, None]
+    whole = np.zeros((*inverse.shape[:2], count))
+    whole[:, :, acting] = inverse
     leak = np.linalg.norm(inverse[usable, :3] @ J[usable, 3:].mT, axis=(1, 2), ord=2)
     return Lever(
         handle=handle,
         unknown=unknown,
-        inverse=freeze(inverse),
+        inverse=freeze(whole),
         condition=freeze(condition),
         usable=usable,
         determined=_determined(handle, scaled, usable),
+        acting=len(rows),
         sure=len(rows) - _rank(scaled[usable, 3:]) if usable.any() else 0,
         leak=float(leak.max()) if usable.any() else float("nan"),
     )

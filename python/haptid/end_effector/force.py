@@ -16,7 +16,7 @@ from haptid._internal.arrays import Array, expect, freeze, freeze_fields, positi
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.wrench import Lever, lever
+from haptid.dynamics.wrench import Lever, acting_rows, lever
 from haptid.errors import setting_error
 from haptid.estimation import Estimate
 from haptid.motion.motion import Motion
@@ -270,8 +270,9 @@ def _spread(parts: Iterable[Array], errors: Array) -> Array:
 
 def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: float) -> Lever:
     """Map from torques to wrenches at these poses; the moment is unknown if not given and rows are six or more."""
-    rows = list(estimate.model.measured_rows)
-    return lever(handle_motion(estimate.model, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
+    rows, handle = list(estimate.model.measured_rows), handle_motion(estimate.model, qa)
+    unknown = 6 if len(acting_rows(handle, rows)) >= 6 and not given else 3
+    return lever(handle, rows, noise, unknown, worst)
 
 
 def handle_force(estimate: Estimate, found: Lever, made: WrenchEstimate, notes: tuple[str, ...]) -> HandleForce:
@@ -297,7 +298,7 @@ def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
             f"{found.condition.min():.3g} at best). Use other poses, or raise `worst_condition`."
         )
         return
-    rows = sum(estimate.model.device.measured)
+    rows = found.acting
     if moment == "taken as zero":
         known = [name for name, wrench in zip(_COMPONENTS, found.determined, strict=True) if wrench]
         yield (

@@ -13,11 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
+from haptid.device.elastic import without_torsion
+from haptid.dynamics.counterparts import with_stiff_springs, without_sensors
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace
+from haptid.end_effector.characterisation.apparent_mass import apparent_mass
 from haptid.end_effector.characterisation.characterise import characterise
-from haptid.end_effector.characterisation.model import IdentifiedModel
+from haptid.end_effector.characterisation.model import IdentifiedModel, on_counterpart
 from haptid.end_effector.compensation import TYPICAL_HAND, Compensation
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
 from haptid.end_effector.datasheet.structure import structural_frequency
@@ -97,7 +100,8 @@ def data_sheet(
 
     Args:
         known: an estimate or given parameters; the model alone where none are known, and figures that need them say so.
-        where: the workspace.
+            With elastic motors, figures are those below the resonances, and those above where they are said to be.
+        where: the workspace; limits of rotors do not matter.
         instruments: rate, delay, limits and resolutions; those of the device file where None.
         poses: most cells of the grid over the workspace.
 
@@ -107,8 +111,9 @@ def data_sheet(
         WorkspaceError: no pose is inside the workspace.
         UnknownNameError: a figure of a motor that the device does not have.
     """
-    model = known if isinstance(known, DynamicModel) else known.model
-    where.model.require_same(model)
+    where.model.require_same(known if isinstance(known, DynamicModel) else known.model)
+    bent, known, where = known, *_stiff(known, where)
+    model = where.model
     qa, every = where.grid(poses), handle_motion(model, where.grid(_POSITIONS * poses)).position
     at = handle_motion(model, qa)
     centre = (at.position.max(axis=0) + at.position.min(axis=0)) / 2
@@ -119,12 +124,21 @@ def data_sheet(
         rows.append(SheetRow("Dynamics", "effective mass", None, "kg", "no parameters are known"))
     else:
         rows += _Dynamics(known, qa, tools).rows()
-    rows += _structure(known, qa)
+    rows += _structure(bent, qa)
     published = tuple(
         (one.name, f"{one.value:g} {one.unit or ''}".strip() if isinstance(one.value, float) else one.value, one.source)
         for one in model.device.tables.published
     )
     return DataSheet(model, tuple(rows), published, qa, read_only(every), middle)
+
+
+def _stiff(known: IdentifiedModel | DynamicModel, where: Workspace) -> tuple[IdentifiedModel | DynamicModel, Workspace]:
+    """The same with rigid motors: what a hand feels below the resonances."""
+    model = with_stiff_springs(where.model)
+    if model is where.model:
+        return known, where
+    stiff = replace(where, model=model, limits=where.limits[: len(model.device.active)])
+    return model if isinstance(known, DynamicModel) else on_counterpart(known, model), stiff
 
 
 def _geometry(model: DynamicModel, positions: Array) -> Iterator[SheetRow]:
@@ -170,10 +184,22 @@ def _over(group: str, name: str, field: Field, method: str) -> SheetRow:
 
 
 def _structure(known: IdentifiedModel | DynamicModel, qa: Array) -> Iterator[SheetRow]:
-    """Lowest natural frequencies of springs behind motors, where they are identified."""
+    """Lowest natural frequencies of springs behind motors and the mass above them, where they are identified.
+
+    Args:
+        known: of the device as its file has it.
+        qa: positions of the active joints without rotors, (active, poses).
+    """
     if isinstance(known, DynamicModel) or not known.model.device.elastic:
         yield _STRUCTURE
         return
+    known = on_counterpart(known, without_sensors(known.model))
+    qa = without_torsion(known.model.device, qa.T, position=True).T
+    masses = apparent_mass(known, qa).mass
+    for name, k in (("largest", 0), ("smallest", masses.values.shape[1] - 1)):
+        part = Field(masses.values[:, k], None if masses.se is None else masses.se[:, k], masses.dof, "kg")
+        method = "principal value with free rotors: above the structural frequency, which links follow alone"
+        yield _over(_STRUCTURE.group, f"{name} effective mass of the links alone", part, method)
     for held in (True, False):
         name = f"{_STRUCTURE.name}, motors {'held' if held else 'free'}"
         method = "lowest natural frequency on the motors' springs, without damping and gravity"

@@ -6,6 +6,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
+from haptid.device.elastic import rotors
 from haptid.dynamics.forward import INVERTIBLE, ForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
@@ -13,28 +14,6 @@ from haptid.errors import ExperimentError
 
 # Fastest motion over the rate of the simulator's steps: the fourth-order Runge-Kutta method is stable up to 2.78.
 _FASTEST = 2.5
-
-
-def rotors(device: Device) -> list[int]:
-    """Indices of the elastic motors' rotors in the active joints."""
-    return [device.active.index(drive.first) for drive in device.elastic]
-
-
-def without_torsion(device: Device, links: Array, position: bool) -> Array:
-    """Motion of all active joints without torsion, (n, active), from that of those that are no rotors, (n, links).
-
-    Args:
-        device: the device.
-        links: positions or rates.
-        position: whether they are positions.
-    """
-    own, made = rotors(device), np.zeros((len(links), len(device.active)))
-    made[:, np.delete(np.arange(len(device.active)), own)] = links
-    for k, drive in zip(own, device.elastic, strict=True):
-        behind = drive.row - drive.torsion
-        offset = float(behind @ device.closure.offset) if position else 0.0
-        made[:, k] = made @ (behind @ device.closure.constant) + offset
-    return made
 
 
 def planned_torque(device: Device, c: Array, tau: Array) -> Array:

@@ -14,10 +14,10 @@ from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.extras import needing
 from haptid.device import read_device
+from haptid.device.elastic import rotors
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputFolderError
 from haptid.executors import Executor, ProcessExecutor
-from haptid.experiment.bench.elastic import rotors
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, freeze_fields
+from haptid.device.elastic import rotors, without_torsion
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentError, TrajectoryError
-from haptid.experiment.bench.elastic import rotors, without_torsion
 
 Figures = tuple[float, ...]
 Rates = tuple[Array, Array, Array]
