@@ -6,12 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from scipy import signal
 
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.errors import DeviceFileError, ExperimentError, HaptidError
 from haptid.experiment import bench
+from haptid.experiment.bench.run import Job, make_log
 
 J, FV = 0.1, 0.05
 AXIS = {
@@ -218,3 +220,31 @@ def test_wrong_flaws_are_clear_errors(tmp_path):
         made(tmp_path, "[amplifiers]\njitter = 1.5e-4")
     with pytest.raises(DeviceFileError, match="rotor has no inertia"):
         made(tmp_path, '[[terms]]\nkind = "elastic"\nmotors = "all"')
+
+
+SENSED_AXIS = """
+schema = 1
+name = "axis"
+gravity = [0.0, 0.0, -9.81]
+joints = [{ name = "1" }]
+terms = [{ kind = "elastic", motors = "all", sensor = true }, { kind = "rotor-inertia", motors = "all" }]
+"""
+SENSED_MOTION = """
+schema = 1
+name = "move"
+trajectory = { kind = "multisine", seconds = 2.0, centre = [0.0], amplitude = [0.5], ramp = 0.5 }
+controller = { kp = 40.0, kd = 1.5 }
+torque_sensors = { offset = 0.3 }
+parameters = { XX1 = 0.1, YY1 = 0.1, ZZ1 = 0.1, M1 = 1.0, KE1 = 400.0, DE1 = 0.5, IAM1 = 0.02 }
+"""
+
+
+def test_torque_sensors_measure_springs(tmp_path):
+    """Stiffness times torsion and damping times its rate of the true states, plus the sensor's zero."""
+    (tmp_path / "axis.toml").write_text(SENSED_AXIS)
+    (tmp_path / "move.toml").write_text(SENSED_MOTION)
+    out = make_log(Job(tmp_path / "axis.toml", tmp_path / "move.toml", tmp_path / "log.parquet", truth=True))
+    log, states = (parquet.read_table(p).to_pydict() for p in (out, tmp_path / "log.truth.parquet"))
+    bent, rate = (np.subtract(states[f"{x}_rotor_1"], states[f"{x}_1"]) for x in ("q", "qd"))
+    np.testing.assert_allclose(log["sensor_1"], 400.0 * bent + 0.5 * rate + 0.3, atol=1e-9)
+    assert np.ptp(bent) > 1e-3

@@ -172,3 +172,10 @@ def without_torsion(device: Device, links: Array, position: bool) -> Array:
         offset = float(behind @ device.closure.offset) if position else 0.0
         made[:, k] = made @ (behind @ device.closure.constant) + offset
     return made
+
+
+def torsion_places(device: Device) -> list[int]:
+    """Indices of the torque rows' coordinates that are torsions of elastic motors."""
+    if device.torque_rows == "joint":
+        return rotors(device)
+    return [k for k, drive in enumerate(device.drives) if drive.load_side is not None]

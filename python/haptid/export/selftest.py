@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.elastic import torsion_places
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque, mass_matrix, momentum, raw_parameters, rigid
 from haptid.dynamics.kinematics import HandleMotion, handle_motion
@@ -19,7 +20,6 @@ from haptid.experiment.bench.elastic import planned_torque
 from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.export.model.elastic import torsion_places
 from haptid.export.model.passive import passive_positions, start_pose
 from haptid.motion.filters import HighPass
 from haptid.observation.reversals import smoothed_friction
@@ -145,7 +145,7 @@ class ReferenceValues:
     @property
     def _spring_torque(self) -> Array:
         """Torque of the elastic motors on the same motion without torsion, less that on their rotors."""
-        device, own = self.model.device, torsion_places(self.model)
+        device, own = self.model.device, torsion_places(self.model.device)
         q, qd, qdd = (x.copy() for x in (self.q, self.qd, self.qdd))
         for x in (q, qd, qdd):
             x[own] = 0.0
@@ -157,7 +157,7 @@ class ReferenceValues:
 
     def _rotors(self) -> dict[str, Array]:
         """Momentum and torque of the rotors' terms, with the links at zero."""
-        own, q, qd = torsion_places(self.model), np.zeros_like(self.q), np.zeros_like(self.q)
+        own, q, qd = torsion_places(self.model.device), np.zeros_like(self.q), np.zeros_like(self.q)
         q[own], qd[own] = self.theta, self.thetad
         moving = replace(self, q=q, qd=qd)
         motors = [f"motor {drive.name}" for drive in self.model.device.elastic]

@@ -6,7 +6,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.device.elastic import rotors
+from haptid.device.elastic import rotors, torsion_places
 from haptid.dynamics.forward import INVERTIBLE, ForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
@@ -26,7 +26,7 @@ def planned_torque(device: Device, c: Array, tau: Array) -> Array:
     """
     if not device.elastic:
         return device.drive_torque(c, tau)
-    held = np.delete(np.arange(len(c)), _torsions(device))
+    held = np.delete(np.arange(len(c)), torsion_places(device))
     B = device.drive_jacobian(c)[..., device.driven, :][..., held]
     shares = device.law.of(device.driven).shares(B)
     return np.asarray(np.einsum("...dr,r...->d...", shares, tau[held]) if B.ndim == 3 else shares @ tau[held])
@@ -101,7 +101,7 @@ def check_springs(model: DynamicModel, chi: Array, q: Array, step: float) -> Non
                 advice=f"Give {term.name} = 0 or more under [parameters] in the experiment.",
             )
     c = (model.device.row_map @ q)[:, None]
-    c[_torsions(model.device)] = 1.0  # beyond any play
+    c[torsion_places(model.device)] = 1.0  # beyond any play
     still, forward = np.zeros_like(c), ForwardDynamics(model, raw)
     stiff, damped = (part[0] for part in forward.gradients(c, still, still))
     M, n = forward.mass(c)[0], len(c)
@@ -118,10 +118,3 @@ def check_springs(model: DynamicModel, chi: Array, q: Array, step: float) -> Non
             limit=_FASTEST,
             advice=f"Give [physics] step = {0.5 * _FASTEST / fastest:.1g}, or make this motor rigid.",
         )
-
-
-def _torsions(device: Device) -> list[int]:
-    """Indices of the torque rows' coordinates that are torsions of elastic motors."""
-    if device.torque_rows == "joint":
-        return rotors(device)
-    return [k for k, drive in enumerate(device.drives) if drive.load_side is not None]

@@ -19,10 +19,19 @@ from haptid.device import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters, tensor
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyTerm
+from haptid.dynamics.counterparts import without_sensors
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentFileError, unknown_name
 from haptid.experiment.bench.mjcf import Physics, SimulatedPayload
-from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
+from haptid.experiment.bench.setup import (
+    Amplifiers,
+    Controller,
+    Encoders,
+    ForceSensor,
+    Push,
+    Setup,
+    TorqueSensors,
+)
 from haptid.experiment.bench.trajectories import (
     SPREAD,
     Fourier,
@@ -203,6 +212,13 @@ class SensorTable(_Table):
     moment_noise: NotNegative = Field(0.0, description="standard deviation of a sample, N m")
 
 
+class TorqueSensorsTable(_Table):
+    """Torque sensors behind the springs of elastic motors, one value for all or one for each."""
+
+    noise: EachNotNegative = Field(0.0, description="standard deviation of a sample, N m or N")
+    offset: float | list[float] = Field(0.0, description="their zeros, N m or N")
+
+
 class BodyTable(_Table):
     """True rigid body of a link, in the link frame of the device file's convention."""
 
@@ -239,6 +255,7 @@ class ExperimentTable(_Table):
     gravity: _Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
     hand: list[PushTable] = Field([], description="hand forces; they add up")
     sensor: SensorTable | None = None
+    torque_sensors: TorqueSensorsTable | None = None
     physics: PhysicsTable | None = None
     parameters: dict[str, _Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
     bodies: list[BodyTable] = Field([], description="true bodies of links; default: the device's prior")
@@ -297,6 +314,10 @@ class Experiment:
                 device_of(tables.model_copy(update={"terms": [*tables.terms, *table.terms]}), model.device.name)
             )
         settings: dict[str, Any] = {}
+        if sensed := [drive.name for drive in model.device.elastic if drive.sensed is not None]:
+            given = (table.torque_sensors or TorqueSensorsTable()).model_dump()
+            settings["torque_sensors"] = TorqueSensors(tuple(sensed), **_tuples(given))
+        model = without_sensors(model)
         for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
             if (given := getattr(table, name)) is not None:
                 settings[name] = kind(**_tuples(given.model_dump()))

@@ -14,16 +14,20 @@ from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.extras import needing
 from haptid.device import read_device
-from haptid.device.elastic import rotors
+from haptid.device.elastic import rotors, torsion_places
+from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.errors import OutputFolderError
 from haptid.executors import Executor, ProcessExecutor
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
 from haptid.experiment.bench.simulation import Progress, load_mujoco, simulate
-from haptid.experiment.bench.trajectories import plan
+from haptid.experiment.bench.trajectories import per_coordinate, plan
 
+# Random stream of the torque sensors' noise.
+_SENSORS = 1
 # Columns of a log: name -> (values, unit).
 _Columns = dict[str, tuple[Array, str]]
 
@@ -50,11 +54,36 @@ def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording,
         columns[f"velocity{name}"] = (made.velocity[:, k], f"{unit}/s")
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         columns[f"target{name}"] = (made.target[:, k], unit)
+    sensed = _sensed_torque(setup, made, np.random.default_rng((seed, _SENSORS)))
+    for name, values in sensed.items():
+        drive = next(drive for drive in model.device.elastic if drive.name == name)
+        columns[f"sensor_{name}"] = (values, "N" if joint_unit(model, drive.first) == "m" else "N m")
     if made.wrench is not None:
         for k, axis in enumerate("xyz"):
             columns[f"force_{axis}"] = (made.wrench[:, k], "N")
             columns[f"moment_{axis}"] = (made.wrench[:, 3 + k], "N m")
     _write(path, columns, description(experiment, model, seed))
+
+
+def _sensed_torque(setup: Setup, made: Recording, rng: np.random.Generator) -> dict[str, Array]:
+    """What the torque sensors behind springs measure, by the name of the motor, each (samples,), N m or N."""
+    sensors, model = setup.torque_sensors, setup.model
+    if sensors is None:
+        return {}
+    active = list(model.device.active)
+    c, cd = (model.device.row_map @ x[:, active].T for x in (made.q, made.qd))
+    raw = model.device.parameters.S @ setup.chi
+    for k, term in enumerate(model.terms, 10 * len(model.device.joints)):
+        raw[k] *= term.on.startswith("elastic ")
+    raw[: 10 * len(model.device.joints)] = 0.0
+    still = np.zeros_like(c)
+    rows = core_torque(model, raw, c, cd, still, external(model, c, cd, still))
+    noise, offset = (per_coordinate(name, getattr(sensors, name), list(sensors.motors)) for name in ("noise", "offset"))
+    carried = dict(zip((drive.name for drive in model.device.elastic), rows[torsion_places(model.device)], strict=True))
+    return {
+        name: carried[name] + zero + size * rng.standard_normal(c.shape[1])
+        for name, size, zero in zip(sensors.motors, noise, offset, strict=True)
+    }
 
 
 def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recording, seed: int) -> None:

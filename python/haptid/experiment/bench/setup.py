@@ -161,6 +161,20 @@ class ForceSensor:
     moment_noise: float = 0.0
 
 
+@dataclass(frozen=True)
+class TorqueSensors:
+    """Torque sensors behind the springs of elastic motors.
+
+    Attributes:
+        motors: names of the motors that have one.
+        noise, offset: standard deviation of a sample, and zero, N m or N; one for all sensors or one for each.
+    """
+
+    motors: tuple[str, ...]
+    noise: Figures = (0.0,)
+    offset: Figures = (0.0,)
+
+
 @dataclass(frozen=True, eq=False)
 class Setup:
     """A simulated set-up: device, true parameters, controller and instruments.
@@ -173,6 +187,7 @@ class Setup:
         hand: hand forces at the handle.
         held: a hand that holds the handle; None for a free one.
         sensor: force/torque sensor at the handle.
+        torque_sensors: behind springs; None for none.
         law: control law that adds to the controller's torque, None for none; amplifiers saturate the sum.
     """
 
@@ -186,6 +201,7 @@ class Setup:
     hand: tuple[Push, ...] = ()
     held: Hand | None = None
     sensor: ForceSensor | None = None
+    torque_sensors: TorqueSensors | None = None
     law: TorqueLaw | None = None
 
     def __post_init__(self) -> None:

@@ -13,10 +13,10 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.escaping import c_comment
+from haptid.device.elastic import torsion_places
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
-from haptid.export.model.elastic import torsion_places
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode
@@ -172,7 +172,7 @@ class Files:
         """The states of springs behind motors; empty where there are none."""
         if "springs" not in self.code:
             return ""
-        own = torsion_places(self.model)
+        own = torsion_places(self.model.device)
         return self.filled(template, springs=len(own), torsions=", ".join(map(str, own)))
 
     def signature(self, function: Function) -> str:

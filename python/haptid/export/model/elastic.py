@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.elastic import torsion_places
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.emit import Function
@@ -31,18 +32,10 @@ def has_linear_springs(model: DynamicModel) -> bool:
     return bool(springs) and linear and not model.device.drive_varies.any()
 
 
-def torsion_places(model: DynamicModel) -> list[int]:
-    """Indices of the coordinates that are torsions, in the order of the elastic motors."""
-    device, names = model.device, list(model.device.row_names)
-    if device.torque_rows == "joint":
-        return [device.active.index(drive.first) for drive in device.elastic]
-    return [names.index(drive.name) for drive in device.elastic]
-
-
 def spring_shares(model: DynamicModel) -> Array:
     """Torques of the springs by those of the links on all coordinates, (springs, active); none by those of torsions."""
     device = model.device
-    held = np.delete(np.arange(len(device.active)), torsion_places(model))
+    held = np.delete(np.arange(len(device.active)), torsion_places(model.device))
     shares = device.law.of(device.driven).shares(device.drive_rates[device.driven][:, held])
     motors = [drive.name for drive in device.motors]
     made = np.zeros((len(device.elastic), len(device.active)))
@@ -62,7 +55,7 @@ def on_links(model: DynamicModel, term: TermColumn) -> bool:
 
 def links_of(model: DynamicModel, bodies: Bodies) -> Bodies:
     """The bodies without the rotors before springs."""
-    own = torsion_places(model)
+    own = torsion_places(model.device)
     return replace(bodies, rotors=tuple(one for one in bodies.rotors if not one[0][own].any()))
 
 
@@ -79,7 +72,7 @@ def spring_constants(model: DynamicModel, parameters: Sequence[Expr], graph: Gra
 
 def rotor_function(model: DynamicModel, tree: Tree, parameters: Sequence[Expr], graph: Graph, speed: float) -> Function:
     """Momentum of the rotors and the torque of the terms on them, from the positions of the motors alone."""
-    own, count = torsion_places(model), len(model.device.elastic)
+    own, count = torsion_places(model.device), len(model.device.elastic)
     theta, thetad = ([graph.name(f"{text}[{k}]") for k in range(count)] for text in ("theta", "thetad"))
     # The rotors' terms depend on their own positions: links at zero, and torsions as large as the rotors' positions.
     q, qd = ([graph.number(0.0)] * tree.coordinates for _ in range(2))
