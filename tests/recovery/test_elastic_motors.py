@@ -25,11 +25,13 @@ from haptid.estimation import MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.methods.simulation_based import base_columns
 from haptid.estimation.nonlinear import variable_projection
+from haptid.estimation.torque_uncertainty import other_motion
 from haptid.experiment import bench
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenCourse, DrivenJoints
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, noise_shares
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+from motions import motion
 
 TERMS = [
     {"kind": "elastic", "motors": "all"},
@@ -399,3 +401,15 @@ def test_stiffness_is_found_from_motor_positions_without_initial_values():
     (made,), found = complete_logs(model, [log], [True], torque_delay_s=0.0)
     assert_within(with_noise_uncertainty(found), times=4.5)  # converged to one standard error
     assert np.array_equal(made.position[:, 1], log.position[:, 0])
+
+
+def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():
+    """Fits from the motor side have rows of motors alone, and not of joints that springs move."""
+    model = arm()
+    whole = haptid.observe(model, motion(model, np.ones(len(model.base)), seconds=3.0))
+    motors = replace(whole, motors=tuple(m for m in whole.motors if not m.name.startswith("link_")))
+    assert len(motors.motors) == len(model.device.motors) < len(whole.motors)
+    kept = np.array([drive.motorised for drive in model.device.drives])
+    every, some = other_motion(whole), other_motion(motors)
+    states = len(every) // len(kept)
+    np.testing.assert_array_equal(some, every.reshape(len(kept), states, -1)[kept].reshape(len(some), -1))

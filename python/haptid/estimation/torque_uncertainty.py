@@ -45,7 +45,8 @@ def other_motion(observation: Observation) -> Array:
     model = observation.model
     c, cd, cdd = (np.ascontiguousarray(x) for x in _mixed(*_states(model, observation.motions)))
     columns, selection = model.needed
-    Y = rows(model, c, cd, cdd)[list(model.measured_rows)][:, list(columns)]
+    own = [model.device.row_names.index(motor.name) for motor in observation.motors]
+    Y = rows(model, c, cd, cdd)[own][:, list(columns)]
     level = np.array([motor.norm / np.sqrt(max(int(motor.rows.sum()), 1)) for motor in observation.motors])
     level = np.where(level > 0, level, level.max() or 1.0) * np.sqrt(c.shape[1])
     return np.asarray((Y / level[:, None, None]).transpose(0, 2, 1).reshape(-1, len(columns)) @ selection)
