@@ -315,7 +315,7 @@ class Experiment:
             )
         settings: dict[str, Any] = {}
         if sensed := [drive.name for drive in model.device.elastic if drive.sensed is not None]:
-            given = (table.torque_sensors or TorqueSensorsTable()).model_dump()
+            given = (table.torque_sensors or TorqueSensorsTable.model_validate({})).model_dump()
             settings["torque_sensors"] = TorqueSensors(tuple(sensed), **_tuples(given))
         model = without_sensors(model)
         for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
