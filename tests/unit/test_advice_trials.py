@@ -1,6 +1,7 @@
 """Trials of advice: fits from Gram matrices are least squares, and no block's error has been minimised."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from haptid.advice.rows import TrialRows
 from haptid.advice.search import Proven, TriedChange, _ranked
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.errors import LogTimeError
+from haptid.inference.diagnosis.finding import Finding
 
 
 def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
@@ -134,3 +136,18 @@ def test_the_rate_is_blamed_where_it_limits_the_filter(tmp_path: Path, share: fl
     told = advise(replace(found, proposal=replace(found.proposal, bandwidth_hz=fast)))
     assert any("faster than" in sentence for sentence in told.sentences) is refused
     assert (told.tried == 0) is refused
+
+
+@pytest.mark.parametrize(("factor", "kinds"), [(1000.0, ["unit"]), (0.037, []), (-1.2, ["torque sign"])])
+def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kinds, monkeypatch):
+    """Beside another motor whose unit is wrong, a motor that hardly turns its link has some factor or other."""
+    module = import_module("haptid.advice.advise")
+    monkeypatch.setattr(module, "unseen_percent", lambda *_: 1.0)
+    device = SimpleNamespace(motors=(SimpleNamespace(gear_ratio=1.0, torque_constant=1.0),))
+    motors = (SimpleNamespace(label="motor 1"),)
+    diagnosis = SimpleNamespace(
+        findings=(Finding("units and signs", "bad", {"factor motor 1": factor}, ""),),
+        estimate=SimpleNamespace(observation=SimpleNamespace(motors=motors)),
+    )
+    search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None)
+    assert [action.kind for action in module._units(search, None, diagnosis, set())] == kinds

@@ -39,6 +39,8 @@ TAU = Q + np.cos(5.0 * T)
         ("time;pos_estimate;vel_estimate;Iq_setpoint;Iq_measured", (T, Q, Q, TAU, TAU),
          ("time", "s"), (["pos_estimate"], "turn"), (["Iq_measured"], "A")),
         ("t;theta;i_d;i_q;V_motor;V_bus", (T, Q, TAU, TAU, TAU, TAU), ("t", "s"), (["theta"], "rad"), (["i_q"], "A")),
+        ("Time[ms];Position[pulse];Speed[min-1];Torque reference[%]", (1e3 * T, np.rint(4000 * Q), Q, TAU),
+         ("Time[ms]", "ms"), (["Position[pulse]"], "counts"), (["Torque reference[%]"], "counts")),
         ("t;alpha;theta;theta_v;V_m", (T, Q, Q, Q, TAU), ("t", "s"), (["theta"], "rad"), (["V_m"], "V")),
         ("t;ActPos;PosDiff;ActTorque [%]", (T, Q, Q, TAU),
          ("t", "s"), (["ActPos"], "rad"), (["ActTorque [%]"], "counts")),
@@ -99,6 +101,7 @@ def test_names_that_only_look_like_a_quantity() -> None:
         "i_d",
         "V_alpha",
         "PosDiff",
+        "traj_pos_acc",
         "vbus_voltage",
     ):
         assert quantity_of(name) == "other", name

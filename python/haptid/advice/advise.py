@@ -34,7 +34,7 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
-from haptid.inference.diagnosis.plausibility import GOOD
+from haptid.inference.diagnosis.plausibility import GOOD, gears_of, unit_error
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
@@ -363,6 +363,8 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
             GOOD > -factor > 1 / GOOD or factor > 0
         ):
             continue
+        if factor > 0 and unit_error(factor, gears_of(search.model.device)) is None:
+            continue  # as of a motor that hardly turns its link: bodies, friction and noise are as likely
         kind = "torque sign" if factor < 0 else "unit"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)
         change = CHANGES[kind].format(where=label)

@@ -56,7 +56,7 @@ SPELLINGS = {
     "m": ("meter", "metre", "meters", "metres"),
     "mm": ("millimeter", "millimetre", "millimeters", "millimetres"),
     "um": ("µm", "μm", "micron", "microns", "micrometer", "micrometre"),
-    "counts": ("count", "tick", "ticks", "inc", "increments", "lsb", "raw"),
+    "counts": ("count", "pulse", "pulses", "tick", "ticks", "inc", "increments", "lsb", "raw"),
     "deg/s": ("°/s", "degps"),
     "turn/s": ("rev/s", "rps"),
     "rpm": ("1/min", "min-1", "u/min", "rev/min"),

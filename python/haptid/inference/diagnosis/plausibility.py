@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device import Device
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
@@ -178,12 +179,17 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
     return words if distance < _NAMED else None
 
 
+def gears_of(device: Device) -> list[float]:
+    """Ratios that may be left out or counted twice: gears, and these with torque constants."""
+    return [motor.gear_ratio for motor in device.motors] + [
+        motor.gear_ratio * motor.torque_constant for motor in device.motors
+    ]
+
+
 def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, and negative friction."""
     figures = {f"factor {scale.motor}": scale.value for scale in found}
-    gears = [motor.gear_ratio for motor in made.model.device.motors] + [
-        motor.gear_ratio * motor.torque_constant for motor in made.model.device.motors
-    ]
+    gears = gears_of(made.model.device)
     bad, doubt = [], []
     for scale in found:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times {BODIES}"

@@ -189,10 +189,10 @@ def _velocity_line(rates: Sequence[_Family], position: _Family) -> list[str]:
     units = [_RATE_UNITS.get(channel.unit, "") for channel in position.channels]
     samples = min(channel.count for channel in position.channels)
     for family in (rate.ordered(position) for rate in rates):
-        fits = family.topic is position.topic and len(family.channels) == len(units) and all(units)
+        own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=False)]
+        fits = family.topic is position.topic and len(family.channels) == len(units) and all(own)
         wanted = bool(words_of(family.array) & _WANTED) != bool(words_of(position.array) & _WANTED)
         if fits and not wanted and family.rank[0] and min(c.count for c in family.channels) == samples:
-            own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=True)]
             stated = basic_string(own[0]) if len(set(own)) == 1 else f"[{', '.join(map(basic_string, own))}]"
             return [f"velocity = {{ {_where(family)}, unit = {stated} }}  # used where less noisy than differences"]
     return []

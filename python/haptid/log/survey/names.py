@@ -8,7 +8,7 @@ from haptid.log.survey.channels import Quantity
 from haptid.log.units import known_unit
 
 # Words of channels' names, in the languages of the laboratories that publish logs.
-_VELOCITY = frozenset({"qd", "dq", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "vitesse",
+_VELOCITY = frozenset({"qd", "dq", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "tacho", "vitesse",
                        "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
 _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
@@ -35,7 +35,8 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
 _NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip",
                       "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
-                      "temp", "temperature", "diff", "deviation", "lag", "direct"})  # fmt: skip
+                      "temp", "temperature", "diff", "deviation", "lag", "direct", "acc", "accel",
+                      "acceleration", "accelerations", "beschleunigung"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
 # Names of joints and not only of their positions.
