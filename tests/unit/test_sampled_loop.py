@@ -176,6 +176,10 @@ def test_the_search_finds_what_it_promises(law):
     assert best in front
     assert all(a.reduction < b.reduction and a.added_damping < b.added_damping for a, b in pairwise(front))
     assert 0 < max(point.reduction for point in found.front("passive")) < 0.05
+    assert found.required(0.3, "stable", "quiet") is best
+    with pytest.raises(errors.SettingError, match=r"no point that is passive takes away 30 % .* N s/m") as raised:
+        found.required(0.3, "passive")
+    assert 0 < raised.value.limit < 0.05 < raised.value.found
 
 
 def test_the_published_hands_are_the_corners_of_their_range():

@@ -20,7 +20,7 @@ MEASURED, PREDICTED, RESIDUAL = "black", "blue", "vermillion"
 # Levels of quantised numbers, and the one of a missing value.
 _MOST_LEVEL, _MISSING = 65534, 65535
 
-_Style = Literal["line", "envelope", "points", "band", "stack", "interval"]
+_Style = Literal["line", "path", "envelope", "points", "band", "stack", "interval"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def axis(label: str, unit: str = "", **settings: Any) -> dict[str, Any]:
 def plot(
     x: Mapping[str, Any], y: Mapping[str, Any], chart_series: Sequence[Mapping[str, Any]], **more: Any
 ) -> dict[str, Any]:
-    """A plot of curves; `group` links horizontal axes, `height` is in pixels."""
+    """A plot of curves; `group` links horizontal axes, `height` is in pixels, `equal` gives both axes one scale."""
     return {"kind": "plot", "x": dict(x), "y": dict(y), "series": [dict(s) for s in chart_series], **more}
 
 

@@ -113,9 +113,9 @@ def _workspace(sheet: DataSheet, key: str, view: tuple[int, int]) -> Chart:
     ends = _bars(sheet)[:, [0, 1, 1]][:, :, [a, b]]
     ends[:, 2, 1] = np.nan
     ends = ends.reshape(-1, 2)
-    curves.append(chart_series("mechanism", "line", "blue", x=packed(ends[:, 0]), y=packed(ends[:, 1])))
+    curves.append(chart_series("mechanism", "path", "blue", x=packed(ends[:, 0]), y=packed(ends[:, 1])))
     letters = "xyz"[a], "xyz"[b]
-    drawing = plot(axis(letters[0], "m"), axis(letters[1], "m"), curves, height=220)
+    drawing = plot(axis(letters[0], "m"), axis(letters[1], "m"), curves, height=300, equal=True)
     caption = f"{np.ptp(x):.3g} m along {letters[0]}, {np.ptp(y):.3g} m along {letters[1]}."
     alt = f"Positions of the handle in {letters[0]} and {letters[1]}, and the mechanism in the middle."
     return Chart(f"{key}-{''.join(letters)}", f"Workspace, {letters[0]} and {letters[1]}", alt, caption, drawing)

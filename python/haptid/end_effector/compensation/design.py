@@ -35,7 +35,7 @@ from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.compensation.hands import HandModel, HandMotion, published_hands
 from haptid.end_effector.compensation.law import Compensation
 from haptid.end_effector.compensation.sampled import SampledLoop
-from haptid.errors import setting_error
+from haptid.errors import SettingError, setting_error
 
 VELOCITY_CUTOFFS_HZ = (50.0, 200.0)
 MOMENTUM_CUTOFFS_HZ = (8.0, 25.0, 60.0)
@@ -105,6 +105,30 @@ class CompensationDesign:
     def best(self, reduction: float) -> DesignPoint | None:
         """The stable and quiet point with at least this reduction and the least added damping; None where none is."""
         return next((p for p in self.front("stable", "quiet") if p.reduction >= reduction), None)
+
+    def required(self, reduction: float, *verdicts: str) -> DesignPoint:
+        """The point with these verdicts, at least this reduction and the least added damping.
+
+        Raises:
+            SettingError: there is none; it says how far the best one is away.
+        """
+        front = self.front(*verdicts)
+        if found := next((p for p in front if p.reduction >= reduction), None):
+            return found
+        most = max((p.reduction for p in front), default=0.0)
+        near = [p.missing_damping for p in self.points if p.reduction >= reduction]
+        short = f"; {min(near):.3g} N s/m of damping at the handle are missing" if near else ""
+        lacks = short if "passive" in verdicts else ""
+        wanted = " and ".join(verdicts)
+        raise SettingError(
+            f"no point that is {wanted} takes away {100 * reduction:.3g} % of the felt mass, at most "
+            f"{100 * most:.3g} %{lacks}.",
+            where="reduction",
+            found=reduction,
+            limit=most,
+            advice="Ask for less, add friction to the device, search other filters, or ask for `stable` and `quiet`, "
+            "which hold in every hand of a set in place of any hand.",
+        )
 
 
 def design_compensation(

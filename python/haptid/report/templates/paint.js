@@ -41,6 +41,13 @@ function scale([low, high], [start, end], log) {
   };
 }
 
+// Both ranges, the narrower one widened about its middle, so that a unit has the same length along both axes of a box.
+function equalised(across, up, box) {
+  const length = Math.max((across[1] - across[0]) / (box.right - box.left), (up[1] - up[0]) / (box.bottom - box.top));
+  const about = ([a, b], size) => [(a + b - length * size) / 2, (a + b + length * size) / 2];
+  return [about(across, box.right - box.left), about(up, box.bottom - box.top)];
+}
+
 function nearest(xs, x) {
   if (xs[0] > xs[xs.length - 1]) return 0;
   let [a, b] = [0, xs.length - 1];
@@ -68,8 +75,10 @@ function axes(root, box, x, y, drawing) {
 
 // Minimum and maximum of each pixel where there are more points than pixels; lines break where a value is missing.
 function linePath(s, x, y, box) {
-  const first = Math.max(0, nearest(s.x, x.low) - 1), last = Math.min(s.x.length - 1, nearest(s.x, x.high) + 1);
-  const dense = last - first > 3 * (box.right - box.left);
+  const ordered = s.style !== "path"; // a path in space, whose x may go back: all of it is drawn
+  const first = ordered ? Math.max(0, nearest(s.x, x.low) - 1) : 0;
+  const last = ordered ? Math.min(s.x.length - 1, nearest(s.x, x.high) + 1) : s.x.length - 1;
+  const dense = ordered && last - first > 3 * (box.right - box.left);
   let [path, pen, k] = ["", "M", first];
   const point = (i) => {
     path += `${pen}${x.at(s.x[i]).toFixed(1)} ${y.at(s.y[i]).toFixed(1)}`;
@@ -110,6 +119,7 @@ function areaPath(s, x, y) {
 
 const PAINT = {
   line: (g, s, x, y, box) => svg("path", { d: linePath(s, x, y, box), fill: "none", stroke: s.ink, "stroke-width": s.width ?? 1.1, "stroke-dasharray": s.dash ?? "none", "stroke-linejoin": "round" }, g),
+  path: (g, s, x, y, box) => PAINT.line(g, s, x, y, box),
   envelope: (g, s, x, y) => svg("path", { d: areaPath(s, x, y), fill: s.ink, "fill-opacity": 0.75, stroke: s.ink, "stroke-width": Math.max(0.6, (s.width ?? 1) - 0.6) }, g),
   band: (g, s, x, y) => svg("path", { d: areaPath(s, x, y), fill: s.ink, "fill-opacity": 0.35 }, g),
   stack: (g, s, x, y) => svg("path", { d: areaPath(s, x, y), fill: s.ink, "fill-opacity": 0.85 }, g),

@@ -72,8 +72,9 @@ class Plot {
     const { root, width, height } = canvasOf(this.holder, this.drawing.height);
     const box = { left: 62, right: width - 10, top: 8, bottom: height - 36 };
     this.box = box;
-    this.x = scale(this.view, [box.left, box.right], this.drawing.x.log);
-    this.y = scale(this.heights(), [box.bottom, box.top], this.drawing.y.log);
+    const [across, up] = this.drawing.equal ? equalised(this.view, this.heights(), box) : [this.view, this.heights()];
+    this.x = scale(across, [box.left, box.right], this.drawing.x.log);
+    this.y = scale(up, [box.bottom, box.top], this.drawing.y.log);
     const id = `clip-${this.holder.id}`;
     const clip = svg("clipPath", { id }, svg("defs", {}, root));
     svg("rect", { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top }, clip);
