@@ -40,8 +40,8 @@ def freeze_fields(held: object, /, *names: str, **shapes: tuple[int | None, ...]
         ShapeError: a field has another shape.
     """
     for name in (*names, *shapes):
-        if (given := getattr(held, name)) is not None:
-            array = read_only(given)
+        if (value := getattr(held, name)) is not None:
+            array = read_only(value)
             expect(name, array.shape, shapes.get(name, array.shape))
             object.__setattr__(held, name, array)
 

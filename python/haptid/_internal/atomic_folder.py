@@ -89,16 +89,16 @@ def publishing_files(first: Path, *others: Path) -> Iterator[Path]:
         with _scratch(target, target.parent) as scratch:
             yield scratch
             moves = [(scratch / place.name, place) for place in places]
-            for made, place in moves:
-                if made.exists():
-                    _synced(made)
+            for staged, place in moves:
+                if staged.exists():
+                    _synced(staged)
                     if place.exists():
-                        shutil.copymode(place, made)
+                        shutil.copymode(place, staged)
             for _, place in moves[1:]:
                 place.unlink(missing_ok=True)
-            for made, place in moves:
-                if made.exists():
-                    os.replace(made, place)
+            for staged, place in moves:
+                if staged.exists():
+                    os.replace(staged, place)
     except OSError as error:
         raise unwritable(first, _reason(error), "Choose another path.") from error
 
@@ -138,11 +138,11 @@ def check_writable(out: Path) -> None:
         target = out.resolve()
         if target.exists() and not target.is_dir():
             raise unwritable(out, "it is a file")
-        where = target if target.exists() else target.parent
-        if not where.is_dir():
-            raise unwritable(out, f"its parent folder {where} does not exist")
-        if not os.access(where, os.W_OK | os.X_OK):
-            raise unwritable(out, f"the folder {where} is not writable")
+        folder = target if target.exists() else target.parent
+        if not folder.is_dir():
+            raise unwritable(out, f"its parent folder {folder} does not exist")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise unwritable(out, f"the folder {folder} is not writable")
     except (OSError, ValueError) as error:  # a name that is too long, a zero byte
         raise unwritable(out, _reason(error)) from error
 
@@ -161,10 +161,10 @@ def _exchangeable(target: Path) -> bool:
     if not target.exists():
         return True
     try:
-        here = Path.cwd().is_relative_to(target)
+        holds_working_folder = Path.cwd().is_relative_to(target)
     except OSError:
-        here = False
-    return not here and not os.path.ismount(target) and os.access(target.parent, os.W_OK | os.X_OK)
+        holds_working_folder = False
+    return not holds_working_folder and not os.path.ismount(target) and os.access(target.parent, os.W_OK | os.X_OK)
 
 
 def sweep_beside(out: Path) -> None:
@@ -179,13 +179,13 @@ def _prefix(target: Path) -> str:
 
 
 @contextmanager
-def _scratch(target: Path, where: Path) -> Iterator[Path]:
-    """A new folder in `where`, removed at the end; those that dead runs left there for this target go first."""
+def _scratch(target: Path, folder: Path) -> Iterator[Path]:
+    """A new folder in `folder`, removed at the end; those that dead runs left there for this target go first."""
     prefix = _prefix(target)
-    _sweep(target, where, prefix)
+    _sweep(target, folder, prefix)
     with ExitStack() as held:
         while True:
-            scratch = where / f"{prefix}{secrets.token_hex(4)}{_SCRATCH}"
+            scratch = folder / f"{prefix}{secrets.token_hex(4)}{_SCRATCH}"
             scratch.mkdir()
             held.callback(shutil.rmtree, scratch, ignore_errors=True)
             held.enter_context(_locked(scratch))
@@ -194,13 +194,13 @@ def _scratch(target: Path, where: Path) -> Iterator[Path]:
         yield scratch
 
 
-def _sweep(target: Path, where: Path, prefix: str) -> None:
+def _sweep(target: Path, folder: Path, prefix: str) -> None:
     """Remove what runs that died have left for a target; the target itself, if one of them had put it aside."""
-    for path in list(where.iterdir()):
+    for path in list(folder.iterdir()):
         if not path.name.startswith(prefix):
             continue
         if path.name.endswith(_ASIDE):
-            with _locked(where), suppress(OSError):
+            with _locked(folder), suppress(OSError):
                 if not target.exists():
                     os.rename(path, target)
             shutil.rmtree(path, ignore_errors=True)
@@ -254,13 +254,13 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _seal(scratch: Path) -> None:
     """Write the manifest of a scratch folder that has files of its own."""
-    made: FileSet = {}
+    digests: FileSet = {}
     for path in _files(scratch):
         _synced(path)
         with path.open("rb") as file:
-            made[path.relative_to(scratch).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
-    if made:
-        _write_manifest(scratch, [made])
+            digests[path.relative_to(scratch).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    if digests:
+        _write_manifest(scratch, [digests])
 
 
 def _write_manifest(folder: Path, sets: list[FileSet]) -> None:
@@ -271,8 +271,8 @@ def _write_manifest(folder: Path, sets: list[FileSet]) -> None:
 def _sets(folder: Path) -> list[FileSet]:
     """The sets of a folder's manifest; none where it has none, or one that is damaged."""
     try:
-        found = json.loads(read_bounded(folder / MANIFEST, RESULT_FILE))["sets"]
-        return [{str(name): str(digest) for name, digest in one.items()} for one in found]
+        sets = json.loads(read_bounded(folder / MANIFEST, RESULT_FILE))["sets"]
+        return [{str(name): str(digest) for name, digest in digests.items()} for digests in sets]
     except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
 
@@ -314,15 +314,15 @@ def _merge(folder: Path, scratch: Path, target: Path, updating: bool) -> Iterato
         Paths relative to the target.
     """
     within = folder.relative_to(scratch)
-    made: FileSet = {name: digest for one in _sets(folder) for name, digest in one.items()}
-    sets = [made]
+    merged: FileSet = {name: digest for digests in _sets(folder) for name, digest in digests.items()}
+    sets = [merged]
     for old in _sets(target / within):
-        if not old.keys() & made.keys():
+        if not old.keys() & merged.keys():
             sets.append(old)
         elif updating:
-            made |= {name: digest for name, digest in old.items() if name not in made}
+            merged |= {name: digest for name, digest in old.items() if name not in merged}
         else:
-            yield from ((within / name).as_posix() for name in old.keys() - made.keys())
+            yield from ((within / name).as_posix() for name in old.keys() - merged.keys())
     _write_manifest(folder, sets)
 
 

@@ -48,15 +48,15 @@ class Limit:
         text = os.environ.get(self.variable)
         if text is None:
             return self.default
-        found = re.fullmatch(r"([1-9][0-9]{0,14})([KMGT]?)(?:i?B)?", text.strip(), re.ASCII)
-        if not found:
+        match = re.fullmatch(r"([1-9][0-9]{0,14})([KMGT]?)(?:i?B)?", text.strip(), re.ASCII)
+        if not match:
             raise SettingError(
                 f"the environment variable {self.variable} is {text!r}, not a number such as 4096 or 8G.",
                 where=self.variable,
                 found=text,
                 advice="Correct it, or unset it.",
             )
-        return int(found[1]) * _UNITS[found[2]]
+        return int(match[1]) * _UNITS[match[2]]
 
     def shown(self, amount: int | None = None) -> str:
         """An amount, or the limit itself, as text with its unit."""
@@ -98,13 +98,13 @@ def open_regular(path: str | os.PathLike[str], limit: Limit) -> BinaryIO:
     """
     handle = os.open(path, _FLAGS)
     try:
-        found = os.fstat(handle)
-        if stat.S_ISDIR(found.st_mode):
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
             raise OSError(errno.EISDIR, "it is a folder", str(path))
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-        if found.st_size > limit.value:
-            raise too_large(path, limit, found.st_size)
+        if status.st_size > limit.value:
+            raise too_large(path, limit, status.st_size)
         return os.fdopen(handle, "rb")
     except BaseException:
         os.close(handle)
@@ -136,6 +136,6 @@ def read_at_most(read: Callable[[int], bytes], path: str | os.PathLike[str], lim
 
 def too_large(path: str | os.PathLike[str], limit: Limit, found: int | None) -> OSError:
     """The error of a file with too much in it."""
-    what = "more" if found is None else limit.shown(found)
-    why = f"it has {what}, and at most {limit.shown()} are read; {limit.variable} sets another limit"
+    size = "more" if found is None else limit.shown(found)
+    why = f"it has {size}, and at most {limit.shown()} are read; {limit.variable} sets another limit"
     return OSError(errno.EFBIG, why, str(path))

@@ -41,9 +41,9 @@ class Overview:
         rows = [list(self.headings), *map(list, self.rows[:_FEW])] if self.rows else []
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        more = [f".. and {len(self.rows) - _FEW} more"] if len(self.rows) > _FEW else []
+        remainder = [f".. and {len(self.rows) - _FEW} more"] if len(self.rows) > _FEW else []
         return printable(
-            "\n".join([self.title, *(f"  {line[:140]}" for line in (*lines, *more, *self.notes[:2]))]), "\n"
+            "\n".join([self.title, *(f"  {line[:140]}" for line in (*lines, *remainder, *self.notes[:2]))]), "\n"
         )
 
     def html(self) -> str:
@@ -52,8 +52,8 @@ class Overview:
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(printable(cell))}</td>' for cell in row)}</tr>" for row in self.rows[:_MANY]
         )
-        more = len(self.rows) - _MANY
-        notes = [*([f"and {more} more"] if more > 0 else []), *self.notes[:5]]
+        hidden = len(self.rows) - _MANY
+        notes = [*([f"and {hidden} more"] if hidden > 0 else []), *self.notes[:5]]
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if self.rows else ""
         below = "".join(f"<br><small>{escape(printable(note))}</small>" for note in notes)
         return f"<div><strong>{escape(printable(self.title))}</strong>{table}{below}</div>"
@@ -87,7 +87,7 @@ def tabulated(kind: _Settings) -> _Settings:
     """Class decorator of a dataclass of settings: a notebook shows them as a table; `repr` stays whole and exact."""
 
     def as_html(self: Any) -> str:
-        rows = [[one.name, str(getattr(self, one.name))[:_LONGEST]] for one in fields(self)]
+        rows = [[attribute.name, str(getattr(self, attribute.name))[:_LONGEST]] for attribute in fields(self)]
         return Overview(kind.__name__, ("setting", "value"), rows).html()
 
     changed: Any = kind

@@ -25,16 +25,16 @@ def extension(group: Group, name: str) -> Any | None:
     Raises:
         MissingDependencyError: it cannot be imported, or two packages declare the name.
     """
-    found = list(entry_points(group=group, name=name))
-    if len({entry.value for entry in found}) > 1:
-        packages = ", ".join(sorted(_package(entry) for entry in found))
+    candidates = list(entry_points(group=group, name=name))
+    if len({entry.value for entry in candidates}) > 1:
+        packages = ", ".join(sorted(_package(entry) for entry in candidates))
         raise MissingDependencyError(
             f"the packages {packages} each declare {name!r} in {group}.",
             where=group,
             found=packages,
             advice="Uninstall all but one of them.",
         )
-    for entry in found:
+    for entry in candidates:
         try:
             return entry.load()
         except Exception as error:

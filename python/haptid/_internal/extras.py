@@ -12,7 +12,7 @@ EXTRAS = {"pyarrow": "parquet", "h5py": "hdf5", "matplotlib": "plots", "starlett
 
 
 @contextmanager
-def needing(what: str) -> Iterator[None]:
+def needing(purpose: str) -> Iterator[None]:
     """Around imports: an optional package that is missing becomes an error that names its extra.
 
     Raises:
@@ -25,7 +25,7 @@ def needing(what: str) -> Iterator[None]:
         if package not in EXTRAS:
             raise
         raise MissingDependencyError(
-            f"{what} needs the package {package}, which is not installed.",
+            f"{purpose} needs the package {package}, which is not installed.",
             where=package,
             advice=f'pip install "haptid[{EXTRAS[package]}]"',
         ) from error

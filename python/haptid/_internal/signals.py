@@ -26,16 +26,16 @@ def butterworth(order: int, cutoff: float) -> Array:
     warped = 4 * np.tan(0.5 * np.pi * cutoff)
     analog = -warped * np.exp(0.5j * np.pi * np.arange(1 - order, 1, 2) / order)  # one of each pair
     poles = (4 + analog) / (4 - analog)
-    made = np.zeros((len(poles), 6))
-    for section, p in zip(made, poles, strict=True):
+    sections = np.zeros((len(poles), 6))
+    for section, p in zip(sections, poles, strict=True):
         single = p.imag == 0 or (order % 2 == 1 and p is poles[-1])
         section[:2] = 1.0
         section[3:5] = 1.0, -p.real if single else -2 * p.real
         if not single:
             section[1:3], section[5] = (2.0, 1.0), abs(p) ** 2
-    made = made[np.argsort(np.abs(poles))]  # the most resonant section last
-    made[:, :3] *= (made[:, 3:].sum(axis=1) / made[:, :3].sum(axis=1))[:, None]  # unit gain of a constant
-    return made
+    sections = sections[np.argsort(np.abs(poles))]  # the most resonant section last
+    sections[:, :3] *= (sections[:, 3:].sum(axis=1) / sections[:, :3].sum(axis=1))[:, None]  # unit gain of a constant
+    return sections
 
 
 def pole_radius(sections: Array) -> float:
@@ -59,8 +59,8 @@ def both_ways(sections: Array, channels: Array, padding: int | None = None) -> A
     if edge:
         x = np.concatenate([2 * x[:, :1] - x[:, edge:0:-1], x, 2 * x[:, -1:] - x[:, -2 : -(edge + 2) : -1]], axis=1)
     turned = _one_pass(sections, x)[:, ::-1]
-    made = _one_pass(sections, turned)[:, ::-1]
-    return np.ascontiguousarray(made[:, edge : made.shape[1] - edge])
+    filtered = _one_pass(sections, turned)[:, ::-1]
+    return np.ascontiguousarray(filtered[:, edge : filtered.shape[1] - edge])
 
 
 def end_padding(sections: Array) -> int:
@@ -101,14 +101,14 @@ def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Arr
         degree: of the polynomial.
         order: of the derivative.
     """
-    x, (fit, at) = np.asarray(x, dtype=np.float64), _polynomials(window, degree, order)
+    x, (fit, basis) = np.asarray(x, dtype=np.float64), _polynomials(window, degree, order)
     half = window // 2
-    made, weights = np.empty(x.shape), at[half] @ fit
-    for place in np.ndindex(made.shape[1:]):
-        made[half : len(made) - half, *place] = paired_sums(x[:, *place], weights)
-    made[:half] = np.tensordot(at[:half] @ fit, x[:window], axes=1)
-    made[-half:] = np.tensordot(at[-half:] @ fit, x[-window:], axes=1)
-    return made
+    filtered, weights = np.empty(x.shape), basis[half] @ fit
+    for place in np.ndindex(filtered.shape[1:]):
+        filtered[half : len(filtered) - half, *place] = paired_sums(x[:, *place], weights)
+    filtered[:half] = np.tensordot(basis[:half] @ fit, x[:window], axes=1)
+    filtered[-half:] = np.tensordot(basis[-half:] @ fit, x[-window:], axes=1)
+    return filtered
 
 
 @lru_cache(maxsize=16)
@@ -116,9 +116,9 @@ def _polynomials(window: int, degree: int, order: int) -> tuple[Array, Array]:
     """Coefficients from a window's samples, (degree + 1, window); derivative at each, (window, degree + 1)."""
     k = np.arange(window) / (window // 2) - 1.0
     powers = np.arange(degree + 1)
-    down = np.array([factorial(p) / factorial(p - order) if p >= order else 0.0 for p in powers])
-    at = down * k[:, None] ** np.maximum(powers - order, 0) / (window // 2) ** order
-    return freeze(np.asarray(np.linalg.pinv(k[:, None] ** powers), dtype=np.float64)), freeze(at)
+    factors = np.array([factorial(p) / factorial(p - order) if p >= order else 0.0 for p in powers])
+    basis = factors * k[:, None] ** np.maximum(powers - order, 0) / (window // 2) ** order
+    return freeze(np.asarray(np.linalg.pinv(k[:, None] ** powers), dtype=np.float64)), freeze(basis)
 
 
 def paired_sums(x: Array, weights: Array | tuple[float, ...]) -> Array:
@@ -130,11 +130,11 @@ def paired_sums(x: Array, weights: Array | tuple[float, ...]) -> Array:
     w = np.asarray(weights)
     half, count = len(w) // 2, len(x) - len(w) + 1
     symmetric = np.abs(w - w[::-1]).sum() < np.abs(w + w[::-1]).sum()
-    made = np.asarray(x[half : half + count] * w[half])
+    sums = np.asarray(x[half : half + count] * w[half])
     for k in range(half):
         after = x[2 * half - k : 2 * half - k + count]
-        made += (x[k : k + count] + after if symmetric else x[k : k + count] - after) * w[k]
-    return made
+        sums += (x[k : k + count] + after if symmetric else x[k : k + count] - after) * w[k]
+    return sums
 
 
 def running_maximum(x: Array, length: int) -> Array:

@@ -61,24 +61,24 @@ def rewritten(text: str, wanted: Mapping[str, Any]) -> str:
 
 def _changed(values: dict[str, Any], path: Sequence[str | int], value: Any) -> dict[str, Any]:
     """The values with one of them set or removed."""
-    made = copy.deepcopy(values)
-    at: Any = made
+    changed = copy.deepcopy(values)
+    target: Any = changed
     for key in path[:-1]:
-        if value is None and isinstance(key, str) and key not in at:
-            return made
-        at = at.setdefault(key, {}) if isinstance(key, str) else at[key]
+        if value is None and isinstance(key, str) and key not in target:
+            return changed
+        target = target.setdefault(key, {}) if isinstance(key, str) else target[key]
     if value is None:
-        at.pop(path[-1], None)
+        target.pop(path[-1], None)
     else:
-        at[path[-1]] = value
-    return made
+        target[path[-1]] = value
+    return changed
 
 
 def _without_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _without_none(one) for key, one in value.items() if one is not None}
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
     if isinstance(value, (list, tuple)):
-        return [_without_none(one) for one in value]
+        return [_without_none(item) for item in value]
     return value
 
 
@@ -101,8 +101,8 @@ def _merge_tables(written: MutableSequence[Any], wanted: Sequence[Mapping[str, A
     """Change a list of tables: those that are not wanted go, changed ones keep their places, new ones stand last."""
     k = 0
     while len(written) > len(wanted):
-        here = wanted[k] if k < len(wanted) else {}
-        if k + 1 == len(written) or _alike(written[k], here) < _alike(written[k + 1], here):
+        table_wanted = wanted[k] if k < len(wanted) else {}
+        if k + 1 == len(written) or _alike(written[k], table_wanted) < _alike(written[k + 1], table_wanted):
             del written[k]
         else:
             k += 1
@@ -117,36 +117,36 @@ def _item(value: Any, top: bool) -> Item:
     if top and isinstance(value, Mapping):
         return _table(value)
     if top and _tables(value):
-        made = tomlkit.aot()
-        for one in value:
-            made.append(_table(one))
-        return made
+        tables = tomlkit.aot()
+        for table in value:
+            tables.append(_table(table))
+        return tables
     plain: Item = _inline(value) if isinstance(value, Mapping) else tomlkit.item(value)
     return plain
 
 
 def _table(value: Mapping[str, Any]) -> Table:
     """A table whose own tables are inline."""
-    made = tomlkit.table()
-    for key, one in value.items():
-        made[key] = _inline(one) if isinstance(one, Mapping) else one
-    return made
+    table = tomlkit.table()
+    for key, item in value.items():
+        table[key] = _inline(item) if isinstance(item, Mapping) else item
+    return table
 
 
 def _inline(value: Mapping[str, Any]) -> InlineTable:
-    made = tomlkit.inline_table()
-    for key, one in value.items():
-        made[key] = _inline(one) if isinstance(one, Mapping) else one
-    return made
+    table = tomlkit.inline_table()
+    for key, item in value.items():
+        table[key] = _inline(item) if isinstance(item, Mapping) else item
+    return table
 
 
 def _alike(written: Mapping[str, Any], value: Mapping[str, Any]) -> int:
     """How many of the values are as they are written."""
-    return sum(key in written and _same(written[key], one) for key, one in value.items())
+    return sum(key in written and _same(written[key], item) for key, item in value.items())
 
 
 def _tables(value: Any) -> bool:
-    return isinstance(value, (list, AoT)) and bool(value) and all(isinstance(one, Mapping) for one in value)
+    return isinstance(value, (list, AoT)) and bool(value) and all(isinstance(item, Mapping) for item in value)
 
 
 def _same(written: Any, value: Any) -> bool:

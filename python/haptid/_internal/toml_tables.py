@@ -58,8 +58,8 @@ class Syntax:
         position = re.search(r"line (\d+), column (\d+)", str(error))
         lines = text.splitlines() or [""]
         line, column = (int(position[1]), int(position[2])) if position else (len(lines), len(lines[-1]) + 1)
-        found = re.sub(r" \(at .*\)$", "", str(error))
-        return Syntax(line, column, found, lines[min(line, len(lines)) - 1].strip()[:80])
+        message = re.sub(r" \(at .*\)$", "", str(error))
+        return Syntax(line, column, message, lines[min(line, len(lines)) - 1].strip()[:80])
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,14 @@ class Fault:
         """What is wrong and what the key is for, without a full stop."""
         if self.kinds:
             missing = self.kind == "union_tag_not_found"
-            what = "this key is missing" if missing else f"there is no kind {self.shown}"
+            problem = "this key is missing" if missing else f"there is no kind {self.shown}"
             kinds = ", ".join(f'"{kind}"' for kind in self.kinds)
-            return f"{what}; write one of {kinds}"
+            return f"{problem}; write one of {kinds}"
         if self.kind == "extra_forbidden":
             return f"there is no such key (found {self.shown})"
         meaning = f"; {self.meaning}" if self.meaning else ""
-        what = "this key is missing" if self.kind == "missing" else f"{self.wanted} (found {self.shown})"
-        return f"{what}{meaning}"
+        problem = "this key is missing" if self.kind == "missing" else f"{self.wanted} (found {self.shown})"
+        return f"{problem}{meaning}"
 
 
 def _counts(detail: Any) -> str:
@@ -149,14 +149,14 @@ def read_checked(path: Path, model: type[Model], wrong: type[HaptidError], noun:
         return model.model_validate(data)
     except ValidationError as error:
         fault = Fault.of(error, model, data)
-        where = ".".join(map(str, fault.steps))
+        path_of_key = ".".join(map(str, fault.steps))
         known = fault.keys if fault.kind == "extra_forbidden" else ()
         raise wrong(
-            f"{path}, key `{where}`: {fault.sentence}.",
-            where=where,
+            f"{path}, key `{path_of_key}`: {fault.sentence}.",
+            where=path_of_key,
             found=fault.found,
             limit=known or None,
-            advice=" ".join(filter(None, (keys_here(where, known), advice))),
+            advice=" ".join(filter(None, (keys_here(path_of_key, known), advice))),
         ) from None
 
 
@@ -177,8 +177,10 @@ def _parsed(path: Path, noun: str) -> dict[str, Any]:
     try:
         return toml_values(text)
     except (ValueError, RecursionError) as error:
-        at = Syntax.of(error, text)
-        raise _NotReadError(f"line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`") from None
+        syntax = Syntax.of(error, text)
+        raise _NotReadError(
+            f"line {syntax.line}, column {syntax.column}: not TOML: {syntax.found}, in `{syntax.text}`"
+        ) from None
 
 
 def toml_values(text: str) -> dict[str, Any]:
@@ -191,8 +193,8 @@ def toml_values(text: str) -> dict[str, Any]:
     if long := _DOTTED.search(text):
         line = text.count("\n", 0, long.start()) + 1
         column = long.start() - text.rfind("\n", 0, long.start())
-        found = f"a key of more than {_MOST_PARTS} parts"
-        raise tomllib.TOMLDecodeError(f"{found} (at line {line}, column {column})")
+        problem = f"a key of more than {_MOST_PARTS} parts"
+        raise tomllib.TOMLDecodeError(f"{problem} (at line {line}, column {column})")
     return tomllib.loads(text)
 
 
@@ -207,12 +209,12 @@ def _rank(detail: Any) -> int:
 def _steps(detail: Any, data: Any) -> list[str | int]:
     """Path of an error: the steps that the data has, and the missing key."""
     steps: list[str | int] = []
-    here = data
+    node = data
     for k, step in enumerate(detail["loc"]):
-        is_key = isinstance(here, dict) and isinstance(step, str) and step in here
-        is_entry = isinstance(here, list) and isinstance(step, int) and step < len(here)
+        is_key = isinstance(node, dict) and isinstance(step, str) and step in node
+        is_entry = isinstance(node, list) and isinstance(step, int) and step < len(node)
         if is_key or is_entry:
-            here = here[step]
+            node = node[step]
             steps.append(step)
         elif k == len(detail["loc"]) - 1 and detail["type"] == "missing":
             steps.append(step)
@@ -221,7 +223,7 @@ def _steps(detail: Any, data: Any) -> list[str | int]:
 
 def _models_at(model: type[BaseModel], steps: Sequence[str | int], data: Any) -> list[type[BaseModel]]:
     """The tables allowed at `steps`: of several kinds the one that the data names, if any."""
-    here, value = [model], data
+    models, value = [model], data
     annotation: Any = None
     by_name = False  # whether the next step is a name chosen by the user
     for step in steps:
@@ -229,11 +231,11 @@ def _models_at(model: type[BaseModel], steps: Sequence[str | int], data: Any) ->
         if by_name or isinstance(step, int):
             by_name = False
         else:
-            field = _fields(here[0]).get(step) if here else None
-            annotation = field.annotation if field else _of_names(here[0]) if here else None
+            field = _fields(models[0]).get(step) if models else None
+            annotation = field.annotation if field else _of_names(models[0]) if models else None
             by_name = any(get_origin(part) is dict for part in (annotation, *get_args(annotation)))
-        here = _of_kind(list(_models(annotation)), value)
-    return here
+        models = _of_kind(list(_models(annotation)), value)
+    return models
 
 
 def _meaning(model: type[BaseModel], steps: Sequence[str | int], data: Any) -> str:
@@ -256,8 +258,8 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def _of_kind(models: list[type[BaseModel]], value: Any) -> list[type[BaseModel]]:
     """The tables of the kind that a value names; all if it names none of them."""
-    said = value.get("kind") if isinstance(value, dict) else None
-    return [model for model in models if said in _kinds(model)] or models
+    kind = value.get("kind") if isinstance(value, dict) else None
+    return [model for model in models if kind in _kinds(model)] or models
 
 
 def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:

@@ -56,19 +56,19 @@ def advise(
     with errors_shown(), progress_bars(quiet or as_json) as bars:
         progress = progress_callback(bars)
         plan = read_study(study)
-        found = identify(plan, data, progress)
+        identification = identify(plan, data, progress)
         progress("trying changes", 0.0)
-        made = advised(found, diagnose(found.estimate, None, plan.controller))
+        advice = advised(identification, diagnose(identification.estimate, None, plan.controller))
         progress("trying changes", 1.0)
-        after = applied(made, found, apply, data) if apply is not None else None
+        after = applied(advice, identification, apply, data) if apply is not None else None
     if as_json:
-        values = made.to_dict()
+        values = advice.to_dict()
         if after is not None:
             values["applied"] = {"kinds": [a.kind for a in after.actions], "before": after.before, "after": after.after}
         print_json("advise", values)
     elif not quiet:
-        none = f"None of {made.tried} changes is proven to lower the error on unseen blocks."
-        print_lines(*(made.sentences or (none,)))
+        none = f"None of {advice.tried} changes is proven to lower the error on unseen blocks."
+        print_lines(*(advice.sentences or (none,)))
         if after is not None:
             kinds = ", ".join(action.kind for action in after.actions)
             errors = f"{per_cent(after.after, 3)} instead of {per_cent(after.before, 3)}"

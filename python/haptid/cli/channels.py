@@ -48,33 +48,33 @@ def channels(
         if device is None and (study or len(logs) > 1):
             raise wrong_option("--device", "missing", "the device file that the study is for")
         if device is None:
-            found = survey(logs[0])
-            draft = found.table
+            surveyed = survey(logs[0])
+            draft = surveyed.table
         else:
             folder = study.parent if study else Path()
-            draft, found = draft_study(logs, read_device(device), device, folder)
+            draft, surveyed = draft_study(logs, read_device(device), device, folder)
         if study is not None:
             with publishing_files(study) as new:
                 (new / study.name).write_text(draft, encoding="utf-8")
     if as_json:
-        print_json("channels", found.to_json())
+        print_json("channels", surveyed.to_json())
     elif toml:
         sys.stdout.write(draft)
     else:
-        _show(found, draft, study)
+        _show(surveyed, draft, study)
 
 
-def _show(found: Survey, draft: str, study: Path | None) -> None:
-    out.print(f"{found.path}: {found.format}", highlight=False)
-    for note in found.notes:
+def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
+    out.print(f"{surveyed.path}: {surveyed.format}", highlight=False)
+    for note in surveyed.notes:
         out.print(f"  {note}", highlight=False)
-    for topic in found.topics:
+    for topic in surveyed.topics:
         _show_topic(topic)
     out.print()
-    if not found.table:
+    if not surveyed.table:
         out.print("No channels of positions were recognised; name them in [channels].", highlight=False)
-    if study is not None and found.lacking:
-        lacking = " and ".join(f"{key}s" for key in found.lacking)
+    if study is not None and surveyed.lacking:
+        lacking = " and ".join(f"{key}s" for key in surveyed.lacking)
         out.print(
             f"Study in {study}; it lacks {lacking}, which were not recognised: name their channels in [channels]."
         )

@@ -70,15 +70,15 @@ def characterise(
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
             progress("figures", 0.0)
-            found = compute(
+            characterisation = compute(
                 known, poses.qa, worst_condition=WORST_CONDITION if max_condition is None else max_condition
             )
-            made = table_columns(found, wanted)
-            write_columns(found, made, folder / "figures.csv")
+            columns = table_columns(characterisation, wanted)
+            write_columns(characterisation, columns, folder / "figures.csv")
             progress("figures", 1.0)
-            draw(poses, found, folder / "masses.png", progress)
+            draw(poses, characterisation, folder / "masses.png", progress)
     if as_json:
-        print_json("characterise", figures(found, made))
+        print_json("characterise", figures(characterisation, columns))
     elif not quiet:
-        show(out, found, made)
+        show(out, characterisation, columns)
         out.print(f"Figures in {out_folder}")

@@ -48,10 +48,10 @@ def check(
     from haptid.study.check import check_study
 
     with errors_shown(), progress_bars(quiet or as_json) as bars:
-        found = check_study(study, data, progress_callback(bars), plans or ())
+        checked = check_study(study, data, progress_callback(bars), plans or ())
     if as_json:
-        print_json("check", found.to_json())
+        print_json("check", checked.to_json())
     elif not quiet:
-        print_lines(*found.summary().splitlines())
-    if found.problems:
+        print_lines(*checked.summary().splitlines())
+    if checked.problems:
         raise typer.Exit(EXIT_ERROR)

@@ -61,7 +61,7 @@ class _Printable(RenderHook):
     """Printed text comes from users' files: control characters in it are shown, not sent to the terminal."""
 
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        return [_PrintableText(one) for one in renderables]
+        return [_PrintableText(renderable) for renderable in renderables]
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ def errors_shown() -> Iterator[None]:
     except OSError as error:
         if error.errno not in MACHINE:
             raise
-        at = "" if error.filename is None else f"{error.filename}: "
-        complain(f"{at}{error.strerror}. Make room (disk, open files, memory), and run the command again.")
+        file = "" if error.filename is None else f"{error.filename}: "
+        complain(f"{file}{error.strerror}. Make room (disk, open files, memory), and run the command again.")
         raise typer.Exit(EXIT_ERROR) from None
 
 

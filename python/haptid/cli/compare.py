@@ -55,9 +55,9 @@ def compare(
     if as_json:
         print_json("compare", values(series, lines))
         return
-    for made in (series, lines):
-        if made is not None:
-            print_lines(made.summary())
+    for text_lines in (series, lines):
+        if text_lines is not None:
+            print_lines(text_lines.summary())
 
 
 def _time(text: str) -> float:
@@ -82,7 +82,7 @@ def _time(text: str) -> float:
 
 def values(series: Series, lines: Drift | None) -> dict[str, Any]:
     """Both as JSON values."""
-    made: dict[str, Any] = {
+    tables: dict[str, Any] = {
         "results": list(series.labels),
         "confidence": series.confidence,
         "parameters": [_parameter(series, k) for k in range(len(series.names))],
@@ -90,12 +90,12 @@ def values(series: Series, lines: Drift | None) -> dict[str, Any]:
         "notes": list(series.notes),
     }
     if lines is not None:
-        made["drift"] = {
+        tables["drift"] = {
             "unit": lines.unit,
             "times": lines.times.tolist(),
             "parameters": [_slope(lines, k) for k in range(len(lines.names))],
         }
-    return made
+    return tables
 
 
 def _parameter(series: Series, k: int) -> dict[str, Any]:

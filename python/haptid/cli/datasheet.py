@@ -63,13 +63,13 @@ def datasheet(
     from haptid.report.datasheet import comparison, write_sheet
     from haptid.results.result import Result
 
-    def made(which: str) -> DataSheet:
+    def made(device: str) -> DataSheet:
         known: GivenParameters | DynamicModel
-        if Path(which).is_dir():
-            known = Result.load(Path(which)).identified
+        if Path(device).is_dir():
+            known = Result.load(Path(device)).identified
             model = known.model
         else:
-            model = DynamicModel(read_device(which))
+            model = DynamicModel(read_device(device))
             chi = np.nan_to_num(model.device.chi_prior)
             known = GivenParameters(model, model.base.of(chi)) if chi.any() else model
         return data_sheet(known, workspace(model, ranges("--limit", limit or ())), tools, poses)
@@ -77,9 +77,11 @@ def datasheet(
     with errors_shown():
         if page.suffix not in (".html", ".pdf"):
             raise wrong_option("--out", str(page), "a file that ends in .html or .pdf")
-        given = {"peak": peak, "continuous": continuous, "encoder_counts": counts, "torque_step": step}
-        tools = DeviceInstruments(rate, delay, **{key: named(f"--{key}", value or ()) for key, value in given.items()})
-        sheets = [made(which) for which in devices]
+        settings = {"peak": peak, "continuous": continuous, "encoder_counts": counts, "torque_step": step}
+        tools = DeviceInstruments(
+            rate, delay, **{key: named(f"--{key}", value or ()) for key, value in settings.items()}
+        )
+        sheets = [made(device) for device in devices]
         write_sheet(sheets, page)
     if as_json:
         print_json("datasheet", {sheet.model.device.name: [asdict(row) for row in sheet.rows] for sheet in sheets})

@@ -56,9 +56,9 @@ def demo(
         check_writable(out_folder)
         plan = read_demo(name)
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
-            found = run_demo(plan, folder, progress_callback(bars))
+            demo_results = run_demo(plan, folder, progress_callback(bars))
     if as_json:
         sys.stdout.write((out_folder / "result.json").read_text(encoding="utf-8"))
     elif not quiet:
-        out.print(kind_of(plan).summary(found))
+        out.print(kind_of(plan).summary(demo_results))
         out.print(f"Page in {out_folder / PAGE}")

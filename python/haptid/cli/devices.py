@@ -9,9 +9,11 @@ from haptid.cli.common import AsJson, command, out, print_json
 def devices(as_json: AsJson = False) -> None:
     from haptid.device import read_device, shipped_devices
 
-    found = {name: read_device(name).description for name in shipped_devices()}
+    descriptions = {name: read_device(name).description for name in shipped_devices()}
     if as_json:
-        print_json("devices", [{"name": name, "description": description} for name, description in found.items()])
+        print_json(
+            "devices", [{"name": name, "description": description} for name, description in descriptions.items()]
+        )
         return
-    for name, description in found.items():
-        out.print(f"{name:{max(map(len, found))}}  {description}", highlight=False)
+    for name, description in descriptions.items():
+        out.print(f"{name:{max(map(len, descriptions))}}  {description}", highlight=False)

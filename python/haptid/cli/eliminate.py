@@ -70,50 +70,52 @@ def eliminate(
         check_writable(out_folder)
         plan = read_study(study)
         criterion = GautierRatio() if max_relative_std is None else MaxRelativeStd(max_relative_std)
-        how = BackwardElimination(criterion, level)
+        procedure = BackwardElimination(criterion, level)
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             progress = progress_callback(bars)
-            found = identify(plan, data, progress)
+            identification = identify(plan, data, progress)
             progress("eliminating", 0.0)
-            unseen = _unseen(found)
-            reductions = {"all motors": eliminated(found.estimate, how, unseen)}
+            unseen = _unseen(identification)
+            reductions = {"all motors": eliminated(identification.estimate, procedure, unseen)}
             if by_motor:
-                labels = [motor.label for motor in found.estimate.observation.motors]
-                reductions |= dict(zip(labels, eliminate_by_motor(found.estimate, how, unseen), strict=True))
+                labels = [motor.label for motor in identification.estimate.observation.motors]
+                reductions |= dict(
+                    zip(labels, eliminate_by_motor(identification.estimate, procedure, unseen), strict=True)
+                )
             progress("eliminating", 1.0)
             progress("diagnosing", 0.0)
-            smaller = with_reduced(found, reductions["all motors"].reduced)
+            smaller = with_reduced(identification, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
             Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).write_into(folder)
             progress("diagnosing", 1.0)
-            values = {name: elimination_values(one) for name, one in reductions.items()}
+            values = {name: elimination_values(elimination) for name, elimination in reductions.items()}
             (folder / "elimination.json").write_text(output_text("eliminate", values), encoding="utf-8")
     if as_json:
         print_json("eliminate", values)
     elif not quiet:
-        for name, one in reductions.items():
+        for name, elimination in reductions.items():
             out.print(name, style="bold")
-            print_lines(one.summary())
+            print_lines(elimination.summary())
         out.print(f"Steps in {out_folder / 'elimination.json'}; the reduced model in {out_folder / 'result.json'}")
 
 
-def _unseen(found: Identification) -> Any:
+def _unseen(identification: Identification) -> Any:
     """The rows of all logs with the role "validate", None without any."""
     from functools import reduce
     from operator import add
 
-    rows = [run.observation for run in found.runs if run.entry.role == "validate"]
+    rows = [run.observation for run in identification.runs if run.entry.role == "validate"]
     return reduce(add, rows) if rows else None
 
 
-def elimination_values(found: Elimination) -> dict[str, Any]:
+def elimination_values(elimination: Elimination) -> dict[str, Any]:
     """An elimination as JSON values."""
-    errors = {"fit": found.seen, "unseen": found.unseen}
-    free = list(found.reduced.free_parameters)
-    kept = [found.reduced.parameters[k] for k in free]
+    errors = {"fit": elimination.seen, "unseen": elimination.unseen}
+    free = list(elimination.reduced.free_parameters)
+    parameters = [elimination.reduced.parameters[k] for k in free]
     return {
-        "parameters": len(found.full.free_parameters),
-        "reason": found.reason,
+        "parameters": len(elimination.full.free_parameters),
+        "reason": elimination.reason,
         "eliminated": [
             {
                 "name": d.name,
@@ -122,9 +124,11 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "p": d.test.p,
                 "error_percent": d.error,
             }
-            for d in found.steps
+            for d in elimination.steps
         ],
-        "refused": None if found.rejected is None else {"name": found.rejected.name, "p": found.rejected.test.p},
+        "refused": None
+        if elimination.rejected is None
+        else {"name": elimination.rejected.name, "p": elimination.rejected.test.p},
         "essential": [
             {
                 "name": p.name,
@@ -135,9 +139,13 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "conf_int": list(p.conf_int()),
                 "change_in_se": change,
             }
-            for p, dof, change in zip(kept, found.reduced.dof[free].tolist(), found.shift[free].tolist(), strict=True)
+            for p, dof, change in zip(
+                parameters, elimination.reduced.dof[free].tolist(), elimination.shift[free].tolist(), strict=True
+            )
         ],
         "error_percent": {
-            kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both
+            kind: {"full": validations[0].relative, "reduced": validations[1].relative}
+            for kind, validations in errors.items()
+            if validations
         },
     }

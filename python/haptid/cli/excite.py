@@ -159,7 +159,7 @@ def excite(
             clearance=1e-3 * clearance_mm,
             world=() if world is None else read_world(world),
         )
-        asked = _Asked(
+        request = _Asked(
             model,
             _family(model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)),
             within,
@@ -177,10 +177,10 @@ def excite(
             def progress(share: float, cost: float) -> None:
                 bars.update(task, completed=share, description=_so_far(label, cost))
 
-            motions, further = _searched(asked, count, after, accuracy, progress)
-            others = _others({k: v for k, v in wanted.items() if v}, asked, motions, start)
+            motions, further = _searched(request, count, after, accuracy, progress)
+            others = _others({k: v for k, v in wanted.items() if v}, request, motions, start)
             if load is not None:
-                others["payload"] = _loaded(asked, load, motions, progress)
+                others["payload"] = _loaded(request, load, motions, progress)
         planned = _Planned(motions, others, further, load)
         files = planned.write(out_file, also or [], other, rate_hz, rehearsal)
         if files:
@@ -244,26 +244,28 @@ class _Planned:
         self, out_file: Path, also: Sequence[Path], like: Experiment | None, rate_hz: float, rehearsal: float | None
     ) -> dict[Path, PlannedMotion]:
         """Write the experiment and the samples of each motion; the motions by the path of their experiment."""
-        named: dict[str, PlannedMotion] = {_suffix(k, len(self.motions)): one for k, one in enumerate(self.motions)}
-        named |= {f"-{name}": found for name, found in self.others.items()}
+        named: dict[str, PlannedMotion] = {
+            _suffix(k, len(self.motions)): motion for k, motion in enumerate(self.motions)
+        }
+        named |= {f"-{name}": motion for name, motion in self.others.items()}
         files = {}
-        for name, found in named.items():
+        for name, motion in named.items():
             path = out_file.with_name(f"{out_file.stem}{name}.toml")
-            copies = [one.with_name(f"{one.stem}{name}{one.suffix}") for one in also]
-            _write(found, path, copies, like, rate_hz, rehearsal, self.load if name == "-payload" else None)
-            files[path] = found
+            copies = [motion.with_name(f"{motion.stem}{name}{motion.suffix}") for motion in also]
+            _write(motion, path, copies, like, rate_hz, rehearsal, self.load if name == "-payload" else None)
+            files[path] = motion
         return files
 
     def values(self, files: Mapping[Path, PlannedMotion]) -> dict[str, Any]:
         """All of them as JSON values."""
-        made = [_values(found, path) for path, found in files.items()]
-        alone = self.further is None and len(made) == 1
-        return made[0] if alone else {"motions": made, **_predicted(self.further)}
+        motions = [_values(motion, path) for path, motion in files.items()]
+        alone = self.further is None and len(motions) == 1
+        return motions[0] if alone else {"motions": motions, **_predicted(self.further)}
 
     def show(self, files: Mapping[Path, PlannedMotion], out_file: Path) -> None:
         """Print what was found, where it is, and what to do with the logs."""
-        for path, found in files.items():
-            _show(found, path, condition=self.further is None)
+        for path, motion in files.items():
+            _show(motion, path, condition=self.further is None)
         for name in self.others:
             _show_next(name, out_file, self.load)
         if self.further is not None:
@@ -271,7 +273,7 @@ class _Planned:
 
 
 def _searched(
-    asked: _Asked, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
+    request: _Asked, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
 ) -> tuple[tuple[Excitation, ...], FurtherMotions | None]:
     """Exciting motions, each given those before it and the logs of a result, and what they are predicted to bring."""
     from haptid.experiment.excitation import next_motions
@@ -279,16 +281,16 @@ def _searched(
     if count == 0:
         return (), None
     if after is None and count == 1:
-        return (asked.design(asked.beta, progress),), None
-    known = _known(after, asked.model, asked.beta)
+        return (request.design(request.beta, progress),), None
+    known = _known(after, request.model, request.beta)
     further = next_motions(
         known,
-        asked.family,
-        asked.within,
-        parameters=asked.columns if after is not None or asked.columns else known.valued,
+        request.family,
+        request.within,
+        parameters=request.columns if after is not None or request.columns else known.valued,
         accuracy=accuracy,
         count=count,
-        search=asked.search,
+        search=request.search,
         progress=progress,
     )
     return further.motions, further
@@ -337,9 +339,9 @@ def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogIn
     return LogInformation.none(model, beta) if after is None else log_information(Result.load(after), model)
 
 
-def _suffix(k: int, many: int) -> str:
+def _suffix(k: int, count: int) -> str:
     """What is added to the name of a motion's file: nothing for the only one, else -1, -2, .."""
-    return "" if many == 1 else f"-{k + 1}"
+    return "" if count == 1 else f"-{k + 1}"
 
 
 def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
@@ -360,28 +362,28 @@ def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
 
 
 def _others(
-    wanted: dict[str, int | bool], asked: _Asked, motions: Sequence[Excitation], start: str | None
+    wanted: dict[str, int | bool], request: _Asked, motions: Sequence[Excitation], start: str | None
 ) -> dict[str, PlannedMotion]:
     """Motions of the other families, about the pose in which the first motion rests."""
     from haptid.experiment.excitation import CAMPAIGN_FAMILIES, resting_pose
 
     rest = resting_pose(motions[0]) if motions else None
     if start is not None:
-        rest = numbers("--start", start, "positions of the active joints", len(asked.model.device.active))
+        rest = numbers("--start", start, "positions of the active joints", len(request.model.device.active))
     return {
         name: CAMPAIGN_FAMILIES[name].make(
-            asked.model,
-            asked.within,
+            request.model,
+            request.within,
             rest=rest,
-            beta=asked.beta,
-            **({"count": many} if name == "poses" else {}),
+            beta=request.beta,
+            **({"count": count} if name == "poses" else {}),
         )
-        for name, many in wanted.items()
+        for name, count in wanted.items()
     }
 
 
 def _loaded(
-    asked: _Asked,
+    request: _Asked,
     load: tuple[str, PriorBody],
     motions: Sequence[Excitation],
     progress: Callable[[float, float], None],
@@ -391,16 +393,16 @@ def _loaded(
 
     from haptid.observation import payload_torque
 
-    model, within = asked.model, asked.within
-    more = payload_torque(model, *load)
+    model, within = request.model, request.within
+    load_torque = payload_torque(model, *load)
     if all(x is None for x in (within.torque, within.rms_torque, within.power, within.handle_force)):
         return motions[0]
     prior = model.base.of(np.nan_to_num(model.device.chi_prior))
-    return asked.design(more + (prior if asked.beta is None else asked.beta), progress)
+    return request.design(load_torque + (prior if request.beta is None else request.beta), progress)
 
 
 def _write(
-    found: PlannedMotion,
+    motion: PlannedMotion,
     out_file: Path,
     also: list[Path],
     like: Experiment | None,
@@ -416,8 +418,8 @@ def _write(
     if rehearsal is not None:
         files.append((out_file.with_name(f"{out_file.stem}-rehearsal.csv"), rehearsal))
     for path, share in files:
-        write_motion(path, MotionSamples.of(found, rate_hz, share))
-    write_experiment(out_file, found, plain_experiment(found) if like is None else like, rate_hz, weight)
+        write_motion(path, MotionSamples.of(motion, rate_hz, share))
+    write_experiment(out_file, motion, plain_experiment(motion) if like is None else like, rate_hz, weight)
 
 
 def _write_together(
@@ -432,40 +434,40 @@ def _write_together(
     from haptid.experiment.excitation import MotionSamples, write_player
 
     if player is not None:
-        write_player(player, [MotionSamples.of(found, rate_hz) for found in files.values()])
+        write_player(player, [MotionSamples.of(motion, rate_hz) for motion in files.values()])
     if page_file is not None:
         from haptid.report.motion_page import motion_page
 
-        text = motion_page({file.stem: found for file, found in files.items()}, further)
+        text = motion_page({file.stem: motion for file, motion in files.items()}, further)
         with publishing_files(page_file) as folder:
             (folder / page_file.name).write_text(text, encoding="utf-8")
 
 
-def _predicted(found: FurtherMotions | None) -> dict[str, Any]:
+def _predicted(further: FurtherMotions | None) -> dict[str, Any]:
     """Predicted intervals as JSON values; nothing without a campaign."""
-    if found is None:
+    if further is None:
         return {}
     intervals = [
-        {"name": name, "before_percent": before, "after_percent": after} for name, before, after in found.table()
+        {"name": name, "before_percent": before, "after_percent": after} for name, before, after in further.table()
     ]
     return {
         "intervals": intervals,
-        "accuracy_percent": found.accuracy,
-        "reached": found.reached,
-        "seconds": found.seconds,
-        "seconds_needed": found.needed,
-        "sentences": list(found.sentences),
+        "accuracy_percent": further.accuracy,
+        "reached": further.reached,
+        "seconds": further.seconds,
+        "seconds_needed": further.needed,
+        "sentences": list(further.sentences),
     }
 
 
-def _show_intervals(found: FurtherMotions) -> None:
+def _show_intervals(further: FurtherMotions) -> None:
     """Print predicted intervals, the widest first."""
-    if not found.reached:
+    if not further.reached:
         out.print("95 % intervals, per cent of the value: so far, and predicted with the motion", highlight=False)
-        for name, before, after in found.table():
+        for name, before, after in further.table():
             texts = [f"+-{x:.3g}" if math.isfinite(x) else "none" for x in (before, after)]
             out.print(f"  {name:10s} {texts[0]:>9s} {texts[1]:>9s}", highlight=False)
-    for sentence in found.sentences:
+    for sentence in further.sentences:
         out.print(sentence, highlight=False, soft_wrap=True)
 
 
@@ -492,14 +494,14 @@ def _limits(
         middle = numbers("--centre", centre, f"positions of joints {names}", count)
         reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
-    rows, many = ", ".join(device.row_labels), len(device.row_labels)
-    given = {
-        what: spread(f"--{what.replace('_', '-')}", text, f"those of {of}", size)
-        for options, of, size in ((rates, names, count), (efforts, rows, many))
-        for what, text in options.items()
+    rows, rows_count = ", ".join(device.row_labels), len(device.row_labels)
+    limits = {
+        option: spread(f"--{option.replace('_', '-')}", text, f"those of {owners}", size)
+        for options, owners, size in ((rates, names, count), (efforts, rows, rows_count))
+        for option, text in options.items()
         if text is not None
     }
-    return replace(Limits(position=position), **given)  # type: ignore[arg-type]
+    return replace(Limits(position=position), **limits)  # type: ignore[arg-type]
 
 
 def _family(
@@ -523,44 +525,45 @@ def _family(
     return family if seconds is None else replace(family, seconds=seconds)
 
 
-def _values(found: PlannedMotion, path: Path) -> dict[str, Any]:
+def _values(motion: PlannedMotion, path: Path) -> dict[str, Any]:
     """A motion as JSON values."""
     from haptid.experiment.excitation import Excitation
 
     files = {"experiment": str(path), "samples": str(path.with_suffix(".csv"))}
-    if not isinstance(found, Excitation):
-        return {**files, "seconds": found.seconds}
+    if not isinstance(motion, Excitation):
+        return {**files, "seconds": motion.seconds}
     conditions = {
-        when: {"raw": one.raw, "scaled": one.scaled}
-        for when, one in (("first_condition", found.before), ("condition", found.after))
+        when: {"raw": value.raw, "scaled": value.scaled}
+        for when, value in (("first_condition", motion.before), ("condition", motion.after))
     }
-    searched = {"parameters": list(found.after.names), "motions_evaluated": found.tried}
-    return {**files, **searched, **conditions, "predicted_relative_se_percent": dict(found.predicted)}
+    searched = {"parameters": list(motion.after.names), "motions_evaluated": motion.tried}
+    return {**files, **searched, **conditions, "predicted_relative_se_percent": dict(motion.predicted)}
 
 
-def _show(found: PlannedMotion, path: Path, condition: bool) -> None:
+def _show(motion: PlannedMotion, path: Path, condition: bool) -> None:
     """Print condition numbers before and after, and the paths of the files."""
     from haptid.experiment.excitation import Excitation
 
-    if isinstance(found, Excitation):
-        _show_condition(found, condition)
-    if found.clearance is not None:
-        out.print(f"  {found.clearance}", highlight=False)
-    lasts = f"{found.seconds:.4g} s; experiment in {path}, samples in {path.with_suffix('.csv')}"
+    if isinstance(motion, Excitation):
+        _show_condition(motion, condition)
+    if motion.clearance is not None:
+        out.print(f"  {motion.clearance}", highlight=False)
+    lasts = f"{motion.seconds:.4g} s; experiment in {path}, samples in {path.with_suffix('.csv')}"
     out.print(lasts, highlight=False, soft_wrap=True)
 
 
-def _show_condition(found: Excitation, condition: bool) -> None:
+def _show_condition(motion: Excitation, condition: bool) -> None:
     """Print what the search did, and condition numbers before and after where they count."""
     out.print(
-        f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions evaluated", style="bold"
+        f"{motion.model.device.name}: {len(motion.after.names)} parameters, {motion.tried} motions evaluated",
+        style="bold",
     )
-    for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
+    for when, value in (("first motion within the limits", motion.before), ("motion found", motion.after)):
         if not condition:
             break
-        out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
-    weak = [name for name, se in found.predicted.items() if 50 < se < math.inf]
-    if condition and weak and len(weak) < len(found.after.names):
+        out.print(f"  {when}: condition {value.raw:.4g} raw, {value.scaled:.4g} with unit columns", highlight=False)
+    weak = [name for name, se in motion.predicted.items() if 50 < se < math.inf]
+    if condition and weak and len(weak) < len(motion.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
 
 
@@ -568,13 +571,13 @@ def _show_next(name: str, out_file: Path, load: tuple[str, PriorBody] | None) ->
     """Print what the log of another family is for, and the command that evaluates it."""
     from haptid.experiment.excitation import CAMPAIGN_FAMILIES
 
-    what = f"{out_file.stem}-{name}"
+    stem = f"{out_file.stem}-{name}"
     if name == "payload":
         assert load is not None  # as there is such a motion
         link, body = load
         com = ", ".join(f"{x:g}" for x in body.com.tolist())
         text = f'`payload = {{ link = "{link}", mass = {body.mass:g}, com = [{com}] }}` with its log in the study'
-        out.print(f"{what}: torque constants; {text}, then `haptid payload --gains`", highlight=False, soft_wrap=True)
+        out.print(f"{stem}: torque constants; {text}, then `haptid payload --gains`", highlight=False, soft_wrap=True)
     else:
-        of = CAMPAIGN_FAMILIES[name]
-        out.print(f"{what}: {of.what}; `{of.then}`", highlight=False, soft_wrap=True)
+        family = CAMPAIGN_FAMILIES[name]
+        out.print(f"{stem}: {family.what}; `{family.then}`", highlight=False, soft_wrap=True)

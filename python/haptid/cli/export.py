@@ -77,19 +77,19 @@ def export(
     with errors_shown():
         read = Result.load(result)
         code, simulator = CCode(name, reversal_speed=reversal_speed), Simulator(time_step, contacts)
-        made = haptid.export_model(read, folder, to, code, simulator, into=into, anyway=force)
+        exported = haptid.export_model(read, folder, to, code, simulator, into=into, anyway=force)
     if as_json:
         formats = {
             name: {"folder": str(written.folder), "files": list(written.files), "verdict": written.verdict}
-            for name, written in made.items()
+            for name, written in exported.items()
         }
-        verdict = [{"use": said.use, "grade": said.grade, "sentence": said.sentence} for said in read.verdict]
+        verdict = [{"use": grade.use, "grade": grade.grade, "sentence": grade.sentence} for grade in read.verdict]
         print_json("export", {"formats": formats, "verdict": verdict})
     if quiet or as_json:
         return
-    for written in made.values():
+    for written in exported.values():
         out.print(f"{written.folder}: {', '.join(written.files)}", soft_wrap=True)
-    out.print(next(iter(made.values())).verdict, soft_wrap=True)
-    for said in read.verdict:
-        if said.grade == "bad":
-            out.print(f"WARNING: {said.sentence}", soft_wrap=True, highlight=False)
+    out.print(next(iter(exported.values())).verdict, soft_wrap=True)
+    for grade in read.verdict:
+        if grade.grade == "bad":
+            out.print(f"WARNING: {grade.sentence}", soft_wrap=True, highlight=False)

@@ -107,7 +107,7 @@ def _of_study(path: Path, data: Path | None, progress: _Progress) -> tuple[Dynam
 
     progress("reading the log", 0.0)
     study = read_study(path)
-    entry = next(one for one in study.logs if one.role == "identify")
+    entry = next(log for log in study.logs if log.role == "identify")
     model = DynamicModel(read_device(study.device))
     read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, entry.time_range, entry.episodes)
     return model, _treated(model, read, dict(study.treatment), progress)

@@ -53,14 +53,14 @@ def chosen(
     if sum((bool(at), sweep is not None, grid is not None)) > 1:
         raise wrong_option("--at, --sweep, --grid", "given together", "one of them")
     names = ", ".join(model.device.joint_names[j] for j in model.device.active)
-    what, count = f"positions of joints {names}", len(model.device.active)
+    wanted, count = f"positions of joints {names}", len(model.device.active)
     if at:
-        return Poses(np.array([numbers("--at", text, what, count) for text in at]).T)
+        return Poses(np.array([numbers("--at", text, wanted, count) for text in at]).T)
     if sweep is not None:
-        start, end = (numbers("--sweep", text, what, count) for text in sweep)
+        start, end = (numbers("--sweep", text, wanted, count) for text in sweep)
         return Poses(line(start, end, SWEEP), path=np.linspace(0.0, 1.0, SWEEP))
-    where = workspace(model, ranges("--limit", limit))
-    return Poses(where.grid(grid or POSES), where=where)
+    area = workspace(model, ranges("--limit", limit))
+    return Poses(area.grid(grid or POSES), where=area)
 
 
 def table_request(
@@ -85,7 +85,7 @@ def table_request(
     )
 
 
-def draw(poses: Poses, found: Characterisation, path: Path, progress: Callable[[str, float], None]) -> None:
+def draw(poses: Poses, characterisation: Characterisation, path: Path, progress: Callable[[str, float], None]) -> None:
     """Plot the masses along a sweep, or the largest one over two joints of a grid; nothing for single poses."""
     if poses.path is None and (poses.where is None or len(poses.where.limits) < 2):
         return
@@ -93,47 +93,52 @@ def draw(poses: Poses, found: Characterisation, path: Path, progress: Callable[[
     if poses.path is not None:
         label = "from the first pose (0) to the second (1)"
         plot_sweeps(
-            [SweepCurve(label, poses.path, {found.model.device.name: found.apparent_mass})], "apparent mass, kg", path
+            [SweepCurve(label, poses.path, {characterisation.model.device.name: characterisation.apparent_mass})],
+            "apparent mass, kg",
+            path,
         )
     elif poses.where is not None:
-        _draw_map(poses.where, found, path)
+        _draw_map(poses.where, characterisation, path)
     progress("drawing", 1.0)
 
 
-def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
+def _draw_map(area: Workspace, characterisation: Characterisation, path: Path) -> None:
     """Plot the largest mass over the last two active joints, the others at the middle of their ranges."""
-    (low, high), (lowest, highest) = where.limits[-2:].tolist()
+    (low, high), (lowest, highest) = area.limits[-2:].tolist()
     first, second = np.linspace(low, high, SIDE), np.linspace(lowest, highest, SIDE)
-    qa = np.repeat(where.limits.mean(axis=1)[:, None], SIDE * SIDE, axis=1)
-    across, up = np.meshgrid(first, second)
-    qa[-2:] = across.ravel(), up.ravel()
+    qa = np.repeat(area.limits.mean(axis=1)[:, None], SIDE * SIDE, axis=1)
+    across, vertical = np.meshgrid(first, second)
+    qa[-2:] = across.ravel(), vertical.ravel()
     mass = np.full(SIDE * SIDE, np.nan)
-    inside = where.holds(qa)
-    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.handle.worst).mass.values[:, 0]
-    joints = [found.model.device.joints[j] for j in found.model.device.active[-2:]]
+    inside = area.holds(qa)
+    mass[inside] = apparent_mass(
+        characterisation.identified, qa[:, inside], worst_condition=characterisation.handle.worst
+    ).mass.values[:, 0]
+    joints = [characterisation.model.device.joints[j] for j in characterisation.model.device.active[-2:]]
     across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
     labels = (across_label, up_label, "largest apparent mass, kg")
     plot_map(first, second, mass.reshape(SIDE, SIDE), labels, path)
 
 
-def show(console: Console, found: Characterisation, made: Sequence[TableColumn]) -> None:
+def show(console: Console, characterisation: Characterisation, columns: Sequence[TableColumn]) -> None:
     """Print the figures: of one pose with intervals, of several poses median and range; and the notes."""
-    handle = found.handle
+    handle = characterisation.handle
     console.print(
-        f"{found.model.device.name} at the handle: {int(handle.usable.sum())} of {len(handle)} poses", style="bold"
+        f"{characterisation.model.device.name} at the handle: {int(handle.usable.sum())} of {len(handle)} poses",
+        style="bold",
     )
     single = len(handle) == 1
     heads = ("value", "95 % interval") if single else ("median", "lowest", "highest", "max 95 % half-width")
     rows = [
         ([c.name, *(_single(c) if single else _several(c)), "" if c.figure.unit == "1" else c.figure.unit], False)
-        for c in made
+        for c in columns
     ]
     console.print(table("", ("", *heads, "unit"), rows, left=("unit",)))
-    for note in notes(found):
+    for note in notes(characterisation):
         console.print(f"- {note}", soft_wrap=True)
 
 
-def figures(found: Characterisation, made: Sequence[TableColumn]) -> dict[str, Any]:
+def figures(characterisation: Characterisation, made: Sequence[TableColumn]) -> dict[str, Any]:
     """Poses and figures as JSON values, null where unknown."""
     columns = [
         {
@@ -144,9 +149,14 @@ def figures(found: Characterisation, made: Sequence[TableColumn]) -> dict[str, A
         }
         for column in made
     ]
-    joints = [found.model.device.joint_names[j] for j in found.model.device.active]
-    poses = dict(zip(joints, found.handle.qa.tolist(), strict=True))
-    return {"device": found.model.device.name, "poses": poses, "figures": columns, "notes": list(notes(found))}
+    joints = [characterisation.model.device.joint_names[j] for j in characterisation.model.device.active]
+    poses = dict(zip(joints, characterisation.handle.qa.tolist(), strict=True))
+    return {
+        "device": characterisation.model.device.name,
+        "poses": poses,
+        "figures": columns,
+        "notes": list(notes(characterisation)),
+    }
 
 
 def _single(column: TableColumn) -> list[str]:

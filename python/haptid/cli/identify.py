@@ -92,18 +92,18 @@ def identify(
                 cache=cache,
                 report=not no_report,
             )
-            found = source.identification
+            identification = source.identification
         if find_spec("matplotlib") is None and not no_report:
             err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
     if as_json:
         sys.stdout.write(result.to_json())
     elif not quiet:
-        tables.show_identification(out, found)
+        tables.show_identification(out, identification)
         if no_report:
             out.print(f"Results in {out_folder}, without diagnosis, advice and report", highlight=False)
         else:
             _show_report(source, out_folder)
-    if found.meets_criteria is False:
+    if identification.meets_criteria is False:
         raise typer.Exit(EXIT_CRITERIA)
 
 
@@ -118,8 +118,8 @@ def _show_report(source: ReportSource, out_folder: Path) -> None:
 
 def _typed(study: Path, data: Path | None, out_folder: Path) -> str:
     """The command line, for the report."""
-    given = ["--data", _named(data)] if data else []
-    return shlex.join(["haptid", "identify", _named(study), *given, "--out", _named(out_folder)])
+    options = ["--data", _named(data)] if data else []
+    return shlex.join(["haptid", "identify", _named(study), *options, "--out", _named(out_folder)])
 
 
 def _named(path: Path) -> str:

@@ -53,7 +53,7 @@ def import_(
     from haptid.robot_files import import_robot
 
     with errors_shown():
-        made = import_robot(
+        imported = import_robot(
             file,
             root=root,
             tip=tip,
@@ -66,40 +66,40 @@ def import_(
             torque_constant=_torque_constant(torque_constant),
             ask=check,
         )
-        made.save(to)
+        imported.save(to)
     if as_json:
-        print_json("import", made.to_dict())
+        print_json("import", imported.to_dict())
     else:
-        joints, active = len(made.device.joints), len(made.device.active)
-        what = "1 joint" if joints == 1 else f"{joints} joints"
-        out.print(f"{to}: {what}, {active} active", soft_wrap=True, highlight=False)
-        for note in made.notes:
+        joints, active = len(imported.device.joints), len(imported.device.active)
+        joint_count = "1 joint" if joints == 1 else f"{joints} joints"
+        out.print(f"{to}: {joint_count}, {active} active", soft_wrap=True, highlight=False)
+        for note in imported.notes:
             out.print(f"  {note}", soft_wrap=True, highlight=False)
-        others = "".join(f", from {name} {size:.1e}" for name, size in made.check.others.items())
-        loops = f"; loops closed to {made.check.gap:.1e} m" if made.source.closing else ""
+        others = "".join(f", from {name} {size:.1e}" for name, size in imported.check.others.items())
+        loops = f"; loops closed to {imported.check.gap:.1e} m" if imported.source.closing else ""
         out.print(
-            f"Torques at {made.check.states} random states differ from the description's by {made.check.torque:.1e}"
-            f"{others} of the greatest{loops}.",
+            f"Torques at {imported.check.states} random states differ from the description's by "
+            f"{imported.check.torque:.1e}{others} of the greatest{loops}.",
             soft_wrap=True,
             highlight=False,
         )
-        if made.snapped is not None:
-            said = f"Snapping angles changes torques by up to {made.snapped:.1e} of the greatest."
+        if imported.snapped is not None:
+            said = f"Snapping angles changes torques by up to {imported.snapped:.1e} of the greatest."
             out.print(said, soft_wrap=True, highlight=False)
         out.print(f"Next: haptid excite {to} plans a motion; haptid channels LOG --device {to} drafts a study.")
-    if strict and not made.is_exact:
+    if strict and not imported.is_exact:
         raise typer.Exit(EXIT_CRITERIA)
 
 
 def _pairs(option: str, texts: Sequence[str] | None) -> list[tuple[str, str]]:
-    made = []
+    pairs = []
     for text in texts or ():
         name, equals, value = text.partition("=")
         if not equals or not name or not value:
             complain(f"{option} {text}: write NAME=VALUE.")
             raise typer.Exit(EXIT_ERROR)
-        made.append((name, value))
-    return made
+        pairs.append((name, value))
+    return pairs
 
 
 def _torque_constant(texts: Sequence[str] | None) -> Mapping[str, float] | float | None:

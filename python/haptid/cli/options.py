@@ -13,7 +13,7 @@ def wrong_option(option: str, found: str, wanted: str) -> OptionError:
     return OptionError(f"{option} is {found!r}; write {wanted}.", where=option, found=found, limit=wanted)
 
 
-def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
+def numbers(option: str, text: str, quantity: str, count: int) -> tuple[float, ...]:
     """A given count of finite numbers, separated by commas.
 
     Args:
@@ -26,17 +26,19 @@ def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
         OptionError: they are not.
     """
     try:
-        found = tuple(float(part) for part in text.split(","))
+        values = tuple(float(part) for part in text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != count or not all(map(math.isfinite, found)):
-        raise wrong_option(option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {what}")
-    return found
+        values = ()
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise wrong_option(
+            option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {quantity}"
+        )
+    return values
 
 
-def spread(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
+def spread(option: str, text: str, quantity: str, count: int) -> tuple[float, ...]:
     """One number for all, or one for each."""
-    return numbers(option, text, what, count) if "," in text else numbers(option, text, what, 1) * count
+    return numbers(option, text, quantity, count) if "," in text else numbers(option, text, quantity, 1) * count
 
 
 def ranges(option: str, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -45,14 +47,14 @@ def ranges(option: str, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
     Raises:
         OptionError: one that is not so.
     """
-    found: dict[str, tuple[float, float]] = {}
+    limits: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, pair = text.partition("=")
         if not equals or pair.count(":") != 1:
             raise wrong_option(option, text, "NAME=LOW:HIGH, such as 2=-0.5:1.2")
         low, high = numbers(option, pair.replace(":", ","), "the lower limit, the higher one", 2)
-        found[name] = (low, high)
-    return found
+        limits[name] = (low, high)
+    return limits
 
 
 def named(option: str, texts: Sequence[str]) -> Mapping[str, float]:
@@ -61,10 +63,10 @@ def named(option: str, texts: Sequence[str]) -> Mapping[str, float]:
     Raises:
         OptionError: one that is not so.
     """
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
             raise wrong_option(option, text, "NAME=NUMBER, such as 2=1.5")
-        found[name] = numbers(option, value, "a number", 1)[0]
-    return found
+        values[name] = numbers(option, value, "a number", 1)[0]
+    return values

@@ -45,10 +45,12 @@ def payload(
     from haptid.study.payloads import study_payloads
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
-        found = study_payloads(read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress)
-        text = output_text("payload", found.to_json())
+        payloads = study_payloads(
+            read_study(study), data, gains=gains, shared_friction=shared_friction, progress=progress
+        )
+        text = output_text("payload", payloads.to_json())
         (folder / "payload.json").write_text(text, encoding="utf-8")
-        write_csv(folder / "payload.csv", found.table())
-        return text, found.summary()
+        write_csv(folder / "payload.csv", payloads.table())
+        return text, payloads.summary()
 
     compute_into(out_folder, quiet, as_json, compute)

@@ -41,11 +41,11 @@ def poses(
     from haptid.study.payloads import study_poses
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
-        found = study_poses(read_study(study), data, progress)
-        text = output_text("poses", found.to_json())
+        identified = study_poses(read_study(study), data, progress)
+        text = output_text("poses", identified.to_json())
         (folder / "static.json").write_text(text, encoding="utf-8")
-        head, rows = found.poses.table()
+        head, rows = identified.poses.table()
         write_csv(folder / "poses.csv", [head, *[["" if x != x else f"{x:.10g}" for x in row] for row in rows]])
-        return text, found.summary()
+        return text, identified.summary()
 
     compute_into(out_folder, quiet, as_json, compute)

@@ -48,8 +48,8 @@ def report(
             pairs: list[dict[str, Any]] = []
         else:
             written = page or Path("comparison.html")
-            made = write_comparison(results, written)
-            pairs = list(made.pairs)
+            files = write_comparison(results, written)
+            pairs = list(files.pairs)
     if as_json:
         print_json("report", {"page": str(written), "pairs": pairs})
     elif not quiet:

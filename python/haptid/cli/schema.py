@@ -49,5 +49,5 @@ def _schema(name: str) -> dict[str, Any]:
     from haptid.study import study_schema
 
     files = (device_schema, world_schema, study_schema, experiment_schema, result_schema)
-    made = dict(zip(FILES, files, strict=True))
-    return made[name]() if name in made else output_schema(name)
+    schemas = dict(zip(FILES, files, strict=True))
+    return schemas[name]() if name in schemas else output_schema(name)

@@ -37,6 +37,6 @@ def interruptible(cache: RFactorCache) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         parts = cache.count()
-        there = f"{parts} parts are stored in {cache.folder}; the same command resumes from there"
-        complain(f"interrupted: {there if parts else 'nothing is stored'}.")
+        stored = f"{parts} parts are stored in {cache.folder}; the same command resumes from there"
+        complain(f"interrupted: {stored if parts else 'nothing is stored'}.")
         raise typer.Exit(EXIT_INTERRUPTED) from None

@@ -45,21 +45,21 @@ class Accuracy:
         return float(np.abs(self.errors[counted]).max(initial=0.0))
 
 
-def accuracy(found: Targets | Estimate, recording: BenchRecording, time_range: tuple[float, float]) -> Accuracy:
+def accuracy(estimated: Targets | Estimate, recording: BenchRecording, time_range: tuple[float, float]) -> Accuracy:
     """Targets, or base parameters, against the truth; torques are compared between two times of the recording, s."""
-    model, estimate = recording.model, found.estimate if isinstance(found, Targets) else found
-    C = found.C if isinstance(found, Targets) else np.eye(len(estimate.beta))
+    model, estimate = recording.model, estimated.estimate if isinstance(estimated, Targets) else estimated
+    C = estimated.C if isinstance(estimated, Targets) else np.eye(len(estimate.beta))
     value = C @ estimate.beta
-    low, high = found.conf_int().T
+    low, high = estimated.conf_int().T
     moving = (np.abs(recording.qd) > STICKS).all(axis=0) & recording.during(time_range)
     states = tuple(x[:, moving] for x in (recording.q, recording.qd, recording.qdd))
-    truth, whole = C @ recording.beta, inverse_dynamics(model, recording.beta, *states)
-    missed = inverse_dynamics(model, estimate.beta, *states) - whole
-    sizes = np.linalg.norm(whole, axis=1)
+    truth, torque = C @ recording.beta, inverse_dynamics(model, recording.beta, *states)
+    missed = inverse_dynamics(model, estimate.beta, *states) - torque
+    sizes = np.linalg.norm(torque, axis=1)
     parts = np.linalg.solve(C, np.diag(truth)).T
     shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
     return Accuracy(
-        names=found.names,
+        names=estimated.names,
         errors=100 * (value - truth) / np.where(_zero(truth), np.inf, np.abs(truth)),
         inside=(low <= truth) & (truth <= high),
         carried=np.max(shares, axis=1),

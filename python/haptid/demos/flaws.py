@@ -36,13 +36,13 @@ class FlawedDevice:
     @property
     def cells(self) -> list[list[str]]:
         """Figure, both values and their ratio; those that are zero without flaws have none."""
-        made = [["figure", "without flaws", "with the flaws of a real device", "times"]]
+        rows = [["figure", "without flaws", "with the flaws of a real device", "times"]]
         for name, before in self.ideal.items():
             after = self.flawed[name]
             if before or after:
                 times = after / before if before else 0.0
-                made.append([name, f"{before:.3g}", f"{after:.3g}", f"{times:.{int(times < 10)}f}" if before else ""])
-        return made
+                rows.append([name, f"{before:.3g}", f"{after:.3g}", f"{times:.{int(times < 10)}f}" if before else ""])
+        return rows
 
 
 def figures(
@@ -75,15 +75,15 @@ def range_sentence(estimate: Estimate) -> str:
     return rigid_range(frequency_ranges(estimate, residuals(estimate))).sentence
 
 
-def flaws_section(found: FlawedDevice) -> DocumentSection:
+def flaws_section(flawed: FlawedDevice) -> DocumentSection:
     """Both columns, and what the diagnosis says."""
     text = (
-        f"{found.title}: the same bodies, motion, noise and treatment, and cables that stretch between motors and "
+        f"{flawed.title}: the same bodies, motion, noise and treatment, and cables that stretch between motors and "
         "joints (the encoders are on the motors), eccentric capstans and encoders, Stribeck friction, a drive that "
         "warms up, current loops with a bandwidth and steps, commands with jitter, a softer controller, and a log of "
         "every second control period. The model is the rigid one, without a term for any of it."
         " Parameters are compared "
         "with those of the rigid part.",
-        f"The diagnosis of that fit: {found.range}",
+        f"The diagnosis of that fit: {flawed.range}",
     )
-    return DocumentSection("flaws", "With the flaws of a real device", text, (TextTable("", found.cells),))
+    return DocumentSection("flaws", "With the flaws of a real device", text, (TextTable("", flawed.cells),))

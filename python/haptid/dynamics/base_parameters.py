@@ -71,8 +71,8 @@ class BaseParameters:
     def groupings(self) -> tuple[str, ...]:
         """Readable formulas, such as `ZZ1 + IA1 + YY2 + 0.2025 M3`."""
         return tuple(
-            formula(row, self.standard, kept)
-            for row, kept in zip(self.regrouping, self.independent_columns, strict=True)
+            formula(row, self.standard, column)
+            for row, column in zip(self.regrouping, self.independent_columns, strict=True)
         )
 
     @property
@@ -121,17 +121,17 @@ def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseP
     lengths = np.linalg.norm(W, axis=0)
     effective = lengths > NO_EFFECT * lengths.max(initial=0.0)
     order = [k for k in preference(model) if effective[k]]
-    kept, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, tolerance)
-    kept = sorted(kept)  # shown in the parameters' own order
-    regrouping = regroup(W, Q, kept, effective)
+    independent, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, tolerance)
+    independent = sorted(independent)  # shown in the parameters' own order
+    regrouping = regroup(W, Q, independent, effective)
     names = tuple(
         parameters.names[k] + ("R" if np.count_nonzero(row) > 1 else "")
-        for k, row in zip(kept, regrouping, strict=True)
+        for k, row in zip(independent, regrouping, strict=True)
     )
     return BaseParameters(
         names=names,
-        units=tuple(parameters.units[k] for k in kept),
-        independent_columns=tuple(kept),
+        units=tuple(parameters.units[k] for k in independent),
+        independent_columns=tuple(independent),
         regrouping=regrouping,
         standard=tuple(parameters.names),
         no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
@@ -186,39 +186,39 @@ def select_independent(W: Array, order: list[int], tolerance: float) -> tuple[li
         the columns kept, an orthonormal basis of them, and the least length kept and greatest dropped.
     """
     Q = np.empty((len(W), min(W.shape)), order="F")
-    kept: list[int] = []
+    independent: list[int] = []
     least, greatest = 1.0, 0.0
     for start in range(0, len(order), _TOGETHER):
         block = order[start : start + _TOGETHER]
-        before = Q[:, : len(kept)]
+        before = Q[:, : len(independent)]
         rests = W[:, block] - before @ (before.T @ W[:, block])
         rests -= before @ (before.T @ rests)
         for k, rest in zip(block, rests.T, strict=True):
-            own = Q[:, len(before.T) : len(kept)]
+            own = Q[:, len(before.T) : len(independent)]
             rest = rest - own @ (own.T @ rest)
             length = float(np.linalg.norm(rest))
             if 0.01 * tolerance < length < 0.05:  # much was cancelled: once more is enough (Kahan and Parlett)
-                rest -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ rest)
+                rest -= Q[:, : len(independent)] @ (Q[:, : len(independent)].T @ rest)
                 length = float(np.linalg.norm(rest))
-            if length > tolerance and len(kept) < Q.shape[1]:
+            if length > tolerance and len(independent) < Q.shape[1]:
                 least = min(least, length)
-                Q[:, len(kept)] = rest / length
-                kept.append(k)
+                Q[:, len(independent)] = rest / length
+                independent.append(k)
             else:
                 greatest = max(greatest, length)
-    return kept, Q[:, : len(kept)], (least, greatest)
+    return independent, Q[:, : len(independent)], (least, greatest)
 
 
-def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array:
+def regroup(W: Array, Q: Array, independent: list[int], effective: np.ndarray) -> Array:
     """Coefficients of every standard parameter in the base parameters, (kept, standard)."""
     lengths = np.linalg.norm(W, axis=0)
-    scale = lengths[kept][:, None]
-    R = Q.T @ (W[:, kept] / scale.T)  # of unit columns: parameters of small effect do not spoil its condition
-    coefficients = np.linalg.solve(R, Q.T @ W) / scale if kept else np.zeros((0, W.shape[1]))
+    scale = lengths[independent][:, None]
+    R = Q.T @ (W[:, independent] / scale.T)  # of unit columns: parameters of small effect do not spoil its condition
+    coefficients = np.linalg.solve(R, Q.T @ W) / scale if independent else np.zeros((0, W.shape[1]))
     # What a coefficient changes in a column, relative to that column: below ROUNDING it is noise.
-    share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
+    share = np.abs(coefficients) * lengths[independent][:, None] / np.where(effective, lengths, np.inf)
     coefficients[share < _ROUNDING] = 0.0
-    coefficients[:, kept] = np.eye(len(kept))
+    coefficients[:, independent] = np.eye(len(independent))
     return coefficients
 
 
@@ -245,10 +245,11 @@ def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Arra
     holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
     groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
     texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
-    seen = f" What it shows is {texts[1]}." if texts[1] else ""
+    combination = f" What it shows is {texts[1]}." if texts[1] else ""
     within = f" It is identifiable only within {'; '.join(groups)}." if groups else ""
     return IdentifiabilityError(
-        f"target {target} is not identifiable: no torque of this device depends on {texts[0]} by itself.{seen}{within}",
+        f"target {target} is not identifiable: no torque of this device depends on {texts[0]} by itself."
+        f"{combination}{within}",
         where=target,
         found=texts[0],
         advice="Write the target as a sum of base parameters; `haptid model` prints them with their regrouping.",

@@ -74,10 +74,10 @@ def load_friction_parts(loads: Sequence[JointLoad], cdd: Array) -> tuple[Array, 
     """
     states, n = cdd.shape
     M, h = np.zeros((states, n, n)), np.zeros((states, n))
-    for one in loads:
-        signed = one.friction * one.sign(cdd)
-        M += one.weights[:, None] * (signed[:, None] * one.inertia)[:, None]
-        h += one.weights * (signed * one.bias - one.friction * np.abs(one.bias))[:, None]
+    for load in loads:
+        signed = load.friction * load.sign(cdd)
+        M += load.weights[:, None] * (signed[:, None] * load.inertia)[:, None]
+        h += load.weights * (signed * load.bias - load.friction * np.abs(load.bias))[:, None]
     return M, h
 
 
@@ -144,8 +144,8 @@ class ForwardDynamics:
         own, loops = external(self.model, c, cd, still), self.model.loops(c, cd)
         cdd, failed = self.model.mechanism.acceleration(c, cd, tau, own, self.chi, loops)
         if failed is not None:
-            of = failed * len(self.chi) // c.shape[1]
-            raise self.massless(core_mass(self.model, self.chi[of], c[:, [failed]]))
+            row = failed * len(self.chi) // c.shape[1]
+            raise self.massless(core_mass(self.model, self.chi[row], c[:, [failed]]))
         loads = self._loads(c, cd)
         return self._loaded(loads, self.mass(c), cdd.T) if loads else np.asarray(cdd)
 
@@ -156,9 +156,9 @@ class ForwardDynamics:
         """
         force = (M @ cdd[:, :, None])[:, :, 0]
         for _ in range(_PASSES):
-            more, rest = load_friction_parts(loads, cdd)
-            before, cdd = cdd, self._solved(M + more, force - rest)
-            if not any((one.sign(before) != one.sign(cdd)).any() for one in loads):
+            added, rest = load_friction_parts(loads, cdd)
+            before, cdd = cdd, self._solved(M + added, force - rest)
+            if not any((load.sign(before) != load.sign(cdd)).any() for load in loads):
                 break
         return np.ascontiguousarray(cdd.T)
 
@@ -214,8 +214,8 @@ class ForwardDynamics:
 
         Column k is the derivative by coordinate k.
         """
-        made = CoreChannels.of(self.model, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
-        by_c, by_cd, _ = np.moveaxis(made, (1, 3), (0, 1))
+        slopes = CoreChannels.of(self.model, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
+        by_c, by_cd, _ = np.moveaxis(slopes, (1, 3), (0, 1))
         return by_c, by_cd
 
     def stiffness(self, c: Array) -> float:
@@ -244,8 +244,8 @@ class ForwardDynamics:
             c, cd, cdd: of the coordinates, (n, states).
             period: s.
         """
-        found = turning(self.model, c, cd, cdd, period)
-        return np.tile(found.reshape(len(self.chi), -1).any(axis=0), len(self.chi))
+        turns = turning(self.model, c, cd, cdd, period)
+        return np.tile(turns.reshape(len(self.chi), -1).any(axis=0), len(self.chi))
 
 
 def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:

@@ -86,8 +86,8 @@ def raw_parameters(model: DynamicModel, beta: ArrayLike) -> Array:
 def rigid(model: DynamicModel, chi: Array) -> Array:
     """The parameters of bodies and rotors, all others zero, (r,)."""
     links = 10 * len(model.device.joints)
-    kept = [True] * links + [term.kind == "rotor" for term in model.terms]
-    return np.where(kept, chi, 0.0)
+    is_rigid = [True] * links + [term.kind == "rotor" for term in model.terms]
+    return np.where(is_rigid, chi, 0.0)
 
 
 def core_torque(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array, own: Array | None = None) -> Array:

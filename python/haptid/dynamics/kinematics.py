@@ -80,17 +80,17 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
     qa, handle = np.asarray(qa, dtype=float), handle_of(model)
     expect("qa", qa.shape, (len(model.device.active), None))
     followed = model.device.closure.follow(qa)
-    at = poses(model.device, followed.q.T)
-    link_pose = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
+    pose = poses(model.device, followed.q.T)
+    link_pose = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else pose[:, handle.link]
     position = link_pose[:, :3, :3] @ handle.translation + link_pose[:, :3, 3]
     tree = np.zeros((qa.shape[1], 6, len(model.device.joints)))
     link = handle.link
     while link >= 0:
-        axis, joint = at[:, link, :3, 2], model.device.joints[link]
+        axis, joint = pose[:, link, :3, 2], model.device.joints[link]
         if joint.prismatic:
             tree[:, :3, link] = axis
         else:
-            tree[:, :3, link] = np.cross(axis, position - at[:, link, :3, 3])
+            tree[:, :3, link] = np.cross(axis, position - pose[:, link, :3, 3])
             tree[:, 3:, link] = axis
         link = joint.parent
     return HandleMotion(model, qa, position, link_pose[:, :3, :3] @ handle.rotation, tree @ followed.G)

@@ -72,11 +72,11 @@ class DynamicModel:
 
     def with_terms(self, terms: Sequence[TermColumn]) -> Self:
         """The model with other columns in addition to link inertia, or with the same at other constants."""
-        made = object.__new__(type(self))
+        model = object.__new__(type(self))
         for entry in fields(self):
-            object.__setattr__(made, entry.name, getattr(self, entry.name))
-        object.__setattr__(made, "terms", tuple(terms))
-        return made
+            object.__setattr__(model, entry.name, getattr(self, entry.name))
+        object.__setattr__(model, "terms", tuple(terms))
+        return model
 
     def at_constants(self, values: Sequence[float]) -> DynamicModel:
         """The model at other values of the constants that the device file leaves open, in their order, SI."""
@@ -117,9 +117,9 @@ class DynamicModel:
         device = special_geometry(self.device)
         if device is None:
             return ()
-        kept = set(replace(self, device=device).base.independent_columns)
+        independent = set(replace(self, device=device).base.independent_columns)
         pairs = zip(self.base.names, self.base.independent_columns, strict=True)
-        return tuple(name for name, column in pairs if column not in kept)
+        return tuple(name for name, column in pairs if column not in independent)
 
     @cached_property
     def needed(self) -> tuple[tuple[int, ...], Array]:
@@ -226,10 +226,10 @@ class DynamicModel:
             history: columns that depend on the motion before, as `history` gives them; None for steady sliding.
         """
         coordinates = [np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)]
-        given = self._by_state(*coordinates) | dict(history or {})
-        if all(term.name in given for term in self.externals):  # without the poses of all joints
-            return np.array([given[term.name] for term in self.externals])
-        return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), given)
+        columns = self._by_state(*coordinates) | dict(history or {})
+        if all(term.name in columns for term in self.externals):  # without the poses of all joints
+            return np.array([columns[term.name] for term in self.externals])
+        return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), columns)
 
     @property
     def has_history(self) -> bool:
@@ -317,12 +317,12 @@ class DynamicModel:
 
     def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:
         """Dry-friction terms that act on a torque row, one for each velocity whose sign they depend on."""
-        found: list[TermColumn] = []
+        terms: list[TermColumn] = []
         for term in self.terms:
             acts = term.kind in DRY and self.friction_acts(row, term)
-            if acts and not any(term.moves_as(known) for known in found):
-                found.append(term)
-        return tuple(found)
+            if acts and not any(term.moves_as(known) for known in terms):
+                terms.append(term)
+        return tuple(terms)
 
     def friction_acts(self, row: int, term: TermColumn) -> bool:
         """Whether a term's torque acts on a torque row."""

@@ -35,22 +35,22 @@ def special_geometry(device: Device) -> Device | None:
     above: Sequence[Array | None] = [
         np.array([0.0, 0.0, 1.0]) if joint.parent >= 0 else vertical for joint in device.joints
     ]
-    made = tuple(_special(joint, axis, size) for joint, axis in zip(device.joints, above, strict=True))
-    unchanged = all(new is old for new, old in zip(made, device.joints, strict=True))
-    return None if unchanged else replace(device, joints=made)
+    geometry = tuple(_special(joint, axis, size) for joint, axis in zip(device.joints, above, strict=True))
+    unchanged = all(new is old for new, old in zip(geometry, device.joints, strict=True))
+    return None if unchanged else replace(device, joints=geometry)
 
 
 def _special(joint: Joint, axis: Array | None, size: float) -> Joint:
     if axis is None:
         return joint
     z = np.asarray(joint.rotation)[:, 2]
-    along = float(z @ axis)
-    across = float(np.linalg.norm(z - along * axis))
+    cosine = float(z @ axis)
+    across = float(np.linalg.norm(z - cosine * axis))
     meant = z
     if EXACT_ANGLE < across < NEAR_ANGLE:
-        meant = np.sign(along) * axis
-    elif EXACT_ANGLE < abs(along) < NEAR_ANGLE:
-        meant = z - along * axis
+        meant = np.sign(cosine) * axis
+    elif EXACT_ANGLE < abs(cosine) < NEAR_ANGLE:
+        meant = z - cosine * axis
         meant = meant / np.linalg.norm(meant)
     translation = np.array(joint.translation)
     if joint.parent >= 0:
@@ -70,8 +70,8 @@ def _meeting(translation: Array, axis: Array, other: Array, size: float) -> Arra
     normal = np.cross(axis, other)
     length = float(np.linalg.norm(normal))
     if length < EXACT_ANGLE:
-        apart = translation - (translation @ axis) * axis
+        offset = translation - (translation @ axis) * axis
     else:
         normal = normal / length
-        apart = (translation @ normal) * normal
-    return translation - apart if EXACT_LENGTH * size < np.linalg.norm(apart) < NEAR_LENGTH * size else translation
+        offset = (translation @ normal) * normal
+    return translation - offset if EXACT_LENGTH * size < np.linalg.norm(offset) < NEAR_LENGTH * size else translation

@@ -46,10 +46,10 @@ class CoreChannels:
     def torque_slopes(self, chi: Array) -> Array:
         """Derivatives of every row's torque by the motion, (rows, 3, rows, n); `chi` of the core's columns, (r,)."""
         regressor_columns = np.flatnonzero(chi)
-        made = self.model.mechanism.torque_slopes(
+        slopes = self.model.mechanism.torque_slopes(
             *self.motion, self.own, regressor_columns.tolist(), chi[regressor_columns].tolist(), self.loops
         )
-        return self.by_motion(made)
+        return self.by_motion(slopes)
 
     def by_motion(self, by_channel: Array) -> Array:
         """Derivatives by the motion, (..., 3, rows, n), from those by channels, (..., channels, n).
@@ -67,8 +67,8 @@ class CoreChannels:
 
     def _python_channels(self, s: int, j: int, step: float) -> Array:
         """The channels that Python computes, (own, n), with one position, velocity or acceleration moved by a step."""
-        there = CoreChannels.of(self.model, moved(self.motion, s, j, step))
-        return np.concatenate([there.own, there.loops])
+        channels = CoreChannels.of(self.model, moved(self.motion, s, j, step))
+        return np.concatenate([channels.own, channels.loops])
 
 
 def moved(motion: Array, s: int, j: int, step: float) -> Array:

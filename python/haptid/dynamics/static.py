@@ -39,8 +39,8 @@ class StaticModel(DynamicModel):
         """Base parameters of the static regressor, at random poses."""
         device = self.device
         rng = np.random.default_rng(0)
-        many = 4 + -(-4 * len(device.parameters) // max(sum(device.measured), 1))
-        c = device.row_map @ device.closure.draw(rng, many)
+        poses = 4 + -(-4 * len(device.parameters) // max(sum(device.measured), 1))
+        c = device.row_map @ device.closure.draw(rng, poses)
         return self.base_at(c, rng.choice([-1.0, 1.0], c.shape), device.base_tolerance)
 
     def base_at(self, c: Array, approach: Array, tolerance: float) -> BaseParameters:
@@ -64,9 +64,9 @@ class StaticModel(DynamicModel):
 
     def determined_by(self, c: Array, approach: Array) -> Self:
         """The model with the base parameters that these poses determine."""
-        made = self.with_terms(self.terms)
-        made.__dict__["base"] = self.base_at(c, approach, TOLD_BY_POSES)
-        return made
+        reduced = self.with_terms(self.terms)
+        reduced.__dict__["base"] = self.base_at(c, approach, TOLD_BY_POSES)
+        return reduced
 
     def columns(self, c: Array, approach: Array) -> Array:
         """Static regressor of the standard parameters, (coordinates, standard parameters, poses).

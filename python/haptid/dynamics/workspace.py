@@ -150,10 +150,10 @@ def workspace(
     )
 
 
-def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, _Range | None]:
+def _limits(model: DynamicModel, limits: Mapping[str, Sequence[float] | None]) -> dict[str, _Range | None]:
     """Limits of every joint by name: those given, else the file's."""
     known = {joint.name: joint.position_limits for joint in model.device.joints}
-    for name, pair in given.items():
+    for name, pair in limits.items():
         if name not in known:
             raise _workspace_limit(name, pair, f"limits of one of the joints {', '.join(known)}")
         known[name] = None if pair is None else _ascending(name, pair)
@@ -162,13 +162,13 @@ def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) ->
 
 def _ascending(name: str, pair: Sequence[float]) -> _Range:
     """Two limits, the lower one first."""
-    both = tuple(pair) if isinstance(pair, Iterable) else ()
-    if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:
+    ends = tuple(pair) if isinstance(pair, Iterable) else ()
+    if len(ends) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in ends) or ends[0] >= ends[1]:
         raise _workspace_limit(name, pair, "two finite numbers, the lower one first")
-    return float(both[0]), float(both[1])
+    return float(ends[0]), float(ends[1])
 
 
-def _workspace_limit(name: str, found: object, wanted: str) -> WorkspaceError:
+def _workspace_limit(name: str, value: object, wanted: str) -> WorkspaceError:
     return WorkspaceError(
-        f"workspace limit {name} is {found!r}; write {wanted}.", where=name, found=found, limit=wanted
+        f"workspace limit {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted
     )

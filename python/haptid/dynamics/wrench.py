@@ -100,8 +100,8 @@ def _inverse(A: Array, rank: int) -> Array:
     """Pseudo-inverses of a stack from its `rank` largest singular values, zero where one of them vanishes."""
     U, s, Vt = np.linalg.svd(A, full_matrices=False)
     tiny = np.finfo(float).tiny
-    kept = (np.arange(s.shape[1]) < rank) & (s > 1e-14 * np.maximum(s[:, :1], tiny))
-    return np.asarray(Vt.mT @ (np.where(kept, 1 / np.where(kept, s, 1.0), 0.0)[:, :, None] * U.mT))
+    significant = (np.arange(s.shape[1]) < rank) & (s > 1e-14 * np.maximum(s[:, :1], tiny))
+    return np.asarray(Vt.mT @ (np.where(significant, 1 / np.where(significant, s, 1.0), 0.0)[:, :, None] * U.mT))
 
 
 def _determined(handle: HandleMotion, J: Array, usable: np.ndarray) -> np.ndarray:

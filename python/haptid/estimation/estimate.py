@@ -235,7 +235,7 @@ class Estimate:
         """Scatter between logs, and intervals of a repeat; None with fewer than three logs, and of a point estimate."""
         return self.between_logs_of(self.unconstrained, self.beta, np.eye(len(self.beta)))
 
-    def between_logs_of(self, found: Quantities, values: Array, C: Array) -> BetweenLogs | None:
+    def between_logs_of(self, estimated: Quantities, values: Array, C: Array) -> BetweenLogs | None:
         """The same of combinations of base parameters.
 
         Args:
@@ -245,7 +245,7 @@ class Estimate:
         """
         if isinstance(self.method, PointEstimate):
             return None
-        return BetweenLogs.of(self.fit, found, values, C, self.shifts)
+        return BetweenLogs.of(self.fit, estimated, values, C, self.shifts)
 
     @property
     def se(self) -> Array:
@@ -308,11 +308,11 @@ class Estimate:
 
     def spread(self, combinations: Array) -> Spread:
         """Covariance and degrees of freedom of combinations (q, p) of base parameters, of the unconstrained fit."""
-        made = self.intervals.spread(self.fit, combinations)
+        spread = self.intervals.spread(self.fit, combinations)
         for shifts in self.nuisances.values():
-            covariance, dof = with_prior_variance(made.covariance, made.dof, combinations, shifts)
-            made = replace(made, covariance=covariance, dof=dof)
-        return made
+            covariance, dof = with_prior_variance(spread.covariance, spread.dof, combinations, shifts)
+            spread = replace(spread, covariance=covariance, dof=dof)
+        return spread
 
     def with_nuisance(self, name: str, shifts: Array) -> Estimate:
         """The estimate with the variance that a nuisance adds in its covariance.
@@ -389,25 +389,25 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
     return made if isinstance(method, PointEstimate) else judged(made)
 
 
-def judged(made: Estimate) -> Estimate:
+def judged(fitted: Estimate) -> Estimate:
     """An estimate with status and notes on the torque of other motion, by its present covariance."""
-    notes = tuple(note for note in made.notes if not note.startswith(_UNDETERMINED))
-    size, unbounded = made.torque_uncertainty, bool(made.single_block)
+    notes = tuple(note for note in fitted.notes if not note.startswith(_UNDETERMINED))
+    size, unbounded = fitted.torque_uncertainty, bool(fitted.single_block)
     if unbounded or not size > _LARGEST_SE:
-        return made if notes == made.notes else replace(made, notes=notes)
+        return fitted if notes == fitted.notes else replace(fitted, notes=notes)
     text = (
         f"{_UNDETERMINED}: its standard error is {size:.3g} % of the measured torque (limit {_LARGEST_SE:g} %). Record "
         f"longer, or motion that differs more in speed and acceleration from pose to pose."
     )
-    return replace(made, status="uncertain" if made.status == "ok" else made.status, notes=(text, *notes))
+    return replace(fitted, status="uncertain" if fitted.status == "ok" else fitted.status, notes=(text, *notes))
 
 
 def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> Fit:
     """Least squares on the rows as the method transforms them, with its equality constraints and priors."""
     known = method.knowledge(observation) if isinstance(method, Knowing) else None
-    seen = rows_of(method, observation)
-    weights = method.weights(seen)
-    return Fit(seen, weights, solve(seen, weights, zero, known), method.unit_residual)
+    rows = rows_of(method, observation)
+    weights = method.weights(rows)
+    return Fit(rows, weights, solve(rows, weights, zero, known), method.unit_residual)
 
 
 def _status_and_notes(

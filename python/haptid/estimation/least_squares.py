@@ -113,8 +113,8 @@ def solve(
     change = np.zeros((p + 1, free.shape[1] + 1))
     change[:p, :-1], change[:p, -1], change[p, -1] = free, -start, 1.0
     own = known.rows @ change
-    whole = triangle(np.concatenate([observation.stack(weights) @ change, own]))
-    R, z, rest = whole[:-1, :-1], whole[:-1, -1], abs(float(whole[-1, -1]))
+    factor = triangle(np.concatenate([observation.stack(weights) @ change, own]))
+    R, z, rest = factor[:-1, :-1], factor[:-1, -1], abs(float(factor[-1, -1]))
     check_excited([observation.base.names[int(np.argmax(np.abs(d)))] for d in free.T], R)
     inverse = linalg.solve_triangular(R, np.eye(len(R)))
     beta = start + free @ linalg.solve_triangular(R, z)

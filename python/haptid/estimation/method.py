@@ -57,8 +57,8 @@ class BlockMoments:
         shifts = np.empty_like(self.s)
         shifts[heavy] = np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s[heavy]) * shrink)
         eye = np.eye(self.s.shape[1])
-        for few in np.array_split(light, 1 + len(light) // BATCH):
-            shifts[few] = np.linalg.solve(eye - self.G[few], self.s[few, :, None])[..., 0]
+        for batch in np.array_split(light, 1 + len(light) // BATCH):
+            shifts[batch] = np.linalg.solve(eye - self.G[batch], self.s[batch, :, None])[..., 0]
         return shifts
 
     def alone(self, combinations: Array, known: tuple[Array, Array] | None = None) -> np.ndarray:
@@ -107,13 +107,13 @@ class Fit:
     @cached_property
     def pooled_moments(self) -> BlockMoments:
         """Of every block of time, summed over motors."""
-        many, k = len(self.observation.blocks), self.solution.root.shape[1]
-        G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
-        for blocks, here, score in self._cells():
-            G[blocks] += here
+        count, k = len(self.observation.blocks), self.solution.root.shape[1]
+        G, s, present = np.zeros((count, k, k)), np.zeros((count, k)), np.zeros(count, dtype=bool)
+        for blocks, gram, score in self._cells():
+            G[blocks] += gram
             s[blocks] += score
-            there[blocks] = True
-        return BlockMoments(G[there], s[there], np.flatnonzero(there))
+            present[blocks] = True
+        return BlockMoments(G[present], s[present], np.flatnonzero(present))
 
     def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:
         """Indices of some blocks of one motor, and their G and s."""

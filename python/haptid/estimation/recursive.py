@@ -143,8 +143,8 @@ class RecursiveIdentification:
         pairs = zip(self._stacks[k], self._stacks[k + 1], strict=True)
         self._stacks[k + 1] = tuple(triangle(np.concatenate([weight * a, b])) for a, b in pairs)
         self._rows[k + 1] = weight**2 * self._rows[k] + self._rows[k + 1]
-        one, two = self._blocks[k], self._blocks[k + 1]
-        self._blocks[k + 1] = replace(two, start=one.start if one.log == two.log else two.start)
+        first, second = self._blocks[k], self._blocks[k + 1]
+        self._blocks[k + 1] = replace(second, start=first.start if first.log == second.log else second.start)
         for parts in (self._blocks, self._stacks, self._rows, self._log_weights):
             del parts[k]
 
@@ -162,9 +162,9 @@ class RecursiveIdentification:
         motors = []
         for m, motor in enumerate(self._like.motors):
             stack = np.sqrt(weights)[:, None, None] * np.array([own[m] for own in self._stacks])
-            made = MotorRows(motor.name, motor.label, motor.unit, motor.columns, freeze(stack), counts[m])
-            made.__dict__["whole"] = freeze(self._whole[m])  # known, and not to be computed again
-            motors.append(made)
+            rows = MotorRows(motor.name, motor.label, motor.unit, motor.columns, freeze(stack), counts[m])
+            rows.__dict__["whole"] = freeze(self._whole[m])  # known, and not to be computed again
+            motors.append(rows)
         return Observation(self.model, tuple(motors), tuple(self._blocks), ())
 
     def estimate(self, intervals: Intervals | None = None) -> Estimate:
@@ -180,19 +180,19 @@ class RecursiveIdentification:
             NoRowsError: fewer rows than parameters.
         """
         observation = self.observation()
-        out, unknown = unexcited(observation.stack()[:-1, :-1])
+        left_out, unknown = unexcited(observation.stack()[:-1, :-1])
         if len(self) < LEAST_BLOCKS:  # too few to estimate their scatter
             unknown = tuple(range(len(observation.base)))
         weights = np.ones(len(observation.motors))
         for _ in range(_PASSES):
-            beta = solve(observation, weights, out).beta
+            beta = solve(observation, weights, left_out).beta
             weights = np.array([WLS().weight(m, beta) if m.rows.any() else 0.0 for m in observation.motors])
-        made = estimate(observation, GivenWeights(weights, out), intervals)
+        fitted = estimate(observation, GivenWeights(weights, left_out), intervals)
         if not unknown:
-            return made
-        own = made.quantities
+            return fitted
+        own = fitted.quantities
         open_ones = tuple(sorted({*own.unbounded, *unknown}))
-        return replace(made, quantities=replace(own, unbounded=open_ones), status="ill_conditioned")
+        return replace(fitted, quantities=replace(own, unbounded=open_ones), status="ill_conditioned")
 
 
 def unexcited(R: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:

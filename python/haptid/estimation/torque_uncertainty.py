@@ -54,15 +54,15 @@ def other_motion(observation: Observation) -> Array:
 
 def _states(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations of the coordinates at times spread over the motions, (rows, states)."""
-    found = []
+    states = []
     for motion in motions:
         low, high = motion.usable
-        many = max(1, _STATES * _EVERY // _WINDOW // len(motions))
-        for start in np.linspace(low, max(high - _WINDOW, low), many).astype(int):
+        count = max(1, _STATES * _EVERY // _WINDOW // len(motions))
+        for start in np.linspace(low, max(high - _WINDOW, low), count).astype(int):
             c, cd = state(model.device, motion, int(start), min(int(start) + _WINDOW, high))
             cdd = np.gradient(cd, motion.dt, axis=1) if cd.shape[1] > 1 else np.zeros_like(cd)
-            found.append([x[:, ::_EVERY] for x in (c, cd, cdd)])
-    c, cd, cdd = (np.concatenate(own, axis=1) for own in zip(*found, strict=True))
+            states.append([x[:, ::_EVERY] for x in (c, cd, cdd)])
+    c, cd, cdd = (np.concatenate(own, axis=1) for own in zip(*states, strict=True))
     return c, cd, cdd
 
 

@@ -50,10 +50,10 @@ class DaskExecutor:
             running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
             for future in distributed.as_completed(list(running), loop=client.loop):
                 try:
-                    made = future.result()
+                    result = future.result()
                 except distributed.KilledWorker as error:
                     raise lost_item(running[future], error.allowed_failures + 1) from error
-                yield running[future], made
+                yield running[future], result
 
 
 def _call(function: Callable[[Item], Made], item: Item) -> Made:

@@ -45,16 +45,16 @@ class ProcessExecutor:
         try:
             while waiting or crew.busy:
                 crew.hand_out(waiting)
-                for k, item, made, error in crew.gather():
+                for k, item, result, error in crew.gather():
                     if error is not None:
                         raise error
-                    if made is None:  # its worker was lost
+                    if result is None:  # its worker was lost
                         losses[k] += 1
                         if losses[k] == _LOSSES:
                             raise lost_item(k, _LOSSES)
                         waiting.appendleft((k, item))
                     else:
-                        yield k, made[0]
+                        yield k, result[0]
         finally:
             crew.dismiss()
 
@@ -84,13 +84,13 @@ class _Crew:
         for connection in wait(list(self.busy)):
             process, k, item = self.busy.pop(cast(Connection, connection))
             try:
-                made, error = cast(Connection, connection).recv()
+                result, error = cast(Connection, connection).recv()
             except (EOFError, OSError):
                 process.join()
                 yield k, item, None, None
             else:
                 self.idle[cast(Connection, connection)] = process
-                yield k, item, made, error
+                yield k, item, result, error
 
     def dismiss(self) -> None:
         """End every process: idle ones by closing their pipe, busy ones by terminating them."""

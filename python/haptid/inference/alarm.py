@@ -101,7 +101,7 @@ class ModelAlarm:
             ModelMismatchError: it is of another model.
         """
         self.reference.model.require_same(observation.model)
-        found: list[Alarm] = []
+        alarms: list[Alarm] = []
         levels = _levels(self.reference, observation.motors, leverage=False)
         for m, (motor, chart, last) in enumerate(zip(observation.motors, self._charts, self._last, strict=True)):
             for k, (level, block) in enumerate(zip(levels[m], observation.blocks, strict=True)):
@@ -110,12 +110,12 @@ class ModelAlarm:
                 last.append((level - chart.middle, block))
                 if level - chart.middle > chart.single:
                     ratio = float(np.exp(0.5 * (level - chart.middle)))
-                    found.append(_alarm(motor, *self._silence(motor, k), block, block, ratio))
+                    alarms.append(_alarm(motor, *self._silence(motor, k), block, block, ratio))
                     last.clear()  # reported; what lasts is reported of later blocks
                 elif len(last) == _MEAN and (mean := float(np.mean([x for x, _ in last]))) > chart.mean:
-                    found.append(_alarm(motor, "lasting", 1.0, last[0][1], block, float(np.exp(0.5 * mean))))
+                    alarms.append(_alarm(motor, "lasting", 1.0, last[0][1], block, float(np.exp(0.5 * mean))))
                     last.clear()
-        return tuple(found)
+        return tuple(alarms)
 
     def _silence(self, motor: MotorRows, k: int) -> tuple[AlarmKind, float]:
         """Whether the torque of a block is missing, and the norm measured over that predicted."""
@@ -140,11 +140,15 @@ class _Chart:
         n = len(levels)
         if n < _FEWEST:
             return _Chart(0.0, np.inf, np.inf)  # a motor with too few rows: no limits
-        away = levels - levels.mean()
+        deviations = levels - levels.mean()
         sd, quantile = float(np.std(levels, ddof=1)), float(t_quantile(1 - alpha, float(n - 1)))
         lags = np.arange(1, _MEAN)
         # Correlations of neighbours; those of n values are too small by about 1 / n (Kendall 1954, Biometrika 41).
-        rho = np.array([away[lag:] @ away[:-lag] for lag in lags]) / max(float(away @ away), 1e-300) + 1 / n
+        rho = (
+            np.array([deviations[lag:] @ deviations[:-lag] for lag in lags])
+            / max(float(deviations @ deviations), 1e-300)
+            + 1 / n
+        )
         longer = max(1.0, 1 + 2 * float(((1 - lags / _MEAN) * rho).sum()))
         mean = quantile * sd * np.sqrt(longer * (1 / _MEAN + 1 / n))
         return _Chart(float(levels.mean()), quantile * sd * np.sqrt(1 + 1 / n), float(mean))
@@ -160,7 +164,7 @@ def _levels(reference: Estimate, motors: tuple[MotorRows, ...], leverage: bool) 
             larger by what the parameters' uncertainty adds.
     """
     spread = covariance_root(reference.covariance)
-    made = np.full((len(motors), len(motors[0].rows)), np.nan)
+    levels = np.full((len(motors), len(motors[0].rows)), np.nan)
     own = {motor.name: k for k, motor in enumerate(reference.fit.observation.motors)}
     for m, motor in enumerate(motors):
         weight = float(reference.weights[own[motor.name]])
@@ -173,8 +177,8 @@ def _levels(reference: Estimate, motors: tuple[MotorRows, ...], leverage: bool) 
             added = ((T[:, :, :-1] @ spread[motor.columns]) ** 2).sum(axis=(1, 2)) * weight**2
             expected = motor.rows + added
         used = (motor.rows >= _ROWS) & (e2 > 0)
-        made[m, used] = np.log(e2[used] / expected[used])
-    return made
+        levels[m, used] = np.log(e2[used] / expected[used])
+    return levels
 
 
 def _alarm(motor: MotorRows, kind: AlarmKind, measured: float, first: Block, last: Block, ratio: float) -> Alarm:

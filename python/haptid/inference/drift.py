@@ -44,8 +44,8 @@ class Drift:
     leverage: Array
 
     def __post_init__(self) -> None:
-        each = self.series.value.shape
-        freeze_fields(self, "times", weights=each, leverage=each)
+        shape = self.series.value.shape
+        freeze_fields(self, "times", weights=shape, leverage=shape)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,8 +55,8 @@ class Drift:
     @cached_property
     def slope(self) -> Array:
         """Change of each parameter in a unit of time, (k,); NaN with information at fewer than two times."""
-        made = (self.weights * self.series.value).sum(axis=0)
-        return freeze(np.where(self._identifiable, made, np.nan))
+        slope = (self.weights * self.series.value).sum(axis=0)
+        return freeze(np.where(self._identifiable, slope, np.nan))
 
     @cached_property
     def covariance(self) -> Array:
@@ -72,8 +72,8 @@ class Drift:
     @cached_property
     def dof(self) -> Array:
         """Degrees of freedom of each slope, (k,)."""
-        whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.dof).sum(axis=0)
-        return freeze(np.divide(whole**2, each, out=np.full(len(whole), np.inf), where=each > 0))
+        total, squares = self._parts.sum(axis=0), (self._parts**2 / self.series.dof).sum(axis=0)
+        return freeze(np.divide(total**2, squares, out=np.full(len(total), np.inf), where=squares > 0))
 
     def conf_int(self, level: float | None = None) -> Array:
         """Confidence intervals of the slopes, one by one, (k, 2); at the series' confidence where no level is given."""
@@ -122,10 +122,10 @@ class Drift:
     def sentences(self) -> tuple[str, ...]:
         """What drifts, in order of significance; then what is not linear in time."""
         order = sorted((self.names.index(name) for name in self.drifts), key=lambda k: self.p[k])
-        at = family_wise(self.series.confidence, len(self.names))
-        sentences = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
+        confidence = family_wise(self.series.confidence, len(self.names))
+        sentences = [self._sentence(k) for k in order] or [f"No parameter drifts {confidence}."]
         if self.bent:
-            sentences.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
+            sentences.append(f"Not linear in time {confidence}: {', '.join(self.bent)}. Their slopes are averages.")
         return tuple(sentences)
 
     def _sentence(self, k: int) -> str:
@@ -186,8 +186,8 @@ def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     if not np.isfinite(least):
         return np.zeros(len(t)), np.ones(len(t))
     weight = (least / se) ** 2 if least > 0 else np.ones(len(t))
-    away = t - weight @ t / weight.sum()
-    spread = float(weight @ away**2)
+    centred = t - weight @ t / weight.sum()
+    spread = float(weight @ centred**2)
     if spread <= np.finfo(float).eps * np.ptp(t) ** 2:  # information at one time only, however often
         return np.zeros(len(t)), np.ones(len(t))
-    return weight * away / spread, weight * (1.0 / weight.sum() + away**2 / spread)
+    return weight * centred / spread, weight * (1.0 / weight.sum() + centred**2 / spread)

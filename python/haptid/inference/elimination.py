@@ -178,9 +178,11 @@ class Elimination:
                 f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.conf_int()[0]:11.4g} .. {p.conf_int()[1]:.4g}, "
                 f"{p.relative_se:.2g} %, changed by {self.shift[k]:+.2f} standard errors"
             )
-        for kind, both in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):
-            if both:
-                lines.append(f"  error on {kind}: {both[0].relative:.3f} % full, {both[1].relative:.3f} % reduced")
+        for kind, validations in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):
+            if validations:
+                lines.append(
+                    f"  error on {kind}: {validations[0].relative:.3f} % full, {validations[1].relative:.3f} % reduced"
+                )
         return "\n".join(lines)
 
 
@@ -210,7 +212,7 @@ class BackwardElimination:
 
 
 def eliminate(
-    full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
+    full: Estimate, procedure: BackwardElimination | None = None, unseen: Motion | Observation | None = None
 ) -> Elimination:
     """Essential parameters of an estimate, by backward elimination.
 
@@ -225,28 +227,34 @@ def eliminate(
     """
     if isinstance(full.method, Restricted):
         raise setting_error("the method", full.method.name, "the estimate by OLS() or WLS()", "eliminate")
-    how = how or BackwardElimination()
+    procedure = procedure or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
     now, rejected = full, None
     steps: list[EliminationStep] = []
-    while (name := least_precise(now)) is not None and not satisfied(now, how.rule):
+    while (name := least_precise(now)) is not None and not satisfied(now, procedure.rule):
         smaller = refit_without(full, (*(step.name for step in steps), name))
         step = EliminationStep(
             name, now[name].relative_se, rao_scott_test(full, smaller.zero), fit_errors(smaller).relative
         )
-        if step.test.p < how.level:
+        if step.test.p < procedure.level:
             rejected = step
             break
         now, steps = smaller, [*steps, step]
-    both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
+    validations = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
     return Elimination(
-        full, now, tuple(steps), rejected, stop_reason(now, rejected, how), (fit_errors(full), fit_errors(now)), both
+        full,
+        now,
+        tuple(steps),
+        rejected,
+        stop_reason(now, rejected, procedure),
+        (fit_errors(full), fit_errors(now)),
+        validations,
     )
 
 
 def eliminate_by_motor(
-    full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
+    full: Estimate, procedure: BackwardElimination | None = None, unseen: Motion | Observation | None = None
 ) -> tuple[Elimination, ...]:
     """Backward elimination for every motor separately, on its own rows.
 
@@ -260,13 +268,13 @@ def eliminate_by_motor(
     """
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
-    found = []
+    eliminations = []
     for motor in full.observation.motors:
         rows = full.observation.only(motor.name)
         names = tuple(full.base.names[k] for k in sorted({*full.zero, *not_identifiable(rows)}))
         own = estimate(rows, FixedAtZero(names, _weighting(full)))
-        found.append(eliminate(own, how, unseen.only(motor.name) if unseen is not None else None))
-    return tuple(found)
+        eliminations.append(eliminate(own, procedure, unseen.only(motor.name) if unseen is not None else None))
+    return tuple(eliminations)
 
 
 def refit_without(full: Estimate, names: tuple[str, ...]) -> Estimate:
@@ -310,10 +318,10 @@ class FixedWeights:
 
 def least_precise(now: Estimate) -> str | None:
     """The parameter with the largest relative standard error; None where only one is left."""
-    kept = now.free_parameters
-    if len(kept) < 2:
+    free = now.free_parameters
+    if len(free) < 2:
         return None
-    return now.base.names[max(kept, key=lambda k: now.parameters[k].relative_se)]
+    return now.base.names[max(free, key=lambda k: now.parameters[k].relative_se)]
 
 
 def satisfied(now: Estimate, rule: Rule) -> bool:
@@ -324,29 +332,29 @@ def satisfied(now: Estimate, rule: Rule) -> bool:
 
 def rao_scott_test(full: Estimate, zero: tuple[int, ...]) -> FTest:
     """Rao and Scott's F-test that the parameters `zero` of the full model are zero."""
-    out = [k for k in zero if k not in full.zero]
-    square = np.ix_(out, out)
+    left_out = [k for k in zero if k not in full.zero]
+    square = np.ix_(left_out, left_out)
     factor = linalg.cholesky(full.classical_covariance[square], lower=True)
     half = linalg.solve_triangular(factor, full.covariance[square], lower=True)
     A = linalg.solve_triangular(factor, half.T, lower=True)
-    b = linalg.solve_triangular(factor, full.beta[out], lower=True)
+    b = linalg.solve_triangular(factor, full.beta[left_out], lower=True)
     inflation = float(np.trace(A))
     above = inflation**2 / float(np.sum(A**2))
-    below = above * float(full.dof[out].min())
+    below = above * float(full.dof[left_out].min())
     F = float(b @ b) / inflation
     return FTest(F, (above, below), float(f_tail(F, above, below)))
 
 
-def stop_reason(now: Estimate, rejected: EliminationStep | None, how: BackwardElimination) -> str:
+def stop_reason(now: Estimate, rejected: EliminationStep | None, procedure: BackwardElimination) -> str:
     """Which stopping criterion was met."""
     if rejected is not None:
         return (
             f"The F-test rejects the elimination of {rejected.name}, whose relative standard error is "
-            f"{rejected.relative_se:.3g} %: p = {rejected.test.p:.2g}, below {how.level:g}."
+            f"{rejected.relative_se:.3g} %: p = {rejected.test.p:.2g}, below {procedure.level:g}."
         )
     if len(now.free_parameters) < 2:
         return "Only one parameter is left."
-    return f"The largest relative standard error is within {how.rule.text}."
+    return f"The largest relative standard error is within {procedure.rule.text}."
 
 
 def not_identifiable(rows: Observation) -> tuple[int, ...]:
@@ -354,9 +362,9 @@ def not_identifiable(rows: Observation) -> tuple[int, ...]:
     R = rows.stack()[:-1, :-1]
     lengths = np.linalg.norm(R, axis=0)
     scaled = R / np.where(lengths > 0, lengths, 1.0)
-    kept: list[int] = []
+    independent: list[int] = []
     for k in range(len(lengths)):
-        least = np.linalg.svd(scaled[:, [*kept, k]], compute_uv=False)[-1]
+        least = np.linalg.svd(scaled[:, [*independent, k]], compute_uv=False)[-1]
         if lengths[k] > EXCITED * lengths.max() and least > COLLINEAR:
-            kept.append(k)
-    return tuple(k for k in range(len(lengths)) if k not in kept)
+            independent.append(k)
+    return tuple(k for k in range(len(lengths)) if k not in independent)

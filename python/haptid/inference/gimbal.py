@@ -48,15 +48,15 @@ class GimbalEffect:
     def sentences(self) -> tuple[str, ...]:
         """The bound in words."""
         own = self.gimbal
-        what = f"The gimbal ({own.mass:g} kg, {own.state}, not measured)"
+        gimbal = f"The gimbal ({own.mass:g} kg, {own.state}, not measured)"
         if own.state == "locked":
             return (
-                f"{what} is in the parameters of link {self.link}; locked in another orientation its first moments "
+                f"{gimbal} is in the parameters of link {self.link}; locked in another orientation its first moments "
                 f"change by up to {own.mass * own.com_radius:.2g} kg m.",
             )
         shares = ", ".join(f"{share:.2g}" for share in self.share)
         return (
-            f"{what} acts as a point mass at the handle, in the parameters of link {self.link}. The reaction of its "
+            f"{gimbal} acts as a point mass at the handle, in the parameters of link {self.link}. The reaction of its "
             f"own rotation is at most {shares} % of the torque of {', '.join(self.motors)} (rms); `result.json` has "
             "the largest change of each parameter by it, which is not in the intervals.",
         )
@@ -67,24 +67,24 @@ def gimbal_effect(estimate: Estimate) -> GimbalEffect | None:
 
     By Cauchy and Schwarz c'(W'W)^-1 W'e is at most sqrt(c'(W'W)^-1 c) |e|, for rows e of the torque's bound.
     """
-    model, seen = estimate.model, estimate.observation
+    model, observation = estimate.model, estimate.observation
     gimbal, handle = model.device.gimbal, model.device.handle
     if gimbal is None or handle is None:
         return None
-    squares = np.mean([np.mean(torque_bound(model, motion) ** 2, axis=1) for motion in seen.motions], axis=0)
-    own = [model.device.row_names.index(motor.name) for motor in seen.motors]
-    rows = np.array([motor.rows.sum() for motor in seen.motors])
-    norms = np.array([motor.norm for motor in seen.motors])
-    away = np.sqrt(squares[own] * rows)
+    squares = np.mean([np.mean(torque_bound(model, motion) ** 2, axis=1) for motion in observation.motions], axis=0)
+    own = [model.device.row_names.index(motor.name) for motor in observation.motors]
+    rows = np.array([motor.rows.sum() for motor in observation.motors])
+    norms = np.array([motor.norm for motor in observation.motors])
+    displaced = np.sqrt(squares[own] * rows)
     root = estimate.fit.solution.root
     unit = np.sqrt(np.einsum("pk,pk->p", root, root))
     return GimbalEffect(
         gimbal=gimbal,
         link=model.device.joints[handle.link].name if handle.link >= 0 else "base",
-        motors=tuple(motor.label for motor in seen.motors),
-        share=100 * np.divide(away, norms, out=np.full(len(own), np.inf), where=norms > 0),
+        motors=tuple(motor.label for motor in observation.motors),
+        share=100 * np.divide(displaced, norms, out=np.full(len(own), np.inf), where=norms > 0),
         names=estimate.names,
-        parameters=unit * np.linalg.norm(estimate.weights * away),
+        parameters=unit * np.linalg.norm(estimate.weights * displaced),
     )
 
 
@@ -120,8 +120,8 @@ def reaction_bound(gimbal: Gimbal, acceleration: Array, gravity: Array) -> Array
     effective, g = moment**2 / gimbal.inertia, float(np.linalg.norm(gravity))
     friction = moment / gimbal.inertia * gimbal.friction
     if gimbal.state == "free":
-        felt = np.linalg.norm(acceleration - gravity[:, None], axis=0)
-        return np.asarray(effective * felt + moment * gimbal.rate**2 + friction)
+        specific_force = np.linalg.norm(acceleration - gravity[:, None], axis=0)
+        return np.asarray(effective * specific_force + moment * gimbal.rate**2 + friction)
     down = gravity / g if g else np.zeros(3)
     vertical = np.abs(down @ acceleration)
     level = np.linalg.norm(acceleration - np.outer(down, down @ acceleration), axis=0)

@@ -84,19 +84,21 @@ class JointTests:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What differs jointly, in order of significance; equality of all parameters; the notes."""
-        made = []
+        sentences = []
         for k in np.argsort([test.p for test in self.tests]):
             test, p = self.tests[k], self.holm[k]
             if test.name in self.differs:
-                made.append(
+                sentences.append(
                     f"Jointly different: {test.name}, by {test.distance:.3g} standard deviations (p = {p:.1e})."
                 )
-        if self.tests and not made:
-            made.append(f"No group of directions differs at {100 * self.confidence:g} % confidence for all together.")
+        if self.tests and not sentences:
+            sentences.append(
+                f"No group of directions differs at {100 * self.confidence:g} % confidence for all together."
+            )
         if self.equality is not None:
             verdict = "differ" if self.equality < 1 - self.confidence else "do not differ significantly"
-            made.append(f"All parameters together {verdict} (block randomisation, p = {self.equality:.2g}).")
-        return (*made, *self.notes)
+            sentences.append(f"All parameters together {verdict} (block randomisation, p = {self.equality:.2g}).")
+        return (*sentences, *self.notes)
 
 
 def joint_tests(
@@ -113,18 +115,18 @@ def joint_tests(
     most = int(_MOST * min(map(len, clusters)))
     level = (1 - confidence) / max(len(groups), 1)
     for name, C in groups:
-        made = _tested(name, C, values, clusters, level) if len(C) <= most else None
-        if made is None:
+        test = _tested(name, C, values, clusters, level) if len(C) <= most else None
+        if test is None:
             notes.append(f"Not tested: {name} ({len(C)} directions; {min(map(len, clusters))} blocks allow {most}).")
         else:
-            tests.append(made)
+            tests.append(test)
     equality = randomised(values, clusters) if min(map(len, clusters)) >= RUNS else None
     return JointTests(tuple(tests), equality, confidence, tuple(notes))
 
 
 def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Iterator[tuple[str, Array]]:
     """Named groups of combinations of base parameters, (q, p) each, of full rank in q."""
-    white = sum(one.root @ one.root.T for one in clusters)
+    white = sum(cluster.root @ cluster.root.T for cluster in clusters)
     size = np.sqrt(np.diag(white))
     root = np.linalg.inv(np.linalg.cholesky(white / np.outer(size, size))) / size
     parameters, base = model.device.parameters, model.base
@@ -142,10 +144,10 @@ def named_directions(model: DynamicModel, clusters: Sequence[Clusters]) -> Itera
         if term.nature in ("viscous", "coulomb", "coulomb+", "coulomb-", "stribeck"):
             rows = base.regrouping[:, parameters.S[links + k] != 0].any(axis=1)
             own.setdefault(term.on, []).extend(np.eye(len(base))[rows])
-    for on, made in own.items():
-        C = _functionals(np.array(made).reshape(-1, len(base)))
+    for group, test in own.items():
+        C = _functionals(np.array(test).reshape(-1, len(base)))
         if len(C):
-            yield f"friction of {on}", C
+            yield f"friction of {group}", C
 
 
 def _projection(B: Array, root: Array) -> Array:
@@ -179,21 +181,21 @@ def _tested(
     """
     q, n = len(C), len(values)
     m = q * (n - 1)
-    moved = [one.misfit_shifts @ C.T for one in clusters]
-    parts = [one.misfit * one.covariance(C) + m.T @ m for one, m in zip(clusters, moved, strict=True)]
+    moved = [cluster.misfit_shifts @ C.T for cluster in clusters]
+    parts = [cluster.misfit * cluster.covariance(C) + m.T @ m for cluster, m in zip(clusters, moved, strict=True)]
     contrast = np.hstack([np.ones((n - 1, 1)), -np.eye(n - 1)])
     H = [np.kron(contrast[:, [i]], np.eye(q)) for i in range(n)]
-    whole = sum(h @ V @ h.T for h, V in zip(H, parts, strict=True))
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    root = np.linalg.eigh(whole / np.outer(size, size))
+    total = sum(h @ V @ h.T for h, V in zip(H, parts, strict=True))
+    size = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    root = np.linalg.eigh(total / np.outer(size, size))
     if root[0][0] <= len(size) * np.finfo(float).eps * root[0][-1]:
         return None
     half = (root[1] / np.sqrt(root[0])).T / size
     difference = half @ sum(h @ C @ value for h, value in zip(H, values, strict=True))
     squares = 0.0
-    for h, V, one in zip(H, parts, clusters, strict=True):
+    for h, V, cluster in zip(H, parts, clusters, strict=True):
         share = half @ h @ V @ h.T @ half.T
-        squares += (np.trace(share @ share) + np.trace(share) ** 2) / one.freedom(C)
+        squares += (np.trace(share @ share) + np.trace(share) ** 2) / cluster.freedom(C)
     freedom = m * (m + 1) / squares
     rest = freedom - m + 1
     if rest < _FEWEST:
@@ -234,25 +236,25 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
 
     Source: Cameron, Gelbach and Miller (2008), Review of Economics and Statistics 90(3), with the null imposed.
     """
-    size = np.sqrt(sum(np.diag(one.information) for one in clusters))
-    moved = np.concatenate([one.misfit_shifts for one in clusters]) * size
+    size = np.sqrt(sum(np.diag(cluster.information) for cluster in clusters))
+    moved = np.concatenate([cluster.misfit_shifts for cluster in clusters]) * size
     C = linalg.null_space(moved).T if len(moved) else np.eye(len(size))
-    information = [one.information / np.outer(size, size) for one in clusters]
+    information = [cluster.information / np.outer(size, size) for cluster in clusters]
     root = np.linalg.inv(np.linalg.cholesky(sum(information)))
     spread = [np.linalg.pinv(h, hermitian=True) for h in information]
     H = [np.linalg.inv(C @ V @ C.T) for V in spread]
     beta = [C @ (value * size) for value in values]
-    whole = np.linalg.inv(sum(H))
-    common = whole @ sum(h @ b for h, b in zip(H, beta, strict=True))
+    pooled = np.linalg.inv(sum(H))
+    common = pooled @ sum(h @ b for h, b in zip(H, beta, strict=True))
     T, moves, owner = 0.0, [], []
     rng = np.random.default_rng(0)
-    for k, (one, h, b, V) in enumerate(zip(clusters, H, beta, spread, strict=True)):
+    for k, (cluster, h, b, V) in enumerate(zip(clusters, H, beta, spread, strict=True)):
         # The fit with the common values in these directions, and free in the others.
-        P = root @ (np.linalg.pinv(one.root).T / size[:, None])
-        G = P @ one.G @ P.T
-        away = np.linalg.solve(root.T, V @ C.T @ h @ (b - common))
-        own = np.linalg.solve(root, Adjustment.of(G).times(one.s @ P.T + G @ away).T).T @ (C @ V).T
-        runs = np.arange(len(one)) * RUNS * max(1, len(one) // (4 * RUNS)) // len(one)
+        P = root @ (np.linalg.pinv(cluster.root).T / size[:, None])
+        G = P @ cluster.G @ P.T
+        deviation = np.linalg.solve(root.T, V @ C.T @ h @ (b - common))
+        own = np.linalg.solve(root, Adjustment.of(G).times(cluster.s @ P.T + G @ deviation).T).T @ (C @ V).T
+        runs = np.arange(len(cluster)) * RUNS * max(1, len(cluster) // (4 * RUNS)) // len(cluster)
         joined = np.zeros((runs.max() + 1, own.shape[1]))
         np.add.at(joined, runs, own)
         moves.append(joined)
@@ -260,14 +262,14 @@ def randomised(values: Sequence[Array], clusters: Sequence[Clusters]) -> float:
         T += float((b - common) @ h @ (b - common))
     every, whose = np.concatenate(moves), np.concatenate(owner)
     signs = rng.choice([-1.0, 1.0], (_DRAWS, len(every)))
-    nuisances = [(one.shifts * size) @ C.T for one in clusters]
-    each = [
+    nuisances = [(cluster.shifts * size) @ C.T for cluster in clusters]
+    terms = [
         signs[:, whose == k] @ every[whose == k] + rng.normal(size=(_DRAWS, len(own))) @ own
         for k, own in enumerate(nuisances)
     ]
-    middle = sum(moved @ h for moved, h in zip(each, H, strict=True)) @ whole
+    middle = sum(moved @ h for moved, h in zip(terms, H, strict=True)) @ pooled
     drawn = np.zeros(_DRAWS)
-    for moved, h in zip(each, H, strict=True):
+    for moved, h in zip(terms, H, strict=True):
         drawn += np.einsum("di,ij,dj->d", moved - middle, h, moved - middle)
-    factor = float(np.mean([one.misfit for one in clusters]))
+    factor = float(np.mean([cluster.misfit for cluster in clusters]))
     return float((1 + np.sum(drawn >= T / factor)) / (1 + _DRAWS))

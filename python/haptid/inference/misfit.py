@@ -58,25 +58,25 @@ def _shifts(estimate: Estimate) -> Array:
     significant = dict(zip(tests, together(np.array([test.p for test in tests.values()])) < SIGNIFICANCE, strict=True))
     reached = np.unique(np.concatenate([own.columns for own in part.observation.motors]))
     fitted = [k for k in reached if k not in estimate.zero]
-    made = []
+    shifts = []
     for place in sorted({k for _, k in tests}):
-        own = [test for at, test in tests.items() if at[1] == place and significant[at] and test.fit is not None]
+        own = [test for key, test in tests.items() if key[1] == place and significant[key] and test.fit is not None]
         if own:
             shift, best = np.zeros(p), min(own, key=lambda test: test.p)
             assert best.fit is not None
             shift[fitted] = best.fit.shift
-            made.append(shift)
-    return np.array(made) if made else none
+            shifts.append(shift)
+    return np.array(shifts) if shifts else none
 
 
 def _tested(estimate: Estimate) -> Mapping[tuple[str, int], TermTest]:
     """Tests of every term at every friction coordinate."""
     left = residuals(estimate)
     candidates: list[CandidateColumns] = []
-    which = {}
+    index_of = {}
     for k, place in enumerate(friction_coordinates(estimate.model, device_rows(estimate))):
         for term in CANDIDATES:
             columns = columns_at(term, place, left)
-            which[term.name, k] = range(len(candidates), len(candidates) + len(columns))
+            index_of[term.name, k] = range(len(candidates), len(candidates) + len(columns))
             candidates += columns
-    return term_tests(augment(estimate, candidates), which)
+    return term_tests(augment(estimate, candidates), index_of)

@@ -153,7 +153,7 @@ class StaticIdentification:
         groups = [f"{base.names[k]} = {base.groupings[k]}" for k in self.quoted if base.names[k] != base.groupings[k]]
         parts = [self.estimate.quantities.pick(self.quoted).table(), "\n".join(groups)]
         if self.friction:
-            parts.append("\n".join([*(one.sentence for one in self.friction), _NO_INTERVAL]))
+            parts.append("\n".join([*(friction.sentence for friction in self.friction), _NO_INTERVAL]))
         parts.append("\n".join([v.sentence for v in self.verdicts]))
         parts.append("\n".join([*self.left_out, *self.estimate.notes, *self.noise_notes()]))
         return "\n\n".join(part for part in parts if part)
@@ -184,19 +184,19 @@ class StaticIdentification:
             "poses": len(self.poses),
             "configurations": self.poses.configurations,
             "parameters": [
-                one | {"grouping": base.groupings[k]}
-                for one, k in zip(self.estimate.quantities.pick(quoted).to_json(), quoted, strict=True)
+                friction | {"grouping": base.groupings[k]}
+                for friction, k in zip(self.estimate.quantities.pick(quoted).to_json(), quoted, strict=True)
             ],
             "friction_at_rest": [
                 {
-                    "motor": one.label,
-                    "unit": one.unit,
-                    "least": one.least,
-                    "mean": one.mean,
-                    "greatest": one.greatest,
-                    "configurations": one.configurations,
+                    "motor": friction.label,
+                    "unit": friction.unit,
+                    "least": friction.least,
+                    "mean": friction.mean,
+                    "greatest": friction.greatest,
+                    "configurations": friction.configurations,
                 }
-                for one in self.friction
+                for friction in self.friction
             ],
             "status": self.estimate.status,
             "left_out": list(self.left_out),
@@ -248,37 +248,37 @@ def identify_poses(model: DynamicModel, poses: Poses, method: Method | None = No
         NoRowsError: no joint moved between poses, or fewer rows than parameters.
         LogMismatchError: the channels do not fit the device.
     """
-    whole = static_model(model)
-    determined = whole.determined_by(poses.c.T, poses.approach.T)
+    static = static_model(model)
+    determined = static.determined_by(poses.c.T, poses.approach.T)
     if not len(determined.base):
         raise NoRowsError("no joint moved between the poses, so no torque is used.", found=0, limit=1)
     observation = observe_poses(determined, poses)
     observation = replace(observation, motors=tuple(motor for motor in observation.motors if motor.rows.sum()))
-    made = estimate(observation, method or WLS())
+    fitted = estimate(observation, method or WLS())
     return StaticIdentification(
         poses,
-        made,
-        _static_left_out(model, whole, determined),
-        tuple(_verdicts(poses, observation, made, method or WLS())),
+        fitted,
+        _static_left_out(model, static, determined),
+        tuple(_verdicts(poses, observation, fitted, method or WLS())),
     )
 
 
-def _static_left_out(model: DynamicModel, whole: StaticModel, determined: StaticModel) -> tuple[str, ...]:
+def _static_left_out(model: DynamicModel, static: StaticModel, determined: StaticModel) -> tuple[str, ...]:
     """Sentences on what poses, and these poses, do not determine."""
     sentences = []
-    moving = [name for name in whole.base.no_effect if name not in model.base.no_effect]
+    moving = [name for name in static.base.no_effect if name not in model.base.no_effect]
     if moving:
         sentences.append(
             f"{len(moving)} parameters have no effect on the torque of a held pose, inertia and viscous friction among "
             f"them: record motion for {listed(moving)}."
         )
     lost = [
-        whole.device.parameters.names[k]
-        for k in whole.base.independent_columns
+        static.device.parameters.names[k]
+        for k in static.base.independent_columns
         if k not in determined.base.independent_columns
     ]
     if lost:
-        dry = {term.name for term in whole.terms if term.kind in COULOMB} & set(lost)
+        dry = {term.name for term in static.terms if term.kind in COULOMB} & set(lost)
         advice = "reach each pose from both sides" if dry else "add poses that move other joints, and move them further"
         sentences.append(f"These poses do not determine {listed(lost)} separately: {advice}.")
     return tuple(sentences)
@@ -298,18 +298,18 @@ def _friction_at_rest(poses: Poses, model: StaticModel, beta: Array) -> Iterator
             continue
         side = poses.approach[:, row]
         known = np.abs(np.nan_to_num(side)) > 0
-        found = []
+        frictions = []
         for k in np.unique(poses.configuration[known]):
-            here = known & (poses.configuration == k)
-            found.append(np.mean([rest[here & (side == s), row].mean() for s in np.unique(side[here])]))
-        if found:
+            members = known & (poses.configuration == k)
+            frictions.append(np.mean([rest[members & (side == s), row].mean() for s in np.unique(side[members])]))
+        if frictions:
             yield FrictionAtRest(
                 model.device.row_labels[row], model.device.torque_units[row],
-                float(np.min(found)), float(np.mean(found)), float(np.max(found)), len(found),
+                float(np.min(frictions)), float(np.mean(frictions)), float(np.max(frictions)), len(frictions),
             )  # fmt: skip
 
 
-def _verdicts(poses: Poses, observation: Observation, made: Estimate, method: Method) -> Iterator[GravityVerdict]:
+def _verdicts(poses: Poses, observation: Observation, fitted: Estimate, method: Method) -> Iterator[GravityVerdict]:
     """The gravity verdict of each motor, by cross-validation over configurations."""
     model = observation.model
     assert isinstance(model, StaticModel)
@@ -323,23 +323,25 @@ def _verdicts(poses: Poses, observation: Observation, made: Estimate, method: Me
         except EstimationError:  # the other poses do not determine the parameters: nothing is predicted
             continue
         predicted[unseen] = model.torque(beta, poses.c[unseen].T).T
-    smooth = model.torque(made.beta, poses.c.T).T
-    friction = model.torque(made.beta, poses.c.T, poses.approach.T).T - smooth
+    smooth = model.torque(fitted.beta, poses.c.T).T
+    friction = model.torque(fitted.beta, poses.c.T, poses.approach.T).T - smooth
     for row in np.flatnonzero(model.device.measured).tolist():
         own = used[:, row]
         held, missing = [], []
         for k in range(count):
-            here = np.flatnonzero(own & (poses.configuration == k) & np.isfinite(predicted[:, row]))
-            if here.size:
+            members = np.flatnonzero(own & (poses.configuration == k) & np.isfinite(predicted[:, row]))
+            if members.size:
                 # Sides are averaged with equal weight; a configuration with one side has its friction taken off.
-                sides = poses.approach[here, row]
-                both = {1.0, -1.0} <= set(sides.tolist())
-                tau = poses.tau[here, row] - (0.0 if both else friction[here, row])
+                sides = poses.approach[members, row]
+                has_both = {1.0, -1.0} <= set(sides.tolist())
+                tau = poses.tau[members, row] - (0.0 if has_both else friction[members, row])
                 groups = (
-                    [sides == side for side in np.unique(np.nan_to_num(sides))] if both else [np.ones(len(here), bool)]
+                    [sides == side for side in np.unique(np.nan_to_num(sides))]
+                    if has_both
+                    else [np.ones(len(members), bool)]
                 )
                 held.append(np.mean([tau[group].mean() for group in groups]))
-                missing.append(held[-1] - np.mean([predicted[here, row][group].mean() for group in groups]))
+                missing.append(held[-1] - np.mean([predicted[members, row][group].mean() for group in groups]))
         yield _verdict(model, row, np.array(held), np.array(missing), friction[own, row], smooth[own, row])
 
 

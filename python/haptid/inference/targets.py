@@ -138,12 +138,12 @@ class Targets:
         such value: they are left out, and a note names them.
         """
         commands = [_command(self.estimate, row) for row in self.C]
-        kept = [k for k, command in enumerate(commands) if command]
+        in_commands = [k for k, command in enumerate(commands) if command]
         factors = np.array([command[0] for command in commands if command])
         units = tuple(_command_unit(self.units[k], *command[1:]) for k, command in enumerate(commands) if command)
-        lost = ", ".join(self.names[k] for k in range(len(self)) if k not in kept)
+        lost = ", ".join(self.names[k] for k in range(len(self)) if k not in in_commands)
         sentence = f"Not in units of command, since they act on motors of different gains or on coupled motors: {lost}."
-        return _picked(self, kept, factors, units, (sentence,) if lost else ())
+        return _picked(self, in_commands, factors, units, (sentence,) if lost else ())
 
     def summary(self) -> str:
         """A text table: prior, value, standard error, confidence interval, unit; then the notes."""
@@ -218,7 +218,7 @@ def target_map(model: DynamicModel) -> Array:
 
 def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
     """Command per torque, and the units of both, for a combination (p,); None where motors differ."""
-    model, found = estimate.model, set()
+    model, commands = estimate.model, set()
     for motor in estimate.observation.motors:
         if not row[motor.columns].any():
             continue
@@ -229,8 +229,8 @@ def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
             return None
         drive = model.device.drives[loads[0]]
         torque = float(rates[loads[0]]) * drive.gear_ratio * drive.torque_constant
-        found.add((1.0 / torque, drive.command_unit, motor.unit))
-    return found.pop() if len(found) == 1 else None
+        commands.add((1.0 / torque, drive.command_unit, motor.unit))
+    return commands.pop() if len(commands) == 1 else None
 
 
 def _command_unit(unit: str, command: str, torque: str) -> str:
@@ -240,25 +240,27 @@ def _command_unit(unit: str, command: str, torque: str) -> str:
     return command if unit == torque else f"{unit} {command}/({torque})"
 
 
-def _picked(made: Targets, kept: list[int], factors: Array, units: tuple[str, ...], notes: tuple[str, ...]) -> Targets:
+def _picked(
+    all_targets: Targets, indices: list[int], factors: Array, units: tuple[str, ...], notes: tuple[str, ...]
+) -> Targets:
     """Some of the targets, each times its factor."""
-    square = np.ix_(kept, kept)
+    square = np.ix_(indices, indices)
     outer = np.outer(factors, factors)
-    known = [made.prior[k] for k in kept]
+    known = [all_targets.prior[k] for k in indices]
     return replace(
-        made,
-        names=tuple(made.names[k] for k in kept),
+        all_targets,
+        names=tuple(all_targets.names[k] for k in indices),
         units=units,
-        expressions=tuple(made.expressions[k] for k in kept),
-        C=made.C[kept] * factors[:, None],
-        value=made.value[kept] * factors,
-        free=made.free[kept] * factors,
-        covariance=made.covariance[square] * outer,
-        classical_covariance=made.classical_covariance[square] * outer,
-        dof=made.dof[kept],
-        single_block=tuple(kept.index(k) for k in made.single_block if k in kept),
+        expressions=tuple(all_targets.expressions[k] for k in indices),
+        C=all_targets.C[indices] * factors[:, None],
+        value=all_targets.value[indices] * factors,
+        free=all_targets.free[indices] * factors,
+        covariance=all_targets.covariance[square] * outer,
+        classical_covariance=all_targets.classical_covariance[square] * outer,
+        dof=all_targets.dof[indices],
+        single_block=tuple(indices.index(k) for k in all_targets.single_block if k in indices),
         prior=tuple(_times(prior, factor) for prior, factor in zip(known, factors, strict=True)),
-        notes=(*made.notes, *notes),
+        notes=(*all_targets.notes, *notes),
     )
 
 

@@ -143,8 +143,8 @@ class WindowedSinc:
         n, window = np.arange(-half, half + 1), np.kaiser(2 * half + 1, 4.5)
 
         def design(corner: float) -> Array:
-            made = window * np.sinc(2 * corner * n)
-            return np.asarray(made / made.sum())
+            weights = window * np.sinc(2 * corner * n)
+            return np.asarray(weights / weights.sum())
 
         def excess(corner: float) -> float:  # a window design is -6 dB at its design frequency
             return float(abs(design(corner) @ np.cos(2 * np.pi * cutoff * n)) - np.sqrt(0.5))
@@ -244,8 +244,8 @@ class HighPass:
         from scipy import signal  # slow to import, and few velocities are by a high-pass
 
         b, a = self.coefficients(dt)
-        made, _ = signal.lfilter([b, -b], [1.0, -a], q, axis=-1, zi=-b * q[:, :1])
-        return np.asarray(made)
+        velocity, _ = signal.lfilter([b, -b], [1.0, -a], q, axis=-1, zi=-b * q[:, :1])
+        return np.asarray(velocity)
 
 
 def expect_carried(name: str, cutoff_hz: float, dt: float) -> None:

@@ -72,13 +72,13 @@ class HoldDetection:
             if len(self.still) not in (1, channels):
                 raise bad_setting("still", self.still, f"one range, or one for each of {channels} channels")
             return np.array(np.broadcast_to(self.still, (channels,)), dtype=float)
-        made = []
+        bands = []
         for (low, high), column in zip(log.spans, np.asarray(log.position[:]).T, strict=True):
             steps = np.abs(np.diff(column))
             smallest = float(steps[steps > 0].min(initial=np.inf)) if steps.any() else 0.0
             # A channel that is constant differs from its own mean by rounding.
-            made.append(max(STEPS_HELD * smallest, SPAN_HELD * (high - low), ROUNDING_HELD * max(abs(low), abs(high))))
-        return np.array(made)
+            bands.append(max(STEPS_HELD * smallest, SPAN_HELD * (high - low), ROUNDING_HELD * max(abs(low), abs(high))))
+        return np.array(bands)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +110,8 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        each = np.shape(self.c)
-        freeze_fields(self, c=each, tau=each, se=each, approach=each)
+        shape = np.shape(self.c)
+        freeze_fields(self, c=shape, tau=shape, se=shape, approach=shape)
 
     def __len__(self) -> int:
         return len(self.c)
@@ -174,8 +174,8 @@ def find_poses(device: Device, log: Log, detection: HoldDetection | None = None)
     c = np.asarray(position_map(device, motion)(np.ascontiguousarray(q.T))).T
     tau = np.asarray(coordinate_torque(device, motion, 0, len(q))).T
     edge = round(detection.settle_s / log.dt)
-    kept = [(low + edge, high - edge) for low, high in holds]
-    mean = [[x[low:high].mean(axis=0) for low, high in kept] for x in (c, tau, q, np.asarray(log.torque[:]))]
+    interiors = [(low + edge, high - edge) for low, high in holds]
+    mean = [[x[low:high].mean(axis=0) for low, high in interiors] for x in (c, tau, q, np.asarray(log.torque[:]))]
     edges = [(float(log.t[low]), float(log.t[high - 1])) for low, high in holds]
     averaged = replace(
         log, t=np.arange(float(len(holds))), position=np.array(mean[2]), torque=np.array(mean[3]), notes=log.notes
@@ -185,11 +185,11 @@ def find_poses(device: Device, log: Log, detection: HoldDetection | None = None)
         log=averaged,
         c=np.array(mean[0]),
         tau=np.array(mean[1]),
-        se=np.array([_standard_error(tau[low:high]) for low, high in kept]),
+        se=np.array([_standard_error(tau[low:high]) for low, high in interiors]),
         approach=_approach(c, holds, width),
         start=np.array([low for low, _ in edges]),
         stop=np.array([high for _, high in edges]),
-        samples=np.array([high - low for low, high in kept]),
+        samples=np.array([high - low for low, high in interiors]),
         configuration=_configurations(np.array(mean[0]), width),
         notes=(f"{len(holds)} held poses were found in {log.path.name}.",),
     )
@@ -257,9 +257,9 @@ def read_poses(path: str | os.PathLike[str], device: Device, channels: Channels,
     )
 
 
-def _signal_columns(signal: Signal, what: ChannelKind, columns: Mapping[str, RawChannel]) -> Array:
+def _signal_columns(signal: Signal, kind: ChannelKind, columns: Mapping[str, RawChannel]) -> Array:
     """The channels of a signal in SI, (n, channels)."""
-    named = zip(signal.channels, signal.scales(what), signal.gain, signal.offset, strict=True)
+    named = zip(signal.channels, signal.scales(kind), signal.gain, signal.offset, strict=True)
     return np.column_stack([np.asarray(columns[n], dtype=float) * si * gain + offset for n, si, gain, offset in named])
 
 
@@ -303,22 +303,22 @@ def _holds(q: Array, bands: Array, least: int) -> list[tuple[int, int]]:
         return []
     ranges = np.array([running_maximum(x, least) + running_maximum(-x, least) for x in q.T])  # of samples around each
     still = np.all(ranges <= bands[:, None], axis=0)[least // 2 : least // 2 + n - least + 1]
-    found, at = [], 0
-    while at < len(still):
-        if not still[at]:
-            moving = np.flatnonzero(still[at:])
+    holds, begin = [], 0
+    while begin < len(still):
+        if not still[begin]:
+            moving = np.flatnonzero(still[begin:])
             if not moving.size:
                 break
-            at += int(moving[0])
-        moving = np.flatnonzero(~still[at:])
-        stop = at + (int(moving[0]) if moving.size else len(still) - at) + least - 1
-        part = q[at:stop]
+            begin += int(moving[0])
+        moving = np.flatnonzero(~still[begin:])
+        stop = begin + (int(moving[0]) if moving.size else len(still) - begin) + least - 1
+        part = q[begin:stop]
         spread = np.maximum.accumulate(part) - np.minimum.accumulate(part)
         creeps = np.flatnonzero((spread > bands).any(axis=1))
-        stop = at + int(creeps[0]) if creeps.size else stop
-        found.append((at, stop))
-        at = stop
-    return found
+        stop = begin + int(creeps[0]) if creeps.size else stop
+        holds.append((begin, stop))
+        begin = stop
+    return holds
 
 
 def _standard_error(tau: Array) -> Array:
@@ -337,25 +337,25 @@ def _coordinate_bands(device: Device, motion: Motion, bands: Array) -> Array:
 
 def _approach(c: Array, holds: Sequence[tuple[int, int]], bands: Array) -> Array:
     """Direction in which each coordinate came to each hold; NaN where it has not moved since the one before."""
-    made = np.full((len(holds), c.shape[1]), np.nan)
+    directions = np.full((len(holds), c.shape[1]), np.nan)
     before = [(0, 0), *holds]
     for k, ((_, leaves), (low, high)) in enumerate(pairwise(before)):
-        here = c[low:high].mean(axis=0)
+        pose = c[low:high].mean(axis=0)
         for j in range(c.shape[1]):
-            away = np.flatnonzero(np.abs(c[leaves:low, j] - here[j]) > bands[j])
-            if away.size:
-                made[k, j] = np.sign(here[j] - c[leaves + away[-1], j])
-    return made
+            departed = np.flatnonzero(np.abs(c[leaves:low, j] - pose[j]) > bands[j])
+            if departed.size:
+                directions[k, j] = np.sign(pose[j] - c[leaves + departed[-1], j])
+    return directions
 
 
 def _configurations(c: Array, bands: Array) -> np.ndarray:
     """Index of each pose's configuration, in order of appearance."""
     near = np.maximum(_SAME_POSE * np.ptp(c, axis=0), STEPS_HELD * bands)
-    seen: list[Array] = []
-    made = np.empty(len(c), dtype=int)
+    distinct: list[Array] = []
+    index = np.empty(len(c), dtype=int)
     for k, pose in enumerate(c):
-        same = [i for i, other in enumerate(seen) if (np.abs(pose - other) <= near).all()]
-        made[k] = same[0] if same else len(seen)
-        if not same:
-            seen.append(pose)
-    return made
+        matches = [i for i, other in enumerate(distinct) if (np.abs(pose - other) <= near).all()]
+        index[k] = matches[0] if matches else len(distinct)
+        if not matches:
+            distinct.append(pose)
+    return index

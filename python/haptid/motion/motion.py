@@ -148,18 +148,18 @@ class Motion:
             return self.segments
         longest = max(stop - start for start, stop in self.segments)
         before = after = self.treatment.lost_to_delay(self.dt)
-        what = "the position filter's ends"
+        lost_to = "the position filter's ends"
         if self.treatment.velocity is not None:
             before += self.treatment.velocity.memory(self.dt, TRANSIENT_LEFT)
-            what = "the differentiator's start"
+            lost_to = "the differentiator's start"
         else:
             sections = self.treatment.position_filter(self.dt)
             before += SIDE + (0 if sections is None else transient_samples(sections, longest))
             after = before
-        made = tuple((a + before, b - after) for a, b in self.segments if b - a - before - after >= 2)
-        if not made:
-            raise too_short(longest * self.dt, (before + after) * self.dt, what, self.treatment.decimation)
-        return made
+        usable = tuple((a + before, b - after) for a, b in self.segments if b - a - before - after >= 2)
+        if not usable:
+            raise too_short(longest * self.dt, (before + after) * self.dt, lost_to, self.treatment.decimation)
+        return usable
 
     def times(self, samples: NDArray[np.intp]) -> Array:
         """Times of samples, s."""
@@ -167,7 +167,7 @@ class Motion:
             return np.asarray(self.log.t[samples])
         return np.asarray(self.t0 + self.dt * samples, dtype=np.float64)
 
-    def unbroken(self, what: str) -> Motion:
+    def unbroken(self, purpose: str) -> Motion:
         """This motion, if it has no gap in time.
 
         Raises:
@@ -177,8 +177,8 @@ class Motion:
             assert self.log is not None
             first = float(self.log.t[self.segments[1][0] - 1])
             raise LogTimeError(
-                f"{self.log.path}: {what} requires a log without gaps; it has {len(self.segments) - 1}, the first at "
-                f"t = {first:.6g} s.",
+                f"{self.log.path}: {purpose} requires a log without gaps; it has {len(self.segments) - 1}, the first "
+                f"at t = {first:.6g} s.",
                 where=first,
                 found=len(self.segments) - 1,
                 limit=0,
@@ -215,20 +215,20 @@ class Motion:
         if not isinstance(self.q, OnDisk) and stop - start > SIDE and self.q.size <= _SHARED:
             order = 1 if weights is DIFFERENCES else 2
             if order not in self._shared:
-                whole = self._computed(SIDE, len(self) - SIDE, weights, unit)
-                self._shared[order] = (self.q, freeze(whole))
-            of, whole = self._shared[order]
-            if of is self.q:
-                return np.array(whole[:, start - SIDE : stop - SIDE], order="C")
+                differences = self._computed(SIDE, len(self) - SIDE, weights, unit)
+                self._shared[order] = (self.q, freeze(differences))
+            source, differences = self._shared[order]
+            if source is self.q:
+                return np.array(differences[:, start - SIDE : stop - SIDE], order="C")
         return self._computed(start, stop, weights, unit)
 
     def _computed(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
         """The same, computed."""
         wide = self.q[start - SIDE : stop + SIDE].T
-        made = np.empty((len(wide), stop - start))
-        for channel, out in zip(wide, made, strict=True):
-            np.divide(paired_sums(channel, weights), unit, out=out)
-        return made
+        result = np.empty((len(wide), stop - start))
+        for channel, target in zip(wide, result, strict=True):
+            np.divide(paired_sums(channel, weights), unit, out=target)
+        return result
 
     def _shown(self) -> Overview:
         settings = [f.name for f in fields(Treatment) if getattr(self.treatment, f.name) != f.default]
@@ -327,9 +327,9 @@ def _timed(motion: Motion, treatment: Treatment) -> Motion:
     shift = treatment.torque_shift_s
     shift = tuple(np.divide(shift, motion.dt)) if isinstance(shift, tuple) else shift / motion.dt
     q, tau = shifted(motion.q, -lead, SMOOTH), shifted(motion.tau, shift, CUBIC)
-    made = replace(motion, q=q, tau=tau, treatment=treatment)
-    made.usable  # noqa: B018 - raises here if the log is too short for its filter
-    return made
+    timed = replace(motion, q=q, tau=tau, treatment=treatment)
+    timed.usable  # noqa: B018 - raises here if the log is too short for its filter
+    return timed
 
 
 def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> Array:
@@ -341,10 +341,10 @@ def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> A
     return delayed(channels, samples, half)
 
 
-def too_short(seconds: float, needed: float, what: str, decimation: int = 1) -> MotionTooShortError:
+def too_short(seconds: float, needed: float, lost_to: str, decimation: int = 1) -> MotionTooShortError:
     """Error of a motion that is shorter than the transients of its filters."""
     return MotionTooShortError(
-        f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s.",
+        f"the motion lasts {seconds:.3g} s, and {lost_to} alone take {needed:.3g} s.",
         found=seconds,
         limit=needed,
         advice="Record a longer motion, or raise the cut-off"

@@ -36,22 +36,22 @@ def motion_period(motion: Motion) -> float | None:
     difference = _differences(x[moving] / x[moving].std(axis=1, keepdims=True))
     n = x.shape[1]
     longest = int(n / _FEWEST)
-    away = np.flatnonzero(difference[:longest] > _AWAY)
-    if not away.size:
+    departed = np.flatnonzero(difference[:longest] > _AWAY)
+    if not departed.size:
         return None
-    alike = np.flatnonzero(difference[away[0] : longest] < _ALIKE) + away[0]
+    alike = np.flatnonzero(difference[departed[0] : longest] < _ALIKE) + departed[0]
     if not alike.size:
         return None
-    apart = np.flatnonzero(np.diff(alike) > 1)
-    valley = alike[: apart[0] + 1] if apart.size else alike
+    breaks = np.flatnonzero(np.diff(alike) > 1)
+    valley = alike[: breaks[0] + 1] if breaks.size else alike
     lag = _minimum(difference, int(valley[np.argmin(difference[valley])]))
-    many = 1
-    while 2 * many * lag < 0.5 * n:  # the minimum many periods away is the more accurate
-        many *= 2
+    periods = 1
+    while 2 * periods * lag < 0.5 * n:  # the minimum many periods away is the more accurate
+        periods *= 2
         around = int(0.25 * lag)
-        first = round(many * lag) - around
+        first = round(periods * lag) - around
         near = difference[first : first + 2 * around + 1]
-        lag = _minimum(difference, first + int(np.argmin(near))) / many
+        lag = _minimum(difference, first + int(np.argmin(near))) / periods
     return float(lag * motion.dt)
 
 
@@ -64,8 +64,8 @@ def _differences(x: Array) -> Array:
     for channel in x:
         product = fft.irfft(np.abs(fft.rfft(channel, size)) ** 2, size)[:n]
         before = np.append(0.0, np.cumsum(channel**2))
-        both = before[n - np.arange(n)] + before[-1] - before[np.arange(n)]
-        worst = np.maximum(worst, (both - 2 * product) / (2 * overlap))
+        squares = before[n - np.arange(n)] + before[-1] - before[np.arange(n)]
+        worst = np.maximum(worst, (squares - 2 * product) / (2 * overlap))
     return worst
 
 
@@ -73,6 +73,6 @@ def _minimum(values: Array, k: int) -> float:
     """Place of the minimum of the parabola through three neighbours."""
     if not 0 < k < len(values) - 1:
         return float(k)
-    before, here, after = values[k - 1 : k + 2]
-    curvature = before - 2 * here + after
+    before, centre, after = values[k - 1 : k + 2]
+    curvature = before - 2 * centre + after
     return k + float(0.5 * (before - after) / curvature) if curvature > 0 else float(k)

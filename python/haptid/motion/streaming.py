@@ -44,14 +44,14 @@ class Filtered(OnDisk):
         return self.samples.shape
 
     def make(self, low: int, high: int) -> Array:
-        made = np.empty((self.shape[1], high - low))
+        result = np.empty((self.shape[1], high - low))
         for a, b in self.segments:
             begin, end = max(a, low), min(b, high)
             if begin < end:
                 start, stop = max(begin - self.around, a), min(end + self.around, b)
                 piece = _both_ways(self.sections, self.samples.between(start, stop) - self.first)
-                np.add(piece[:, begin - start : end - start], self.first, out=made[:, begin - low : end - low])
-        return made
+                np.add(piece[:, begin - start : end - start], self.first, out=result[:, begin - low : end - low])
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +93,15 @@ def filtered(channels: Array, sections: Array, segments: Spans) -> Array:
     if isinstance(channels, OnDisk):
         return as_array(Filtered(channels, sections, channels.between(0, 1), around, segments))
     step = max(SAMPLES_FILTERED, 4 * around)
-    samples, made = channels.T, np.empty((channels.shape[1], len(channels)))
+    samples, result = channels.T, np.empty((channels.shape[1], len(channels)))
     first = samples[:, :1]  # subtracted for the filter, so that a constant channel stays exactly constant
     for a, b in segments:
         for low in range(a, b, step):
             high = min(low + step, b)
             start, stop = max(low - around, a), min(high + around, b)
             piece = _both_ways(sections, samples[:, start:stop] - first)
-            np.add(piece[:, low - start : high - start], first, out=made[:, low:high])
-    return freeze(made).T
+            np.add(piece[:, low - start : high - start], first, out=result[:, low:high])
+    return freeze(result).T
 
 
 def _both_ways(sections: Array, channels: Array) -> Array:
@@ -141,16 +141,16 @@ def delayed(channels: Array, samples: float | tuple[float, ...], half: int = CUB
         half: samples to either side that are interpolated between.
     """
     n, ends = len(channels), lost(samples, half)
-    made = np.zeros((channels.shape[1], n))
+    result = np.zeros((channels.shape[1], n))
     shifts = np.broadcast_to(np.asarray(samples, dtype=np.float64), (channels.shape[1],))
-    for channel, shift, out in zip(channels.T, shifts, made, strict=True):
+    for channel, shift, target in zip(channels.T, shifts, result, strict=True):
         whole_part = int(np.floor(shift))
         padded = np.pad(channel, ends, mode="edge")
         for back, weight in lagrange(float(shift) - whole_part, half).items():
             if weight:
                 begin = ends - whole_part - back
-                out += weight * padded[begin : begin + n]
-    return freeze(made).T
+                target += weight * padded[begin : begin + n]
+    return freeze(result).T
 
 
 def lagrange(x: float, half: int) -> dict[int, float]:

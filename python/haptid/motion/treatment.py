@@ -78,8 +78,10 @@ class Treatment:
             if isinstance(value := getattr(self, name), (list, tuple)):
                 object.__setattr__(self, name, tuple(float(v) for v in value))
         if self.cutoff_hz is not None:
-            many = self.cutoff_hz if isinstance(self.cutoff_hz, tuple) else (self.cutoff_hz,)
-            self._expect("cutoff_hz", lambda _: bool(many) and all(map(positive, many)), "finite numbers above zero")
+            cutoffs = self.cutoff_hz if isinstance(self.cutoff_hz, tuple) else (self.cutoff_hz,)
+            self._expect(
+                "cutoff_hz", lambda _: bool(cutoffs) and all(map(positive, cutoffs)), "finite numbers above zero"
+            )
         if self.parallel_cutoff_hz is not None:
             self._expect("parallel_cutoff_hz", positive, "a finite number above zero")
         if self.reversal_guard_s is not None:
@@ -93,8 +95,8 @@ class Treatment:
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         self._expect("rest_s", positive, "a finite time above zero")
         for name in ("reversal_speed", "rest_speed"):
-            many = v if isinstance(v := getattr(self, name), tuple) else (v,)
-            if not many or not all(v == 0 or positive(v) for v in many):
+            values = v if isinstance(v := getattr(self, name), tuple) else (v,)
+            if not values or not all(v == 0 or positive(v) for v in values):
                 raise bad_setting(name, getattr(self, name), "finite speeds, 0 or more")
         self._expect("formulation", lambda v: v in ("acceleration", "momentum"), '"acceleration" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
@@ -202,10 +204,10 @@ def _finite(value: Any) -> bool:
     return (whole(value) or isinstance(value, float)) and abs(value) < np.inf
 
 
-def no_accelerations(what: str) -> MissingAccelerationError:
+def no_accelerations(purpose: str) -> MissingAccelerationError:
     """Error of accelerations that a causal differentiator does not provide."""
     return MissingAccelerationError(
-        f"{what} requires accelerations, and `velocity` by a high-pass provides none.",
+        f"{purpose} requires accelerations, and `velocity` by a high-pass provides none.",
         where="velocity",
         advice="Choose formulation = 'momentum', or leave `velocity` out.",
     )

@@ -136,7 +136,7 @@ class AugmentedPlan(Plan):
         """Those of the plan without, and the candidates' values after the columns that Python computes."""
         c, cd, cdd, own = self.narrow.signals(low, high)
         context = ResidualContext(self.narrow, self.chi, low, high, (c, cd, cdd, own))
-        return c, cd, cdd, np.concatenate([own, *(one.values(context) for one in self.candidates)])
+        return c, cd, cdd, np.concatenate([own, *(candidate.values(context) for candidate in self.candidates)])
 
 
 def torque_rates(model: DynamicModel, rows: Sequence[int]) -> tuple[CandidateColumns, ...]:
@@ -163,11 +163,15 @@ def augmented_plan(
         candidates: what is added.
     """
     plan = Plan.of(model, motion)
-    more = [TermColumn("", "", "external", "", one.weights) for one in candidates for _ in range(one.count)]
-    columns = len(model.device.parameters.raw) + np.arange(len(more))
-    selection = linalg.block_diag(plan.selection, np.eye(len(more)))
-    with_more = model.with_terms([*model.terms, *more])
-    shared = {own.name: getattr(plan, own.name) for own in fields(plan)}
+    candidate_terms = [
+        TermColumn("", "", "external", "", candidate.weights)
+        for candidate in candidates
+        for _ in range(candidate.count)
+    ]
+    columns = len(model.device.parameters.raw) + np.arange(len(candidate_terms))
+    selection = linalg.block_diag(plan.selection, np.eye(len(candidate_terms)))
+    with_more = model.with_terms([*model.terms, *candidate_terms])
+    shared = {attribute.name: getattr(plan, attribute.name) for attribute in fields(plan)}
     shared |= {"model": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
     return AugmentedPlan(**shared, narrow=plan, chi=chi, candidates=tuple(candidates))
 

@@ -52,15 +52,15 @@ def observe_all(
     plans = tuple(Plan.of(model, motion) for motion in motions)
     parts = [(k, start, stop) for k, plan in enumerate(plans) for start, stop in plan.segments()]
     rows, done = [0] * len(plans), {}
-    for k, made in _reduced(plans, parts, workers or SerialExecutor(), cache):
-        done[k] = made
-        which, start, stop = parts[k]
-        rows[which] += stop - start
+    for k, factors in _reduced(plans, parts, workers or SerialExecutor(), cache):
+        done[k] = factors
+        plan_index, start, stop = parts[k]
+        rows[plan_index] += stop - start
         if progress:
-            progress(plans[which].motion, rows[which] / plans[which].rows)
+            progress(plans[plan_index].motion, rows[plan_index] / plans[plan_index].rows)
     return tuple(
-        assemble(plan, [done[k] for k, part in enumerate(parts) if part[0] == which])
-        for which, plan in enumerate(plans)
+        assemble(plan, [done[k] for k, part in enumerate(parts) if part[0] == plan_index])
+        for plan_index, plan in enumerate(plans)
     )
 
 
@@ -71,13 +71,13 @@ def _reduced(
     files = cache.files(plans, parts) if cache else [None] * len(parts)
     missing = []
     for k, file in enumerate(files):
-        found = cache.read(file) if cache and file else None
-        if found is None:
+        cached = cache.read(file) if cache and file else None
+        if cached is None:
             missing.append(k)
         else:
-            yield k, found
-    for m, made in workers.map(Reducer(plans), [parts[k] for k in missing]):
+            yield k, cached
+    for m, factors in workers.map(Reducer(plans), [parts[k] for k in missing]):
         file = files[missing[m]]
         if cache and file:
-            cache.write(file, made)
-        yield missing[m], made
+            cache.write(file, factors)
+        yield missing[m], factors

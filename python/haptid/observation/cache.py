@@ -55,9 +55,9 @@ class RFactorCache:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
 
-    def write(self, path: Path, made: RFactors) -> None:
+    def write(self, path: Path, factors: RFactors) -> None:
         """Write to a temporary file and rename it, so that a file is complete or absent."""
-        stacks, rows = made
+        stacks, rows = factors
         arrays = {f"columns{k}": columns for k, (columns, _) in enumerate(stacks)}
         arrays |= {f"triangles{k}": triangles for k, (_, triangles) in enumerate(stacks)}
         buffer = io.BytesIO()
@@ -116,5 +116,5 @@ def fingerprint(plan: Plan) -> str:
 
 def _some(signals: Array, first: int) -> list[list[float]]:
     """Samples at PLACES places between the first and the last."""
-    where = np.linspace(first, len(signals) - _SAMPLES, _PLACES, dtype=int).tolist()
-    return [row for k in where for row in signals[k : k + _SAMPLES].tolist()]
+    starts = np.linspace(first, len(signals) - _SAMPLES, _PLACES, dtype=int).tolist()
+    return [row for k in starts for row in signals[k : k + _SAMPLES].tolist()]

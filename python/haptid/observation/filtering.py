@@ -40,16 +40,16 @@ def decimate(signals: Array, taps: Array, decimation: int) -> Array:
         moved[i * decimation : i * decimation + len(taps)] = taps
         parts[:, i] = moved.reshape(pieces, length)
     needed = (count + pieces - 1) * length
-    made = np.zeros((int(np.prod(signals.shape[:-1], dtype=int)), count, group))
-    for channel, out in zip(signals.reshape(len(made), samples), made, strict=True):
+    decimated = np.zeros((int(np.prod(signals.shape[:-1], dtype=int)), count, group))
+    for channel, target in zip(signals.reshape(len(decimated), samples), decimated, strict=True):
         if not channel.any():  # half of a serial arm's columns are zero
             continue
         padded = channel[:needed] if needed <= samples else np.append(channel, np.zeros(needed - samples))
         products = padded.reshape(-1, length) @ parts.reshape(-1, length).T
         for j in range(pieces):
-            out += products[j : j + count, j * group : (j + 1) * group]
-    made = made.reshape(len(made), -1)[:, :rows]
-    return made.reshape(*signals.shape[:-1], rows)
+            target += products[j : j + count, j * group : (j + 1) * group]
+    decimated = decimated.reshape(len(decimated), -1)[:, :rows]
+    return decimated.reshape(*signals.shape[:-1], rows)
 
 
 def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals) -> Array:
@@ -78,9 +78,9 @@ def treated_columns(plan: Plan, signals: Signals) -> Array:
     model, shared, d = plan.core, plan.filter, plan.motion.treatment.decimation
     mechanism, loops = model.mechanism, model.loops(c, cd)
     if cdd is not None:
-        made = decimate(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
+        columns = decimate(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
     else:
         assert shared.slope is not None  # in the momentum formulation the filter differentiates
         momentum, rest = mechanism.momentum_regressor(c, cd, own, list(plan.columns), loops)
-        made = decimate(momentum, shared.slope, d) + decimate(rest, shared.taps, d)
-    return np.ascontiguousarray(np.einsum("ckr,kp->crp", made, plan.selection, optimize=True))
+        columns = decimate(momentum, shared.slope, d) + decimate(rest, shared.taps, d)
+    return np.ascontiguousarray(np.einsum("ckr,kp->crp", columns, plan.selection, optimize=True))

@@ -53,8 +53,8 @@ def payload_torque(model: DynamicModel, link: str, body: PriorBody) -> Array:
     solid = body if body.inertia is not None else replace(body, inertia=np.zeros((3, 3)))
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(solid, joint), strict=True))
     size = max(abs(value) for value in values.values())
-    given = {name: value for name, value in values.items() if abs(value) > np.finfo(float).eps * size}
-    shared = [name for name in given if name not in free.index or len(free.members[free.index[name]]) > 1]
+    nonzero = {name: value for name, value in values.items() if abs(value) > np.finfo(float).eps * size}
+    shared = [name for name in nonzero if name not in free.index or len(free.members[free.index[name]]) > 1]
     if shared:
         raise DeviceError(
             f"a payload on link {link} has {', '.join(shared)}, which the device file sets to zero or equal to another "
@@ -64,7 +64,7 @@ def payload_torque(model: DynamicModel, link: str, body: PriorBody) -> Array:
             advice="Remove these symmetries from the file, or fix the payload so that they hold.",
         )
     chi = np.zeros(len(free.names))
-    for name, value in given.items():
+    for name, value in nonzero.items():
         chi[free.index[name]] = value
     return freeze(model.base.of(chi))
 
@@ -154,12 +154,12 @@ class TorqueWithout(OnDisk):
     def _load(self, start: int, stop: int) -> Array:
         """The known part in the channels' unit, (channels, stop - start); zero in transients."""
         low, high = (int(np.clip(edge, start, stop)) for edge in self.motion.usable)
-        made = np.zeros((self.shape[1], stop - start))
+        torque = np.zeros((self.shape[1], stop - start))
         if low < high:
             device, c, *rates = self.device, *coordinates(self.device, self.motion, low, high)
             load = channel_torque(device, channel_shares(device, self.motion, c), self.part(c, *rates))
             log = self.motion.log
             if log is not None and log.channels.torque.side == "motor":
                 load = load / motor_torque(device, log, np.ones((len(load), 1)))
-            made[:, low - start : high - start] = load
-        return made
+            torque[:, low - start : high - start] = load
+        return torque

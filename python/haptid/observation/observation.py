@@ -242,9 +242,9 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     return Observation(plan.model, motors, plan.blocks(), (motion,), notes)
 
 
-def rows_by_motor(device: Device, parts: Sequence[RFactors], which: Iterable[int]) -> tuple[MotorRows, ...]:
-    """Rows of motors from the R factors of a plan's segments, in order; `which` are indices of the device's rows."""
-    rows = np.concatenate([many for _, many in parts], axis=1)
+def rows_by_motor(device: Device, parts: Sequence[RFactors], device_rows: Iterable[int]) -> tuple[MotorRows, ...]:
+    """Rows of motors from the R factors of a plan's segments, in order; `device_rows` are indices into the device's."""
+    rows = np.concatenate([counts for _, counts in parts], axis=1)
     return tuple(
         MotorRows(
             device.row_names[k],
@@ -254,7 +254,7 @@ def rows_by_motor(device: Device, parts: Sequence[RFactors], which: Iterable[int
             freeze(np.concatenate([stack[k][1] for stack, _ in parts])),
             rows[k],
         )
-        for k in which
+        for k in device_rows
     )
 
 
@@ -271,9 +271,9 @@ def stacked(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
     return np.concatenate(parts)
 
 
-def different_models(one: DynamicModel, other: DynamicModel) -> ModelMismatchError:
+def different_models(first: DynamicModel, second: DynamicModel) -> ModelMismatchError:
     """Error of values of two devices that are combined."""
-    names = one.device.name, other.device.name
+    names = first.device.name, second.device.name
     return ModelMismatchError(
         f"these are of two devices, {names[0]!r} and {names[1]!r}, or of one device read twice.",
         found=names,

@@ -117,22 +117,22 @@ class Plan:
         motion = self.motion
         if motion.log is None:
             return ()
-        found, length = [], len(self.filter)
+        notes, length = [], len(self.filter)
         short = len(motion.segments) - sum(high - low >= length for low, high in motion.usable_segments)
         if short:
             low, high = motion.usable_segments[0]
             start, stop = next(part for part in motion.segments if part[0] <= low < part[1])
-            found.append(
+            notes.append(
                 f"{short} of {len(motion.segments)} segments of {motion.log.path.name} are shorter than the filters "
                 f"({(stop - start - (high - low) + length) * motion.dt:.3g} s) and give no rows"
             )
         block_s = self.block * motion.treatment.decimation * motion.dt
         if block_s < _SHORTENED * motion.treatment.block_s:
-            found.append(
+            notes.append(
                 f"Time blocks are {block_s:.2g} s long and not {motion.treatment.block_s:.3g} s: a log needs "
                 f"{LEAST_BLOCKS} of them at least."
             )
-        return tuple(found)
+        return tuple(notes)
 
     def window(self, start: int, stop: int) -> tuple[int, int]:
         """First sample and one past the last that rows start..stop need."""
@@ -199,7 +199,7 @@ class Plan:
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)
         c, cd, cdd, own = self.signals(low, high)
-        made = self.core.mechanism.reduce(
+        factors = self.core.mechanism.reduce(
             c,
             cd,
             cdd,
@@ -216,7 +216,9 @@ class Plan:
             self.model.loops(c, cd),
         )
         blocks = np.arange(0, stop - start, self.block)
-        return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
+        return [self.selected(np.array(a), T) for a, T in factors], np.add.reduceat(
+            weights > 0, blocks, axis=1, dtype=int
+        )
 
     @cached_property
     def _one_to_one(self) -> bool:
@@ -288,10 +290,10 @@ def shared_filter(motion: Motion) -> ParallelFilter:
     low, high = max(motion.usable_segments, key=lambda part: part[1] - part[0])
     length = 2 * motion.treatment.reach(motion.dt) + 1  # a filter much longer than the motion may not fit in memory
     if length < 2 * len(motion):
-        made = motion.treatment.parallel_filter(motion.dt)
-        if len(made) <= high - low:
-            return made
-        length = len(made)
+        parallel_filter = motion.treatment.parallel_filter(motion.dt)
+        if len(parallel_filter) <= high - low:
+            return parallel_filter
+        length = len(parallel_filter)
     needed = (len(motion) - (high - low) + length) * motion.dt
     raise too_short(len(motion) * motion.dt, needed, "the filters' ends", motion.treatment.decimation)
 

@@ -12,8 +12,8 @@ from haptid._internal.arrays import Array
 
 def triangle(rows: Array) -> Array:
     """R factor: the square upper triangle R with R'R = rows'rows, (..., columns, columns), of (..., many, columns)."""
-    *stacks, many, columns = rows.shape
-    flat = np.ascontiguousarray(rows, dtype=float).reshape(math.prod(stacks), many, columns)
+    *stacks, count, columns = rows.shape
+    flat = np.ascontiguousarray(rows, dtype=float).reshape(math.prod(stacks), count, columns)
     return _core.triangles(flat).reshape(*stacks, columns, columns)
 
 

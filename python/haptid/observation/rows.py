@@ -107,9 +107,9 @@ class Chunk:
 
     def with_rows(self, W: Array, y: Array) -> Chunk:
         """The same chunk with other W and y (weighted, whitened, projected), and without its signals."""
-        made = replace(self)
-        made.__dict__.update(used=self.used, velocity=self.velocity, W=W, y=y)
-        return made
+        changed = replace(self)
+        changed.__dict__.update(used=self.used, velocity=self.velocity, W=W, y=y)
+        return changed
 
     def scaled(self, factors: Array) -> Chunk:
         """Each row of W and y multiplied by its factor, (motors, rows)."""
@@ -164,15 +164,15 @@ def gathered(pieces: Iterable[tuple[Array, ...]], rows: int) -> tuple[Array, ...
 
     Each piece is copied into its place as it comes, so the whole is not in memory twice.
     """
-    whole: tuple[Array, ...] = ()
+    joined: tuple[Array, ...] = ()
     start = 0
     for piece in pieces:
-        whole = whole or tuple(np.empty((*part.shape[:-1], rows), part.dtype) for part in piece)
+        joined = joined or tuple(np.empty((*part.shape[:-1], rows), part.dtype) for part in piece)
         stop = start + piece[0].shape[-1]
-        for all_rows, part in zip(whole, piece, strict=True):
+        for all_rows, part in zip(joined, piece, strict=True):
             all_rows[..., start:stop] = part
         start = stop
-    return whole
+    return joined
 
 
 # What an estimator does to rows before they are reduced.
@@ -209,14 +209,14 @@ class Rows:
         triangles = [np.zeros((size, len(own) + 1, len(own) + 1)) for own in reached]
         counts = np.zeros((len(reached), size), dtype=int)
         for chunk in self:
-            made = change(chunk)
-            for k, (start, stop) in zip(made.blocks, pairwise(made.edges), strict=True):
-                counts[:, k] = made.used[:, start:stop].sum(axis=1)
-                for T, own, W, y in zip(triangles, reached, made.W, made.y, strict=True):
+            changed = change(chunk)
+            for k, (start, stop) in zip(changed.blocks, pairwise(changed.edges), strict=True):
+                counts[:, k] = changed.used[:, start:stop].sum(axis=1)
+                for T, own, W, y in zip(triangles, reached, changed.W, changed.y, strict=True):
                     T[k] = triangle(np.column_stack([W[start:stop, own], y[start:stop]]))
         motors = tuple(
-            MotorRows(motor.name, motor.label, motor.unit, np.array(own), freeze(T), many)
-            for motor, own, T, many in zip(observation.motors, reached, triangles, counts, strict=True)
+            MotorRows(motor.name, motor.label, motor.unit, np.array(own), freeze(T), rows)
+            for motor, own, T, rows in zip(observation.motors, reached, triangles, counts, strict=True)
         )
         before = observation.change
         return replace(observation, motors=motors, change=change if before is None else lambda s: change(before(s)))
@@ -230,8 +230,8 @@ def chunks_of(observation: Observation) -> Iterator[Chunk]:
         plan = Plan.of(observation.model, motion)
         for numbers, start, stop in _runs(plan, plan.blocks(), index):
             chunk = Chunk(plan, start, stop, observation.model, own, tuple(numbers))
-            made = chunk.with_rows(chunk.W, chunk.y)
-            yield observation.change(made) if observation.change else made
+            unchanged = chunk.with_rows(chunk.W, chunk.y)
+            yield observation.change(unchanged) if observation.change else unchanged
 
 
 def _runs(plan: Plan, blocks: Sequence[Block], index: dict[Block, int]) -> Iterator[tuple[list[int], int, int]]:

@@ -38,10 +38,10 @@ def observe_poses(model: StaticModel, poses: Poses) -> Observation:
         size = len(own) + 1
         stack, rows = np.zeros((count, size, size)), np.zeros(count, dtype=int)
         for k in range(count):
-            here = np.flatnonzero((poses.configuration == k) & used[:, row])
-            part = np.zeros((max(size, len(here)), size))
-            part[: len(here), :-1], part[: len(here), -1] = Y[row][:, here].T, poses.tau[here, row]
-            stack[k], rows[k] = triangle(part), len(here)
+            members = np.flatnonzero((poses.configuration == k) & used[:, row])
+            part = np.zeros((max(size, len(members)), size))
+            part[: len(members), :-1], part[: len(members), -1] = Y[row][:, members].T, poses.tau[members, row]
+            stack[k], rows[k] = triangle(part), len(members)
         label = model.device.row_labels[row]
         if lost := int((~used[:, row]).sum()):
             notes.append(f"{label} has not moved to {lost} of {len(poses)} poses; its torque there is not used.")
@@ -55,14 +55,14 @@ def observe_poses(model: StaticModel, poses: Poses) -> Observation:
     name = poses.log.sha256 or str(poses.log.path)
     blocks = []
     for k in range(count):
-        here = poses.configuration == k
-        blocks.append(Block(f"{name} configuration {k + 1}", *_ends(poses, here)))
+        members = poses.configuration == k
+        blocks.append(Block(f"{name} configuration {k + 1}", *_ends(poses, members)))
     return Observation(model, tuple(motors), tuple(blocks), (), tuple(notes))
 
 
-def _ends(poses: Poses, here: np.ndarray) -> tuple[float, float]:
+def _ends(poses: Poses, members: np.ndarray) -> tuple[float, float]:
     """First and last time of some poses; a row of a table is one unit long."""
-    if not here.any():
+    if not members.any():
         return 0.0, 0.0
-    start, stop = float(poses.start[here].min()), float(poses.stop[here].max())
+    start, stop = float(poses.start[members].min()), float(poses.stop[members].max())
     return start, stop if stop > start else start + 1.0

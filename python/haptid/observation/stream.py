@@ -68,21 +68,21 @@ class RowStream:
                 advice="Identify it from a whole log.",
             )
         self.model, self.channels, self.dt, self.name = model, channels, dt, name
-        self.treatment = made = treatment or Treatment()
-        self._filter: ParallelFilter = made.parallel_filter(dt)
-        self._block = max(1, round(made.block_s / (made.decimation * dt)))
+        self.treatment = settings = treatment or Treatment()
+        self._filter: ParallelFilter = settings.parallel_filter(dt)
+        self._block = max(1, round(settings.block_s / (settings.decimation * dt)))
         self._guard = self._filter.main_part(OUTSIDE_GUARD)
-        if made.reversal_guard_s is not None:
-            self._guard = (round(made.reversal_guard_s / dt),) * 2
-        rest = max(1, round(made.rest_s / dt)) if np.any(made.rest_speed) else 0
-        sections, shift = made.position_filter(dt), made.lost_to_delay(dt)
+        if settings.reversal_guard_s is not None:
+            self._guard = (round(settings.reversal_guard_s / dt),) * 2
+        rest = max(1, round(settings.rest_s / dt)) if np.any(settings.rest_speed) else 0
+        sections, shift = settings.position_filter(dt), settings.lost_to_delay(dt)
         ends = 0 if sections is None else memory(sections)
-        if made.velocity is None:
+        if settings.velocity is None:
             self._after = shift + SIDE + (0 if sections is None else transient_samples(sections, _LONG))
             first, far = self._after, ends + SIDE + shift
         else:
             self._after = shift
-            first, far = shift + made.velocity.memory(dt, TRANSIENT_LEFT), shift + made.velocity.memory(dt)
+            first, far = shift + settings.velocity.memory(dt, TRANSIENT_LEFT), shift + settings.velocity.memory(dt)
         self._first = first + self._filter.before
         self._reach = max(far, first) + max(self._filter.before, self._guard[0] + rest)
         self.lag = max(ends + SIDE + shift, self._after) + max(self._filter.after, self._guard[1] + rest)
@@ -110,9 +110,9 @@ class RowStream:
         q, tau = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (position, torque))
         expect("position", q.shape, (None, len(self.channels.position.channels)))
         expect("torque", tau.shape, (len(q), len(self.channels.torque.channels)))
-        for what, x in (("position", q), ("torque", tau)):
+        for signal, x in (("position", q), ("torque", tau)):
             if not np.isfinite(x).all():
-                raise LogDataError(f"{self.name}: a {what} is not finite.", where=what, advice="Mend the sender.")
+                raise LogDataError(f"{self.name}: a {signal} is not finite.", where=signal, advice="Mend the sender.")
         self._position, self._torque = np.concatenate([self._position, q]), np.concatenate([self._torque, tau])
         self._t += len(q) * self.dt
         last = self._start + len(self._position) - 1 - self.lag
@@ -134,9 +134,9 @@ class RowStream:
     def _made(self, rows: int) -> Iterator[Observation]:
         """The next rows; samples that no later row needs are forgotten."""
         d = self.treatment.decimation
-        many = max(1, SEGMENT // (self._block * d)) * self._block
-        for begin in range(self._rows, self._rows + rows, many):
-            count = min(many, self._rows + rows - begin)
+        rows_per_plan = max(1, SEGMENT // (self._block * d)) * self._block
+        for begin in range(self._rows, self._rows + rows, rows_per_plan):
+            count = min(rows_per_plan, self._rows + rows - begin)
             low = max(self._start, self._first + begin * d - self._reach)
             high = self._first + (begin + count - 1) * d + self.lag + 1
             motion, first = self._motion(low, high), self._first + begin * d - low

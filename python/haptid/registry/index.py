@@ -115,15 +115,15 @@ class Index:
         """Update the index from added, changed and removed files; the number of changed entries."""
         with self._lock:
             known = {row[0]: row[1:] for row in self._base.execute("select path, size, modified from entries")}
-            there = dict(self._there())
-            changed = [path for path, (_, *state) in there.items() if known.get(path) != tuple(state)]
-            gone = [(path,) for path in known.keys() - there.keys()]
+            present = dict(self._there())
+            changed = [path for path, (_, *state) in present.items() if known.get(path) != tuple(state)]
+            removed = [(path,) for path in known.keys() - present.keys()]
             with self._base:
-                self._base.executemany("delete from entries where path = ?", gone)
-                self._base.executemany("delete from inputs where result = ?", gone)
+                self._base.executemany("delete from entries where path = ?", removed)
+                self._base.executemany("delete from inputs where result = ?", removed)
                 for path in changed:
-                    self._write(path, *there[path])
-        return len(changed) + len(gone)
+                    self._write(path, *present[path])
+        return len(changed) + len(removed)
 
     def listed(self) -> tuple[int, ...]:
         """Times of the last additions, renamings and removals in the folders, ns; 0 for an absent one."""
@@ -132,8 +132,8 @@ class Index:
     def search(self, kind: IndexedKind, words: str = "", limit: int = 200) -> list[Indexed]:
         """Entries of a kind that contain every word, the latest first."""
         wanted = [f"%{_escaped(word)}%" for word in words.lower().split()]
-        where = "".join(" and words like ? escape '\\'" for _ in wanted)
-        ask = f"select * from entries where kind = ?{where} order by modified desc, path limit ?"
+        condition = "".join(" and words like ? escape '\\'" for _ in wanted)
+        ask = f"select * from entries where kind = ?{condition} order by modified desc, path limit ?"
         with self._lock:
             return [self._entry(row) for row in self._base.execute(ask, (kind, *wanted, limit)).fetchall()]
 
@@ -166,15 +166,15 @@ class Index:
             modified * 1e-9,
             title,
             json.loads(about),
-            tuple(one for (one,) in self._base.execute(logs, (path,))) if kind == "result" else (),
-            tuple(one for (one,) in self._base.execute(results, (sha256,))) if kind == "log" and sha256 else (),
+            tuple(log for (log,) in self._base.execute(logs, (path,))) if kind == "result" else (),
+            tuple(log for (log,) in self._base.execute(results, (sha256,))) if kind == "log" and sha256 else (),
         )
 
     def _there(self) -> Iterator[tuple[str, tuple[IndexedKind, int, int]]]:
         """Path, kind, size and time of every file that counts; hidden ones do not."""
         for kind, folder in _FOLDERS.items():
-            with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self._root / folder) as found:
-                for entry in found:
+            with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self._root / folder) as entries:
+                for entry in entries:
                     if entry.name.startswith(".") or (kind not in ("log", "result") and not _is_toml(entry)):
                         continue
                     with suppress(OSError):
@@ -188,9 +188,9 @@ class Index:
             title, sha256, about, inputs = _READERS[kind](place)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             title, sha256, about, inputs = place.name, "", {"unreadable": str(error)[:200]}, []
-        told = json.dumps(about)
+        text = json.dumps(about)
         words = " ".join([path, title, *(str(value) for value in about.values() if isinstance(value, str))]).lower()
-        row = (path, kind, sha256, size, modified, title, words, told)
+        row = (path, kind, sha256, size, modified, title, words, text)
         self._base.execute("insert or replace into entries values (?, ?, ?, ?, ?, ?, ?, ?)", row)
         self._base.execute("delete from inputs where result = ?", (path,))
         self._base.executemany("insert into inputs values (?, ?)", [(path, sha) for sha in inputs])
@@ -232,23 +232,23 @@ def _recording(path: Path) -> _Read:
 def _identified(path: Path) -> _Read:
     """A result folder: figures of the list of results, and the hashes of its logs."""
     content = read_bounded(path / _RESULT, RESULT_FILE)
-    found = json.loads(content)
-    unseen = [entry for entry in found["validation"] if entry["rows"] != "fit"]
-    whole = [entry for entry in unseen if entry["rows"] == "reference"] or unseen
-    errors = [entry["relative_error_percent"] for entry in whole if entry["motor"] == "all" or len(whole) == 1]
+    result = json.loads(content)
+    unseen = [entry for entry in result["validation"] if entry["rows"] != "fit"]
+    reference = [entry for entry in unseen if entry["rows"] == "reference"] or unseen
+    errors = [entry["relative_error_percent"] for entry in reference if entry["motor"] == "all" or len(reference) == 1]
     about = {
-        "device": found.get("device", ""),
-        "serial": str(found.get("device_file", {}).get("serial", "")),
-        "method": found["estimate"]["method"],
-        "parameters": len(found["estimate"]["parameters"]),
+        "device": result.get("device", ""),
+        "serial": str(result.get("device_file", {}).get("serial", "")),
+        "method": result["estimate"]["method"],
+        "parameters": len(result["estimate"]["parameters"]),
         "error_percent": max((float(value) for value in errors if value is not None), default=None),
-        "limit_percent": found["criteria"]["relative_error_percent"],
-        "met": found["criteria"]["met"],
-        "grades": {use["use"]: use["grade"] for use in found.get("verdict", [])},
-        "logs": [log["path"] for log in found["logs"]],
-        "haptid": found.get("haptid", ""),
+        "limit_percent": result["criteria"]["relative_error_percent"],
+        "met": result["criteria"]["met"],
+        "grades": {use["use"]: use["grade"] for use in result.get("verdict", [])},
+        "logs": [log["path"] for log in result["logs"]],
+        "haptid": result.get("haptid", ""),
     }
-    return str(found["study"]), hashlib.sha256(content).hexdigest(), about, [log["sha256"] for log in found["logs"]]
+    return str(result["study"]), hashlib.sha256(content).hexdigest(), about, [log["sha256"] for log in result["logs"]]
 
 
 _READERS: dict[IndexedKind, Callable[[Path], _Read]] = {

@@ -94,23 +94,23 @@ def envelope(name: str, colour: str, t0: float, step: float, y: Array, bins: int
         y: (rows,), NaN where a value is missing.
         bins: largest number of bins.
     """
-    each = -(-len(y) // bins)
-    if each <= 2:
+    width = -(-len(y) // bins)
+    if width <= 2:
         return chart_series(name, "line", colour, x=even(t0, step, len(y)), y=quantised(y))
-    low, high = extremes(y, each)
-    middle = t0 + 0.5 * (each - 1) * step
+    low, high = extremes(y, width)
+    middle = t0 + 0.5 * (width - 1) * step
     return chart_series(
-        name, "envelope", colour, x=even(middle, each * step, len(low)), low=quantised(low), high=quantised(high)
+        name, "envelope", colour, x=even(middle, width * step, len(low)), low=quantised(low), high=quantised(high)
     )
 
 
-def extremes(y: Array, each: int) -> tuple[Array, Array]:
-    """Minimum and maximum of every `each` values, the last bin shorter; NaN is ignored, (bins,) each."""
-    starts = np.arange(0, len(y), each)
+def extremes(y: Array, width: int) -> tuple[Array, Array]:
+    """Minimum and maximum of every `width` values, the last bin shorter; NaN is ignored, (bins,) each."""
+    starts = np.arange(0, len(y), width)
     return np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)
 
 
-def shaded(t0: float, step: float, out: np.ndarray, bins: int) -> list[list[float]]:
+def shaded(t0: float, step: float, is_out: np.ndarray, bins: int) -> list[list[float]]:
     """Time ranges of excluded rows, [[from, to], ...], s; those too short to be visible are left out.
 
     Args:
@@ -118,11 +118,13 @@ def shaded(t0: float, step: float, out: np.ndarray, bins: int) -> list[list[floa
         out: whether each row is excluded, (rows,).
         bins: of the chart; a bin is shaded where most of its rows are excluded.
     """
-    each = max(1, -(-len(out) // bins))
-    starts = np.arange(0, len(out), each)
-    most = np.add.reduceat(out.astype(int), starts) * 2 > each
+    width = max(1, -(-len(is_out) // bins))
+    starts = np.arange(0, len(is_out), width)
+    most = np.add.reduceat(is_out.astype(int), starts) * 2 > width
     edges = np.flatnonzero(np.diff(np.concatenate([[0], most.astype(int), [0]]))).reshape(-1, 2)
-    return [[round(t0 + step * (each * a - 0.5), 6), round(t0 + step * (each * b - 0.5), 6)] for a, b in edges.tolist()]
+    return [
+        [round(t0 + step * (width * a - 0.5), 6), round(t0 + step * (width * b - 0.5), 6)] for a, b in edges.tolist()
+    ]
 
 
 def figure(value: float, digits: int = 3) -> str:

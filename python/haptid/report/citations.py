@@ -25,16 +25,16 @@ def entries() -> dict[str, str]:
 
 def _used(source: ReportSource) -> Iterator[str]:
     """Keys of the methods that were used."""
-    made, model = source.estimate, source.estimate.model
+    estimate, model = source.estimate, source.estimate.model
     if model.device.convention == "modified-dh":
         yield "khalil1986"
     yield "gautier1991"
     if model.device.closure.cuts:
         yield "khalil1995"
     yield "gautier2013"
-    yield from () if isinstance(weighting(made.method), OLS) else ("gautier2001",)
+    yield from () if isinstance(weighting(estimate.method), OLS) else ("gautier2001",)
     yield "bell2002"
-    if isinstance(made.method, PhysicallyConsistent):
+    if isinstance(estimate.method, PhysicallyConsistent):
         yield from ("sousa2014", "wensing2018")
     yield "belsley1980"
     if any(source.decompositions):

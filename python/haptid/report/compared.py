@@ -24,12 +24,12 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
         ModelMismatchError: a result has no parameter in common with the first.
         OutputFolderError: the page cannot be written there.
     """
-    found = [Result.load(folder) for folder in folders]
-    made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
-    title = f"Comparison of {len(found)} results"
-    about = f"{', '.join(dict.fromkeys(r.model.device.name for r in found))}, haptid {__version__}"
-    write_file(Path(path), page(title, about, (made,)))
-    return made
+    results = [Result.load(folder) for folder in folders]
+    section = ComparisonSection.between(results, names_of([Path(folder) for folder in folders]))
+    title = f"Comparison of {len(results)} results"
+    about = f"{', '.join(dict.fromkeys(r.model.device.name for r in results))}, haptid {__version__}"
+    write_file(Path(path), page(title, about, (section,)))
+    return section
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

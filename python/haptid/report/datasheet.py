@@ -58,9 +58,9 @@ def comparison(sheets: Sequence[DataSheet]) -> list[list[str]]:
     """One row for each figure that a sheet has, one column for each device; what makers and papers publish below."""
     cells = [["", *(sheet.model.device.name for sheet in sheets)]]
     for group, name in dict.fromkeys((row.group, row.name) for sheet in sheets for row in sheet.rows):
-        found = [next((row for row in sheet.rows if (row.group, row.name) == (group, name)), None) for sheet in sheets]
-        if any(row is not None and row.value is not None for row in found):
-            cells.append([name, *(_value(row) if row else "" for row in found)])
+        rows = [next((row for row in sheet.rows if (row.group, row.name) == (group, name)), None) for sheet in sheets]
+        if any(row is not None and row.value is not None for row in rows):
+            cells.append([name, *(_value(row) if row else "" for row in rows)])
     for name in dict.fromkeys(name for sheet in sheets for name, _, _ in sheet.published):
         cells.append([f"{name}, published", *(next((v for n, v, _ in s.published if n == name), "") for s in sheets)])
     return cells
@@ -125,11 +125,11 @@ def _pdf(sheets: Sequence[DataSheet]) -> bytes:
     """One page of A4 for each device: pictures of the workspace above its tables."""
     with needing("a PDF"):
         from matplotlib.backends.backend_pdf import PdfPages
-    made = io.BytesIO()
-    with PdfPages(made, metadata={"CreationDate": None}) as pages:
+    buffer = io.BytesIO()
+    with PdfPages(buffer, metadata={"CreationDate": None}) as pages:
         for sheet in sheets:
             pages.savefig(sheet_figure(sheet))
-    return made.getvalue()
+    return buffer.getvalue()
 
 
 def sheet_figure(sheet: DataSheet) -> Figure:

@@ -31,7 +31,7 @@ def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...
     """
     if exact is None:
         rows = zip(base.regrouping, base.independent_columns, strict=True)
-        return tuple(_numeric(row, base.standard, kept) for row, kept in rows)
+        return tuple(_numeric(row, base.standard, column) for row, column in rows)
     return tuple(_exact(exact, k) for k in range(len(exact)))
 
 
@@ -47,19 +47,25 @@ def formula_markup(text: str) -> Markup:
         ValueError: it has another element or attribute.
     """
     try:
-        found = ElementTree.fromstring(f"<mrow>{text}</mrow>")
+        markup = ElementTree.fromstring(f"<mrow>{text}</mrow>")
     except ElementTree.ParseError as error:
         raise ValueError(f"a formula is not MathML: {error}") from None
-    for element in found.iter():
+    for element in markup.iter():
         if element.tag not in _ELEMENTS or not set(element.attrib) <= _ATTRIBUTES:
             raise ValueError(f"a formula has the element {element.tag!r} with {sorted(element.attrib)}")
     return Markup(text)
 
 
-def _exact(found: Regroupings, k: int) -> str:
+def _exact(regroupings: Regroupings, k: int) -> str:
     page = _Typesetter()
     return page.terms(
-        grouping_formula(found.coefficients[k], found.independent_columns[k], found.standard, found.links, page.style)
+        grouping_formula(
+            regroupings.coefficients[k],
+            regroupings.independent_columns[k],
+            regroupings.standard,
+            regroupings.links,
+            page.style,
+        )
     )
 
 
@@ -121,13 +127,13 @@ def _between(sign: str) -> str:
 
 def _name(text: str) -> str:
     if "_" in text:  # of a user's own: pi_1
-        stem, under = text.split("_", 1)
+        stem, index = text.split("_", 1)
         shown = "&#x3c0;" if stem == "pi" else escape(stem)
-        return f"<msub><mi>{shown}</mi><mi>{escape(under)}</mi></msub>"
-    found = NAME.match(text)
-    if not found or not found[2]:
+        return f"<msub><mi>{shown}</mi><mi>{escape(index)}</mi></msub>"
+    match = NAME.match(text)
+    if not match or not match[2]:
         return f"<mi>{escape(text)}</mi>"
-    return f"<msub><mi>{escape(found[1])}</mi><mi>{escape(found[2])}</mi></msub>"
+    return f"<msub><mi>{escape(match[1])}</mi><mi>{escape(match[2])}</mi></msub>"
 
 
 def _symbol(text: str, exponent: int = 1) -> str:
@@ -135,10 +141,10 @@ def _symbol(text: str, exponent: int = 1) -> str:
     stem = text.rstrip("0123456789_")
     number = text[len(stem) :].replace("_", "\u2032")
     shown = f"<mi>{'&#x3c0;' if stem == 'pi' else escape(stem)}</mi>"
-    under, above = f"<mn>{number}</mn>", f"<mn>{exponent}</mn>"
+    subscript, above = f"<mn>{number}</mn>", f"<mn>{exponent}</mn>"
     if exponent == 1:
-        return f"<msub>{shown}{under}</msub>" if number else shown
-    return f"<msubsup>{shown}{under}{above}</msubsup>" if number else f"<msup>{shown}{above}</msup>"
+        return f"<msub>{shown}{subscript}</msub>" if number else shown
+    return f"<msubsup>{shown}{subscript}{above}</msubsup>" if number else f"<msup>{shown}{above}</msup>"
 
 
 def _power(text: str, exponent: int) -> str:

@@ -42,13 +42,13 @@ def table(title: str, headings: Sequence[str], rows: Iterable[tuple[Row, bool]],
         rows: cells of each row, and whether the row is printed in grey.
         left: headings of the columns that are flush left, after the first one; the others are flush right.
     """
-    made = _FullTable(title=title or None, title_justify="left", box=None, pad_edge=False)
+    table = _FullTable(title=title or None, title_justify="left", box=None, pad_edge=False)
     for k, heading in enumerate(headings):
         flush = k == 0 or heading in left
-        made.add_column(heading, justify="left" if flush else "right", overflow="fold", no_wrap=not flush)
+        table.add_column(heading, justify="left" if flush else "right", overflow="fold", no_wrap=not flush)
     for cells, grey in rows:
-        made.add_row(*cells, style="dim" if grey else None)
-    return made
+        table.add_row(*cells, style="dim" if grey else None)
+    return table
 
 
 def show_model(console: Console, model: DynamicModel) -> None:
@@ -56,8 +56,8 @@ def show_model(console: Console, model: DynamicModel) -> None:
     for line in summary_lines(model.device):
         console.print(line, highlight=False, markup=False)
     base, exact = model.base, exact_regroupings(model)
-    found = base.groupings if isinstance(exact, str) else exact.formulas
-    rows = [(cells, False) for cells in zip(base.names, base.units, found, strict=True)]
+    groupings = base.groupings if isinstance(exact, str) else exact.formulas
+    rows = [(cells, False) for cells in zip(base.names, base.units, groupings, strict=True)]
     headings = ("parameter", "unit", "regroups")
     console.print(table(f"\n{len(base)} base parameters of {len(base.standard)}", headings, rows, left=headings))
     if isinstance(exact, str):

@@ -33,11 +33,11 @@ def motion_page(motions: Mapping[str, PlannedMotion], further: FurtherMotions | 
             that was found.
     """
     sections: list[PageSection] = [_swept(motions)]
-    searched = [found for found in motions.values() if isinstance(found, Excitation)]
+    searched = [motion for motion in motions.values() if isinstance(motion, Excitation)]
     if searched:
         sections.append(_information(searched[0], further))
-    for k, (name, found) in enumerate(motions.items()):
-        sections += _motion(found, k, "The motion" if len(motions) == 1 else name)
+    for k, (name, motion) in enumerate(motions.items()):
+        sections += _motion(motion, k, "The motion" if len(motions) == 1 else name)
     device = next(iter(motions.values())).model.device
     about = f"{len(motions)} motion{'s' if len(motions) > 1 else ''} of {device.name}"
     return page(f"Planned motion: {device.name}", about, sections)
@@ -59,7 +59,7 @@ def _swept(motions: Mapping[str, PlannedMotion]) -> _SweptSection:
     """Stick figures and collision shapes at instants of all motions, and where shapes come nearest in each."""
     bounds = next(iter(motions.values())).bounds
     model, collision = bounds.model, bounds.collision
-    positions = [found.trajectory(found.seconds / _SAMPLES).q for found in motions.values()]
+    positions = [motion.trajectory(motion.seconds / _SAMPLES).q for motion in motions.values()]
     drawn = np.concatenate(positions)[:: max(1, sum(map(len, positions)) // _INSTANTS)]
     bars = stick_figure(model, drawn)[0].reshape(-1, 2, 3)
     widths = np.zeros(len(bars))
@@ -69,34 +69,34 @@ def _swept(motions: Mapping[str, PlannedMotion]) -> _SweptSection:
         bars = np.concatenate([bars, axes.reshape(-1, 2, 3)])
         widths = np.concatenate([widths, 2 * np.tile(radii, len(drawn))])
         text[0] += " Collision shapes are drawn as the capsules about them."
-    near = {name: _nearest(found) for name, found in motions.items()}
-    text += [f"Red, {name}: {found.clearance}." for name, found in motions.items() if near[name] is not None]
+    near = {name: _nearest(motion) for name, motion in motions.items()}
+    text += [f"Red, {name}: {motion.clearance}." for name, motion in motions.items() if near[name] is not None]
     sliders = sliders_of(model, np.concatenate(positions).T, margin=0.0)
     lines = [ends for ends in near.values() if ends is not None]
     return _SweptSection(sliders, tuple(text), (scene(model, None, positions[0].T, sliders, (bars, widths), lines),))
 
 
-def _nearest(found: PlannedMotion) -> Array | None:
+def _nearest(motion: PlannedMotion) -> Array | None:
     """The nearest points of the two shapes that come nearest in a motion, (2, 3), m; None without shapes."""
-    collision, least = found.bounds.collision, found.clearance
+    collision, least = motion.bounds.collision, motion.clearance
     if collision is None or least is None:
         return None
-    made = found.trajectory(1e-3)
-    q = made.q[min(round(least.time / made.dt), len(made) - 1)]
-    there = collision.near(found.model.device.closure.positions(q[:, None]).T, least.distance + _NEAR)
-    if not len(there.distance):
+    trajectory = motion.trajectory(1e-3)
+    q = trajectory.q[min(round(least.time / trajectory.dt), len(trajectory) - 1)]
+    distances = collision.near(motion.model.device.closure.positions(q[:, None]).T, least.distance + _NEAR)
+    if not len(distances.distance):
         return None
-    k = int(np.argmin(there.distance))
-    return np.stack([there.first[k], there.second[k]])
+    k = int(np.argmin(distances.distance))
+    return np.stack([distances.first[k], distances.second[k]])
 
 
-def _information(found: Excitation, further: FurtherMotions | None) -> DocumentSection:
+def _information(excitation: Excitation, further: FurtherMotions | None) -> DocumentSection:
     """What is known of each parameter before and after."""
     if further is None:
-        names, before, after = found.after.names, found.before.relative_se, found.after.relative_se
+        names, before, after = excitation.after.names, excitation.before.relative_se, excitation.after.relative_se
         heads = ("parameter", "first motion within the limits", "motion found")
-        noise = ", ".join(dict.fromkeys(f"{x:.3g}" for x in found.noise.tolist()))
-        assumed = f"white noise of {noise} N m (or N), which is assumed, in each of {found.after.rows} rows"
+        noise = ", ".join(dict.fromkeys(f"{x:.3g}" for x in excitation.noise.tolist()))
+        assumed = f"white noise of {noise} N m (or N), which is assumed, in each of {excitation.after.rows} rows"
         text: tuple[str, ...] = (f"Relative standard error of each parameter, per cent of its value: {assumed}.",)
         label = "relative standard error"
     else:
@@ -130,34 +130,36 @@ def _largest(heads: tuple[str, ...], before: Array, after: Array) -> str:
     return f"Largest: {', '.join(largest)}.{unknown}"
 
 
-def _motion(found: PlannedMotion, k: int, title: str) -> Iterator[DocumentSection]:
+def _motion(motion: PlannedMotion, k: int, title: str) -> Iterator[DocumentSection]:
     """One motion over time."""
-    bounds, device = found.bounds, found.model.device
-    made = found.trajectory(found.seconds / _SAMPLES)
+    bounds, device = motion.bounds, motion.model.device
+    trajectory = motion.trajectory(motion.seconds / _SAMPLES)
     joints = [device.joints[j] for j in device.active]
     labels = [f"joint {joint.name}" for joint in joints]
     units = ["m" if joint.prismatic else "rad" for joint in joints]
-    tau = inverse_dynamics(found.model, bounds.beta, *(np.ascontiguousarray(x.T) for x in (made.q, made.qd, made.qdd)))
+    tau = inverse_dynamics(
+        motion.model, bounds.beta, *(np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
+    )
     charts: list[Chart] = []
-    for key, what, values, limits, per in (
-        ("q", "Position", made.q.T, bounds.position, ""),
-        ("qd", "Velocity", made.qd.T, _both(bounds.speed), "/s"),
-        ("qdd", "Acceleration", made.qdd.T, _both(bounds.acceleration), "/s^2"),
+    for key, quantity, values, limits, per in (
+        ("q", "Position", trajectory.q.T, bounds.position, ""),
+        ("qd", "Velocity", trajectory.qd.T, _both(bounds.speed), "/s"),
+        ("qdd", "Acceleration", trajectory.qdd.T, _both(bounds.acceleration), "/s^2"),
     ):
         for j, label in enumerate(labels):
-            charts += _panel(f"{key}-{k}-{j}", what, label, f"{units[j]}{per}", made.t, values[j], limits[j])
+            charts += _panel(f"{key}-{k}-{j}", quantity, label, f"{units[j]}{per}", trajectory.t, values[j], limits[j])
     for j, (label, unit) in enumerate(zip(device.row_labels, device.torque_units, strict=True)):
         limit = _both(bounds.actuation.torque)[j]
-        charts += _panel(f"tau-{k}-{j}", "Torque", label, unit, made.t, tau[j], limit)
-    text = [f"{found.seconds:.4g} s."]
-    if isinstance(found, Excitation):
-        raw, scaled = found.after.raw, found.after.scaled
+        charts += _panel(f"tau-{k}-{j}", "Torque", label, unit, trajectory.t, tau[j], limit)
+    text = [f"{motion.seconds:.4g} s."]
+    if isinstance(motion, Excitation):
+        raw, scaled = motion.after.raw, motion.after.scaled
         text = [
-            f"{found.seconds:.4g} s, {found.tried} motions evaluated, condition number {raw:.4g}, "
+            f"{motion.seconds:.4g} s, {motion.tried} motions evaluated, condition number {raw:.4g}, "
             f"{scaled:.4g} with unit columns."
         ]
-    if found.clearance is not None:
-        text.append(f"{found.clearance}.")
+    if motion.clearance is not None:
+        text.append(f"{motion.clearance}.")
     yield DocumentSection(f"motion-{k + 1}", title, tuple(text), (), tuple(charts))
 
 

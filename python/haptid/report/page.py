@@ -33,8 +33,8 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
         title, about: of the page.
         sections: in order.
     """
-    made = page_parts(sections)
-    shown = [{**section, "html": Markup(section["html"])} for section in made["sections"]]
+    parts = page_parts(sections)
+    shown = [{**section, "html": Markup(section["html"])} for section in parts["sections"]]
     return (
         _environment()
         .get_template("page.html")
@@ -44,7 +44,7 @@ def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
             sections=shown,
             styles=[Markup(_text(name)) for name in _STYLES],
             scripts=[Markup(_text(name)) for name in SCRIPTS],
-            drawings=_embedded(made["drawings"]),
+            drawings=_embedded(parts["drawings"]),
         )
     )
 
@@ -70,20 +70,20 @@ def module_of_scripts() -> str:
 
 @cache
 def _environment() -> Environment:
-    made = Environment(
+    environment = Environment(
         loader=PackageLoader("haptid.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals["show"] = _show
-    made.filters["number"] = _number
-    made.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
-    made.filters["mathml"] = formula_markup
-    made.filters["embedded"] = _embedded
-    made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
-    return made
+    environment.globals["show"] = _show
+    environment.filters["number"] = _number
+    environment.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
+    environment.filters["mathml"] = formula_markup
+    environment.filters["embedded"] = _embedded
+    environment.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
+    return environment
 
 
 def _show(chart: Chart) -> Markup:

@@ -114,14 +114,14 @@ def make_report(
 
 def report_of(source: ReportSource, made: datetime | None = None) -> Report:
     """The report of a source, which may have results computed already."""
-    found = [kind.of(source) for kind in SECTIONS]
+    sections = [kind.of(source) for kind in SECTIONS]
     moment = (made or datetime.now(UTC)).astimezone(UTC)
     return Report(
         name=source.identification.study.name,
         model=source.identification.model.device.name,
         made=f"{moment:%Y-%m-%d %H:%M} UTC",
         haptid=__version__,
-        sections={section.key: section for section in found if section is not None},
+        sections={section.key: section for section in sections if section is not None},
     )
 
 
@@ -146,10 +146,10 @@ def read_report(folder: str | Path) -> Report:
             raise _unreadable(path, f"its schema is {data['schema']}, and {_SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
-        made = Report(data["name"], data["device"], data["made"], data["haptid"], sections)
-        made.html()  # every value is of a kind that the page can show
+        report = Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+        report.html()  # every value is of a kind that the page can show
     except FileNotFoundError as error:
         raise _unreadable(path, "there is no such file") from error
     except _DAMAGED as error:
         raise _unreadable(path, f"these are not the data of a report: {error}") from error
-    return made
+    return report

@@ -47,12 +47,12 @@ def write_identification(
     """
     check_writable(out)
     with publishing(out) as folder:
-        found = identify(study, data, progress, workers, cache)
-        source = ReportSource(found, command)
+        identification = identify(study, data, progress, workers, cache)
+        source = ReportSource(identification, command)
         if report:
             result = _write_with_report(source, folder, progress)
         else:
-            result = Result.of(found)
+            result = Result.of(identification)
             result.write_into(folder)
     cache.forget()
     return result, source
@@ -62,20 +62,20 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
     """Result with verdict and advice, report and pictures."""
     from haptid.report.report import report_of  # slow to import, and numbers alone need no page
 
-    found = source.identification
+    identification = source.identification
     progress("writing the report", 0.0)
-    result = Result.of(found, source.diagnosis.verdict, source.advice)
+    result = Result.of(identification, source.diagnosis.verdict, source.advice)
     result.write_into(folder)
     report_of(source).write_into(folder)
     progress("writing the report", 1.0)
-    for k, run in enumerate(found.runs if find_spec("matplotlib") else ()):
+    for k, run in enumerate(identification.runs if find_spec("matplotlib") else ()):
         from haptid.report.plots import plot_torque
 
         name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
         progress(f"drawing {name}", 0.0)
         kind = "rows of the fit" if run.fit_errors else "unseen"
-        title = f"{found.study.name}: {run.entry.path} ({kind})"
-        predicted = predictions(found.use.estimate, run.motion)
-        plot_torque(predicted, Plan.of(found.model, run.motion).rows, title, folder / name)
+        title = f"{identification.study.name}: {run.entry.path} ({kind})"
+        predicted = predictions(identification.use.estimate, run.motion)
+        plot_torque(predicted, Plan.of(identification.model, run.motion).rows, title, folder / name)
         progress(f"drawing {name}", 1.0)
     return result

@@ -63,8 +63,8 @@ class Track:
     trail: Array
 
     def __post_init__(self) -> None:
-        each = (len(self.labels), self.used.shape[1])
-        freeze_fields(self, "trail", measured=each, predicted=each, position=each, velocity=each)
+        shape = (len(self.labels), self.used.shape[1])
+        freeze_fields(self, "trail", measured=shape, predicted=shape, position=shape, velocity=shape)
 
     @property
     def motors_used(self) -> list[int]:
@@ -115,9 +115,9 @@ class HandForceData:
         freeze_fields(self, "t", force=(n, 3), conf_int=(n, 3, 2), measured=(n, 3))
 
     @staticmethod
-    def of(name: str, found: HandleForce, measured: Array | None = None) -> HandForceData:
+    def of(name: str, force: HandleForce, measured: Array | None = None) -> HandForceData:
         """From the result of `estimate_force`, and a sensor's force in the base frame, (rows, 3), N."""
-        return HandForceData(name, found.t, found.force, found.conf_int(), measured, found.notes)
+        return HandForceData(name, force.t, force.force, force.conf_int(), measured, force.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class ReportSource:
     def decompositions(self) -> tuple[TorqueDecomposition | None, ...]:
         """One per log; None where a log is too long, or its rows have no accelerations."""
         return tuple(
-            self._decomposed(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
+            self._decomposed(run, track.rows) for run, track in zip(self.identification.runs, self.tracks, strict=True)
         )
 
     @cached_property
@@ -212,26 +212,26 @@ def track(estimate: Estimate, run: Run) -> Track:
     )
 
 
-def criterion(found: Identification) -> str:
+def criterion(identification: Identification) -> str:
     """Largest error on unseen motion and the study's criterion, in a sentence."""
-    if not found.unseen:
+    if not identification.unseen:
         return (
             "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or another "
             "[validation]."
         )
-    worst = max(found.unseen, key=lambda v: v.comparable.relative)
+    worst = max(identification.unseen, key=lambda v: v.comparable.relative)
     motors = worst.comparable.motors
     text = f"Relative torque error on unseen motion: {per_cent(worst.comparable.relative)}"
     if len(motors) > 1:
         largest = max(motors, key=lambda motor: motor.relative)
-        whole = (
+        reference = (
             "of all motors (RMS of their errors, as units differ)"
             if worst.comparable.mixed
             else "of all motors together"
         )
-        text += f" {whole}, {per_cent(largest.relative)} of {largest.label}, the largest"
+        text += f" {reference}, {per_cent(largest.relative)} of {largest.label}, the largest"
     text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
-    if found.meets_criteria is None:
+    if identification.meets_criteria is None:
         return text
-    limit = found.study.largest_error
-    return f"{text} The study allows {limit:g} %: {'met' if found.meets_criteria else 'not met'}."
+    limit = identification.study.largest_error
+    return f"{text} The study allows {limit:g} %: {'met' if identification.meets_criteria else 'not met'}."

@@ -23,46 +23,53 @@ from haptid.validation.validation import Validation
 _GREY = 50.0
 
 
-def show_identification(console: Console, found: Identification) -> None:
+def show_identification(console: Console, identification: Identification) -> None:
     """Print parameters, errors and notes of an identification."""
-    observation = found.estimate.observation
+    observation = identification.estimate.observation
     raw, scaled = observation.condition
-    console.print(f"\n{found.study.name}: {found.model.device.name}", style="bold")
+    console.print(f"\n{identification.study.name}: {identification.model.device.name}", style="bold")
     console.print(
         f"{observation.rows} rows, {len(observation.base)} base parameters of "
-        f"{len(found.model.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit columns, "
-        f"{found.estimate.method.name}\n",
+        f"{len(identification.model.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit "
+        f"columns, {identification.estimate.method.name}\n",
         highlight=False,
     )
-    console.print(parameter_table("Base parameters", found.estimate.parameters))
-    if found.model.device.targets:
+    console.print(parameter_table("Base parameters", identification.estimate.parameters))
+    if identification.model.device.targets:
         from haptid.inference.targets import targets  # slow to import, and few devices have some
 
-        console.print(parameter_table("Targets", targets(found.estimate).parameters))
-    if found.projection:
-        console.print(searched_table(found.projection))
-    grey = any(p.relative_se > _GREY for p in found.estimate.parameters)
+        console.print(parameter_table("Targets", targets(identification.estimate).parameters))
+    if identification.projection:
+        console.print(searched_table(identification.projection))
+    grey = any(p.relative_se > _GREY for p in identification.estimate.parameters)
     console.print(
         f"{'Grey rows: the standard error exceeds half the value. ' if grey else ''}"
         "Regroupings: result.json, or `haptid model`.",
         style="dim",
     )
-    if found.calibration:
-        console.print(calibration_table(found.calibration))
-    between = found.estimate.between_logs
+    if identification.calibration:
+        console.print(calibration_table(identification.calibration))
+    between = identification.estimate.between_logs
     if between is not None:
         console.print(between_table(between))
-    console.print(error_table(found.runs, found.model.device.torque_rows))
-    if any(run.motors for run in found.runs):
-        console.print(motor_table(found.runs))
-        console.print(law_words(found.model.device), style="dim")
-    searched = found.projection.notes if found.projection else ()
+    console.print(error_table(identification.runs, identification.model.device.torque_rows))
+    if any(run.motors for run in identification.runs):
+        console.print(motor_table(identification.runs))
+        console.print(law_words(identification.model.device), style="dim")
+    searched = identification.projection.notes if identification.projection else ()
     scatter = between.sentences if between else ()
-    corrected = found.calibration.sentences(found.model) if found.calibration else ()
-    corrected += found.gimbal.sentences if found.gimbal else ()
-    for note in (*found.proposal.reasons, *found.estimate.notes, *corrected, *scatter, *searched, found.use.reason):
+    corrected = identification.calibration.sentences(identification.model) if identification.calibration else ()
+    corrected += identification.gimbal.sentences if identification.gimbal else ()
+    for note in (
+        *identification.proposal.reasons,
+        *identification.estimate.notes,
+        *corrected,
+        *scatter,
+        *searched,
+        identification.use.reason,
+    ):
         console.print(f"- {note}")
-    console.print(f"\n{criterion(found)}")
+    console.print(f"\n{criterion(identification)}")
 
 
 MOTOR_HEADINGS = ("log", "motor", "measured, rms", "error, rms", "preload, mean", "preload, rms", "unit")
@@ -77,22 +84,24 @@ def motor_table(runs: Sequence[Run]) -> Table:
 
 def motor_rows(runs: Sequence[Run]) -> list[list[str]]:
     """Cells of the table of redundant motors' torques."""
-    made = []
+    rows = []
     for run in runs:
         for m in run.motors:
             figures = (m.rms, m.error, m.preload, m.preload_rms)
-            made.append([run.entry.path, m.name, *(f"{x:.3g}" for x in figures), m.unit])
-    return made
+            rows.append([run.entry.path, m.name, *(f"{x:.3g}" for x in figures), m.unit])
+    return rows
 
 
 def law_words(device: Device) -> str:
     """The distribution law as a sentence."""
     law = device.law
-    how = "least sum of squares" if (law.weights == 1).all() else "least sum of weighted squares, as in the device file"
-    more = " and the preload of the device file" if law.preload.any() else ""
+    criterion = (
+        "least sum of squares" if (law.weights == 1).all() else "least sum of weighted squares, as in the device file"
+    )
+    preload = " and the preload of the device file" if law.preload.any() else ""
     return (
-        f"Distribution law: {how}{more}. Motion does not determine the preload, the part of the torques that moves "
-        "nothing: it is measured, and not an error of the model."
+        f"Distribution law: {criterion}{preload}. Motion does not determine the preload, the part of the torques that "
+        "moves nothing: it is measured, and not an error of the model."
     )
 
 
@@ -167,16 +176,16 @@ def parameter_cells(p: Parameter) -> list[str]:
 def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
     motors = [m.name for m in runs[0].observation.motors]
-    each = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
+    headings = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
     validations = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
     rows = [([path, *cells], False) for path, v in validations for cells in error_lines(v, len(motors))]
-    return table("\nRelative error of the torque, %", ("log", "rows", "all", *each), rows, left=("rows",))
+    return table("\nRelative error of the torque, %", ("log", "rows", "all", *headings), rows, left=("rows",))
 
 
 def error_lines(validation: Validation, motors: int) -> Iterator[list[str | Text]]:
     """Kind of the rows, error of all motors and of each; then the same on all rows behind the reference filter."""
     own = "of the fit" if validation.seen else "unseen"
-    for kind, found in ((Text(own), validation), (Text("unseen, moving", style="bold"), validation.reference)):
-        if found is not None:
-            each = [f"{m.relative:.2f}" if m.rows else "-" for m in found.motors] if motors > 1 else []
-            yield [kind, f"{found.relative:.2f}", *each]
+    for kind, errors in ((Text(own), validation), (Text("unseen, moving", style="bold"), validation.reference)):
+        if errors is not None:
+            cells = [f"{m.relative:.2f}" if m.rows else "-" for m in errors.motors] if motors > 1 else []
+            yield [kind, f"{errors.relative:.2f}", *cells]

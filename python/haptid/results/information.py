@@ -37,20 +37,20 @@ def log_information(result: Result, model: DynamicModel | None = None) -> LogInf
         )
     if result.clusters is None:
         raise _missing(CLUSTERS, "the information of its logs")
-    found = result.estimate.parameters
+    parameters = result.estimate.parameters
     information = result.clusters.information
     plain = standard_errors_of(information)
-    classical = np.array([np.nan if p.classical_se is None else p.classical_se for p in found])
-    robust = np.array([np.nan if p.se is None else p.se for p in found])
-    estimated = tuple(k for k in range(len(found)) if k not in result.zero and np.diag(information)[k] > 0)
+    classical = np.array([np.nan if p.classical_se is None else p.classical_se for p in parameters])
+    robust = np.array([np.nan if p.se is None else p.se for p in parameters])
+    estimated = tuple(k for k in range(len(parameters)) if k not in result.zero and np.diag(information)[k] > 0)
     usable = [k for k in estimated if np.isfinite([plain[k], classical[k], robust[k]]).all() and plain[k] > 0]
     if not usable:
         raise _missing("estimate.parameters", "standard errors")
     # Rows of unit noise, also where the method did not weight them.
     size = float(np.median(classical[usable] / plain[usable]))
-    factor = np.full(len(found), float(np.median(robust[usable] / (size * plain[usable]))))
+    factor = np.full(len(parameters), float(np.median(robust[usable] / (size * plain[usable]))))
     factor[usable] = robust[usable] / (size * plain[usable])
-    dof = np.array([np.inf if p.dof is None else p.dof for p in found])
+    dof = np.array([np.inf if p.dof is None else p.dof for p in parameters])
     seconds = sum(block.stop - block.start for block in result.blocks)
     return LogInformation(
         model, result.beta, information / size**2, factor, dof, estimated, _noise(result, model, seconds), seconds
@@ -71,9 +71,9 @@ def _noise(result: Result, model: DynamicModel, seconds: float) -> np.ndarray:
     return np.array([np.sqrt(squares[name] / rows[name]) / np.sqrt(rows[name] / seconds) for name in names])
 
 
-def _missing(where: str, what: str) -> ResultFileError:
+def _missing(file: str, missing: str) -> ResultFileError:
     return ResultFileError(
-        f"the result has not {what}, on which the next motion depends.",
-        where=where,
+        f"the result has not {missing}, on which the next motion depends.",
+        where=file,
         advice="Identify again by WLS, OLS or a method with intervals, and give the whole folder.",
     )

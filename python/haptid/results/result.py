@@ -110,7 +110,7 @@ class Result(ResultTable):
         study, estimate, model = identification.study, identification.estimate, identification.model
         raw, scaled = estimate.observation.condition
         projection = identification.projection
-        made = cls(
+        result = cls(
             device=model.device.name,
             aliases={joint.name: joint.alias for joint in model.device.joints if joint.alias},
             study=study.name,
@@ -155,8 +155,8 @@ class Result(ResultTable):
             ],
             device_file=finite(device_file(model)),
         )
-        made._model, made._clusters = model, clusters_with_misfit(estimate)
-        return made
+        result._model, result._clusters = model, clusters_with_misfit(estimate)
+        return result
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:
@@ -172,21 +172,21 @@ class Result(ResultTable):
         """
         path = Path(folder)
         path = path / "result.json" if path.is_dir() else path
-        made = _validated(cls, path, _read(path))
-        model = DynamicModel(device_of(*checked_tables(made.device_file, f"{path}, device_file")))
-        model = model.at_constants([constant.value for constant in made.estimate.nonlinear_constants])
+        result = _validated(cls, path, _read(path))
+        model = DynamicModel(device_of(*checked_tables(result.device_file, f"{path}, device_file")))
+        model = model.at_constants([constant.value for constant in result.estimate.nonlinear_constants])
         if model.has_loads:
-            model = _with_load_friction(path, model, made.estimate.load_friction_parameters)
-        stored = [p.name for p in made.estimate.parameters]
+            model = _with_load_friction(path, model, result.estimate.load_friction_parameters)
+        stored = [p.name for p in result.estimate.parameters]
         if tuple(stored) != model.base.names:
-            raise _other_parameters(path, stored, model.base.names, made.haptid)
+            raise _other_parameters(path, stored, model.base.names, result.haptid)
         size = len(stored)
-        if [p.name for p in made.model_for_use.parameters] != stored:
+        if [p.name for p in result.model_for_use.parameters] != stored:
             raise _fault(path, "key `model_for_use.parameters` has other parameters than the estimate", "model_for_use")
-        if [len(row) for row in made.estimate.covariance] != [size] * size:
+        if [len(row) for row in result.estimate.covariance] != [size] * size:
             raise _fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
-        made._model, made._clusters = model, _clusters_beside(path, size)
-        return made
+        result._model, result._clusters = model, _clusters_beside(path, size)
+        return result
 
     def save(self, folder: str | Path) -> None:
         """Write `result.json`, `clusters.npz`, `parameters.csv` and `correlation.csv` into a folder, all or none.
@@ -203,8 +203,8 @@ class Result(ResultTable):
             self._clusters.save(folder / CLUSTERS)
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "ci_low", "ci_high", "relative_se_percent", "classical_se", "unit", "grouping")
-        more = ("unconstrained", "log_to_log_deviation", "repeat_low", "repeat_high")
-        write_csv(folder / "parameters.csv", [(*heads, *more), *map(_csv_row, self.estimate.parameters)])
+        extra = ("unconstrained", "log_to_log_deviation", "repeat_low", "repeat_high")
+        write_csv(folder / "parameters.csv", [(*heads, *extra), *map(_csv_row, self.estimate.parameters)])
         named = zip(self.names, self.unconstrained.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
         write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
@@ -250,11 +250,11 @@ class Result(ResultTable):
     @cached_property
     def unconstrained(self) -> Quantities:
         """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
-        found = self.estimate.parameters
-        values = np.array([p.unconstrained for p in found])
-        covariance = np.array(self.estimate.covariance, dtype=float).reshape(len(found), -1)
-        dof = _or([p.dof for p in found], np.inf)
-        unbounded = tuple(k for k, p in enumerate(found) if p.se is None)
+        parameters = self.estimate.parameters
+        values = np.array([p.unconstrained for p in parameters])
+        covariance = np.array(self.estimate.covariance, dtype=float).reshape(len(parameters), -1)
+        dof = _or([p.dof for p in parameters], np.inf)
+        unbounded = tuple(k for k, p in enumerate(parameters) if p.se is None)
         return Quantities(self.base.names, self.base.units, values, covariance, dof, unbounded)
 
     @property
@@ -288,10 +288,10 @@ class Result(ResultTable):
     @property
     def unseen(self) -> tuple[Validation, ...]:
         """Errors on held-out rows, log by log, with those on all rows behind the reference filter."""
-        unseen, whole = (list(_validations(self.validation, self.model, rows)) for rows in ("unseen", "reference"))
-        if len(whole) != len(unseen):
+        unseen, reference = (list(_validations(self.validation, self.model, rows)) for rows in ("unseen", "reference"))
+        if len(reference) != len(unseen):
             return tuple(unseen)
-        return tuple(dataclasses.replace(v, reference=w) for v, w in zip(unseen, whole, strict=True))
+        return tuple(dataclasses.replace(v, reference=w) for v, w in zip(unseen, reference, strict=True))
 
     @property
     def identified(self) -> GivenParameters:
@@ -315,16 +315,16 @@ def _clusters_beside(path: Path, size: int) -> Clusters | None:
     Raises:
         ResultFileError: the file cannot be read, or is of another fit.
     """
-    beside = path.parent / CLUSTERS
-    if not beside.exists():
+    clusters_file = path.parent / CLUSTERS
+    if not clusters_file.exists():
         return None
     try:
-        found = Clusters.load(beside)
+        clusters = Clusters.load(clusters_file)
     except (OSError, ValueError, KeyError, ShapeError, zipfile.BadZipFile) as error:
-        raise _fault(beside, f"cannot be read ({error})") from error
-    if len(found.root) != size:
-        raise _fault(beside, f"is of {len(found.root)} base parameters, and the result of {size}")
-    return found
+        raise _fault(clusters_file, f"cannot be read ({error})") from error
+    if len(clusters.root) != size:
+        raise _fault(clusters_file, f"is of {len(clusters.root)} base parameters, and the result of {size}")
+    return clusters
 
 
 def _validations(errors: Iterable[ErrorTable], model: DynamicModel, rows: str) -> Iterator[Validation]:
@@ -341,20 +341,20 @@ def _validations(errors: Iterable[ErrorTable], model: DynamicModel, rows: str) -
             motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
 
 
-def _fault(path: Path, what: str, key: str | None = None) -> ResultFileError:
+def _fault(path: Path, problem: str, key: str | None = None) -> ResultFileError:
     """The error for a file that is no result of this schema."""
     advice = "Give the output folder of `haptid identify`, or identify again."
-    return ResultFileError(f"{path}: {what}.", where=key or str(path), advice=advice)
+    return ResultFileError(f"{path}: {problem}.", where=key or str(path), advice=advice)
 
 
-def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], version: str) -> ResultFileError:
-    lost = listed([name for name in stored if name not in found]) or "their order"
+def _other_parameters(path: Path, stored: Sequence[str], present: Sequence[str], version: str) -> ResultFileError:
+    lost = listed([name for name in stored if name not in present]) or "their order"
     return ResultFileError(
-        f"{path}: its {len(stored)} base parameters, by haptid {version}, are not the {len(found)} of its device here; "
-        f"they differ in {lost}.",
+        f"{path}: its {len(stored)} base parameters, by haptid {version}, are not the {len(present)} of its device "
+        f"here; they differ in {lost}.",
         where="estimate.parameters",
         found=tuple(stored),
-        limit=tuple(found),
+        limit=tuple(present),
         advice="Identify again with this haptid.",
     )
 
@@ -386,9 +386,9 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
         return cls.model_validate(values)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
-        raise _fault(path, f"key `{where}` {what}", where) from error
+        key = ".".join(map(str, first["loc"]))
+        problem = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
+        raise _fault(path, f"key `{key}` {problem}", key) from error
 
 
 def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float] | None) -> DynamicModel:

@@ -140,23 +140,23 @@ class BetweenLogsTable(ResultTable):
     )
 
     @classmethod
-    def each(cls, found: BetweenLogs | None, many: int) -> list[BetweenLogsTable | None]:
+    def each(cls, between_logs: BetweenLogs | None, count: int) -> list[BetweenLogsTable | None]:
         """One for each of so many parameters, or None."""
-        if found is None:
-            return [None] * many
-        mean, repeat = found.conf_int(), found.repeat_conf_int()
+        if between_logs is None:
+            return [None] * count
+        mean, repeat = between_logs.conf_int(), between_logs.repeat_conf_int()
         return [
             cls(
-                logs=float(found.effective[k]),
-                within_se=float(found.within.se[k]),
-                se=float(found.across.se[k]),
-                dof=float(found.across.dof[k]),
-                deviation=float(found.deviation[k]),
-                p=float(found.p[k]),
+                logs=float(between_logs.effective[k]),
+                within_se=float(between_logs.within.se[k]),
+                se=float(between_logs.across.se[k]),
+                dof=float(between_logs.across.dof[k]),
+                deviation=float(between_logs.deviation[k]),
+                p=float(between_logs.p[k]),
                 conf_int=(mean[k, 0], mean[k, 1]),
                 repeat_conf_int=(repeat[k, 0], repeat[k, 1]),
             )
-            for k in range(many)
+            for k in range(count)
         ]
 
 

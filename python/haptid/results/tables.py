@@ -63,8 +63,8 @@ def interval(estimate: Estimate) -> str:
 
 def device_file(model: DynamicModel) -> dict[str, Any]:
     """The contents of the device file, from which the device can be made again; gravity as mounted."""
-    said: dict[str, Any] = model.device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    return {**said, "gravity": model.device.gravity.tolist()}
+    tables: dict[str, Any] = model.device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return {**tables, "gravity": model.device.gravity.tolist()}
 
 
 def weighting(method: Method) -> Method:
@@ -105,9 +105,12 @@ def _reduced(estimate: Estimate) -> bool:
 
 def target_tables(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
-        found = targets(estimate)
+        found_targets = targets(estimate)
         yield from map(
-            ResultParameter.of, found.parameters, found.dof, BetweenLogsTable.each(found.between_logs, len(found))
+            ResultParameter.of,
+            found_targets.parameters,
+            found_targets.dof,
+            BetweenLogsTable.each(found_targets.between_logs, len(found_targets)),
         )
 
 
@@ -127,13 +130,13 @@ def use_table(identification: Identification) -> ModelForUseTable:
         ],
         candidates=[
             CandidateTable(
-                name=one.name,
-                strength=one.strength,
-                error_percent=one.error,
-                excess=one.excess[0],
-                excess_se=one.excess[1],
+                name=candidate.name,
+                strength=candidate.strength,
+                error_percent=candidate.error,
+                excess=candidate.excess[0],
+                excess_se=candidate.excess[1],
             )
-            for one in use.candidates
+            for candidate in use.candidates
         ],
     )
 
@@ -151,29 +154,32 @@ def constant_tables(projection: VariableProjection | None) -> Iterator[Nonlinear
 
 
 def calibration_sentences(identification: Identification) -> tuple[str, ...]:
-    found = identification.calibration
-    return found.sentences(identification.model) if found else ()
+    calibration = identification.calibration
+    return calibration.sentences(identification.model) if calibration else ()
 
 
-def calibration_tables(found: Calibration | None) -> Iterator[CalibrationQuantity]:
-    if found is not None:
-        for entry, std in zip(found.quantities.to_json(), found.prior_std.tolist(), strict=True):
+def calibration_tables(calibration: Calibration | None) -> Iterator[CalibrationQuantity]:
+    if calibration is not None:
+        for entry, std in zip(calibration.quantities.to_json(), calibration.prior_std.tolist(), strict=True):
             yield CalibrationQuantity(**entry, prior_std=std)
 
 
 def constraints_table(estimate: Estimate) -> PhysicalConstraints | BoundConstraints | EqualityConstraintsTable | None:
-    found = estimate.constrained_fit
-    if found is None:
-        how = estimate.method
-        return EqualityConstraintsTable(values=dict(how.relations)) if isinstance(how, EqualityConstraints) else None
-    if isinstance(found, BoundedSolution):
-        return BoundConstraints(active=list(found.active))
-    inside, names = found.feasible, found.feasible.model.device.parameters.names
+    constrained = estimate.constrained_fit
+    if constrained is None:
+        method = estimate.method
+        return (
+            EqualityConstraintsTable(values=dict(method.relations)) if isinstance(method, EqualityConstraints) else None
+        )
+    if isinstance(constrained, BoundedSolution):
+        return BoundConstraints(active=list(constrained.active))
+    inside, names = constrained.feasible, constrained.feasible.model.device.parameters.names
     return PhysicalConstraints(
         margin=inside.margin,
-        active=list(found.active),
+        active=list(constrained.active),
         cost_percent=[
-            ResultCost(motor=cost.label, unconstrained=cost.free, constrained=cost.constrained) for cost in found.costs
+            ResultCost(motor=cost.label, unconstrained=cost.free, constrained=cost.constrained)
+            for cost in constrained.costs
         ],
         standard_parameters=dict(zip(names, inside.chi.tolist(), strict=True)),
     )

@@ -60,9 +60,9 @@ class Segments:
     def joined(self, values: Array) -> Array:
         """Every sample from its own segment: (steps, ..., segments) to (..., samples)."""
         last = np.moveaxis(values, -1, 1)
-        made = np.empty((self.samples, *last.shape[2:]))
-        made[self.sample[self.own]] = last[self.own]
-        return np.ascontiguousarray(np.moveaxis(made, 0, -1))
+        joined = np.empty((self.samples, *last.shape[2:]))
+        joined[self.sample[self.own]] = last[self.own]
+        return np.ascontiguousarray(np.moveaxis(joined, 0, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +106,10 @@ class Steps:
     def course(self, motion: Motion, k: int = 0) -> Course:
         """Trajectory of the k-th set of parameters."""
         count = self.segments.count
-        here = slice(k * count, (k + 1) * count)
-        parts = (freeze(self.segments.joined(x[:: self.per, :, here])) for x in (self.c, self.cd, self.cdd, self.tau))
+        samples = slice(k * count, (k + 1) * count)
+        parts = (
+            freeze(self.segments.joined(x[:: self.per, :, samples])) for x in (self.c, self.cd, self.cdd, self.tau)
+        )
         return Course(motion, *parts)
 
 
@@ -125,11 +127,11 @@ def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
 def between(values: Array, segments: Segments, per: int) -> Array:
     """Linear interpolation to every control period, (steps * per, n, segments), from (n, samples)."""
     last = values.shape[1] - 1
-    at = segments.sample[:, None, :] + np.arange(per)[None, :, None] / per
-    low = np.minimum(at.astype(int), last)
-    share = at - low
-    made = values[:, low] * (1 - share) + values[:, np.minimum(low + 1, last)] * share
-    return np.ascontiguousarray(np.moveaxis(made.reshape(len(values), -1, segments.count), 0, 1))
+    position = segments.sample[:, None, :] + np.arange(per)[None, :, None] / per
+    low = np.minimum(position.astype(int), last)
+    share = position - low
+    values_between = values[:, low] * (1 - share) + values[:, np.minimum(low + 1, last)] * share
+    return np.ascontiguousarray(np.moveaxis(values_between.reshape(len(values), -1, segments.count), 0, 1))
 
 
 def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, segments: Segments) -> Steps:
@@ -202,24 +204,25 @@ def _run(
     period, steps = motion.dt / per, len(segments.sample) * per
     begin = c[:, : segments.count]
     smooth_parts, dry_parts = (
-        max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (forward.without_dry(), forward)
+        max(1, int(np.ceil(period * dynamics.stiffness(begin) / STABLE)))
+        for dynamics in (forward.without_dry(), forward)
     )
-    made = np.empty((4, steps, *c.shape))
+    states = np.empty((4, steps, *c.shape))
     free = np.empty((steps, len(forward.model.device.motors), c.shape[1]), dtype=bool)
     motors = np.empty(free.shape)
     for k in range(steps):
         tau, motors[k], free[k] = law(k, c, cd)
         cdd = forward.acceleration(c, cd, tau)
-        made[:, k] = c, cd, cdd, tau
+        states[:, k] = c, cd, cdd, tau
         turning = forward.turning(c, cd, cdd, period)
         after_c, after_cd = np.empty_like(c), np.empty_like(cd)
-        for which, parts in ((turning, dry_parts), (~turning, smooth_parts)):
-            now = c[:, which], cd[:, which], cdd[:, which], tau[:, which]
-            after_c[:, which], after_cd[:, which] = _control_period(forward, now, period, parts)
+        for mask, parts in ((turning, dry_parts), (~turning, smooth_parts)):
+            now = c[:, mask], cd[:, mask], cdd[:, mask], tau[:, mask]
+            after_c[:, mask], after_cd[:, mask] = _control_period(forward, now, period, parts)
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
             raise _diverged(forward.model, motion, segments, k // per, cd)
-    return Steps(segments, per, made[0], made[1], made[2], made[3], free, motors)
+    return Steps(segments, per, *states, free, motors)
 
 
 def _control_period(

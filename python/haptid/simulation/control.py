@@ -93,15 +93,15 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
         return np.asarray(model.device.row_map @ recorded(motion.log, law.reference))
     if place >= len(law.reference):
         raise _setting("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
-    given = np.asarray(law.reference[place], dtype=float)
-    expect("reference", given.shape, (len(motion), len(model.device.active)))
-    return np.asarray(model.device.row_map @ given.T)
+    reference = np.asarray(law.reference[place], dtype=float)
+    expect("reference", reference.shape, (len(motion), len(model.device.active)))
+    return np.asarray(model.device.row_map @ reference.T)
 
 
 def recorded(log: Log, wanted: Signal) -> Array:
     """Other position channels of a log's file, on the log's grid, (channels, n), rad or m."""
-    whole = read_log(log.path, replace(log.channels, position=wanted))
-    return np.array([np.interp(log.t, whole.t, channel) for channel in whole.position.T])
+    log_of_reference = read_log(log.path, replace(log.channels, position=wanted))
+    return np.array([np.interp(log.t, log_of_reference.t, channel) for channel in log_of_reference.position.T])
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,12 +104,12 @@ class DrivenJoints:
 
     def _coordinates(self, known: list[Array], x: Array, v: Array, a: Array) -> list[Array]:
         """The rows' coordinates, velocities and accelerations, each (n, states)."""
-        made = []
+        coordinates = []
         for measured, own in zip(known, (x, v, a), strict=True):
             qa = measured.copy()
             qa[self.unknown] = own
-            made.append(np.ascontiguousarray(self._B @ qa))
-        return made
+            coordinates.append(np.ascontiguousarray(self._B @ qa))
+        return coordinates
 
     def _projected(self, matrix: Array) -> Array:
         """Rows and columns of the unknown joints, (states, u, u), of a matrix of the coordinates, (states, n, n)."""
@@ -140,11 +140,11 @@ class DrivenJoints:
                 raise self._without("spring", stiffness) from None
         return x, v, np.zeros((len(first), 2 * u, p))
 
-    def _without(self, what: str, matrix: Array) -> SimulationError:
+    def _without(self, purpose: str, matrix: Array) -> SimulationError:
         names = [self.model.device.joints[self.model.device.active[k]].name for k in self.unknown]
         return SimulationError(
-            f"these parameters give one of the joints {', '.join(names)} no {what}, so its motion is undefined.",
-            where=what,
+            f"these parameters give one of the joints {', '.join(names)} no {purpose}, so its motion is undefined.",
+            where=purpose,
             found=float(np.abs(matrix).min(initial=0.0)),
             advice="Begin with other values: prior values of the elastic motors' stiffness in the device file.",
         )
@@ -157,25 +157,25 @@ class DrivenJoints:
         x, v, _ = self._start(forward)
         h, steps = self.motion.dt, len(self.segments.sample)
         parts = self._parts(forward, x)
-        made = np.empty((steps, 3, *x.shape))
+        states = np.empty((steps, 3, *x.shape))
         for k in range(steps):
             sample = self.segments.sample[k]
             known = self._known(sample)
             a = self._acceleration(forward, known, x, v)
-            made[k] = x, v, a
+            states[k] = x, v, a
             slow = np.zeros(len(sample), dtype=bool)
             if parts > 1:
                 c, cd, cdd = self._coordinates(known, x, v, a)
                 slow = turning(self.model, c, cd, cdd, h)
             after = np.empty((2, *x.shape))
-            for which, count in ((slow, parts), (~slow, 1)):
-                if which.any():
-                    now = x[:, which], v[:, which], a[:, which]
-                    after[:, :, which] = self._step(forward, sample[which], now, count)
+            for mask, count in ((slow, parts), (~slow, 1)):
+                if mask.any():
+                    now = x[:, mask], v[:, mask], a[:, mask]
+                    after[:, :, mask] = self._step(forward, sample[mask], now, count)
             x, v = after
             if not np.abs(v).max() < FASTEST:
                 raise self._diverged(k, v)
-        return made
+        return states
 
     def _step(
         self, forward: ForwardDynamics, sample: np.ndarray, now: tuple[Array, Array, Array], parts: int
@@ -219,7 +219,7 @@ class DrivenJoints:
         steps, u, count = len(states), len(self.unknown), states.shape[3]
         n, p = len(self._B), self.base.shape[1]
         X = self._start(forward)[2]
-        whole = np.empty((n, 4 + p, self.segments.samples))
+        result = np.empty((n, 4 + p, self.segments.samples))
         begin = np.empty((count, 2 * u, 1 + p))
         self._keep(begin, 0, states, X)
         before: tuple[Array, Array] | None = None
@@ -248,12 +248,14 @@ class DrivenJoints:
             s, sd, sdd = (y.reshape(-1, u, p) for y in (S[:, :, :u], S[:, :, u:], rate))
             slope = Y + by_c @ (B @ s) + by_cd @ (B @ sd) + mass @ (B @ sdd)
             torque = forward.inverse(c, cd, cdd)
-            made = np.concatenate([np.array([c, cd, cdd, torque]).transpose(1, 0, 2), slope.transpose(1, 2, 0)], axis=1)
+            course = np.concatenate(
+                [np.array([c, cd, cdd, torque]).transpose(1, 0, 2), slope.transpose(1, 2, 0)], axis=1
+            )
             own = self.segments.own[part].ravel()
-            whole[:, :, sample.ravel()[own]] = made[:, :, own]
+            result[:, :, sample.ravel()[own]] = course[:, :, own]
         self._begin = begin
-        c, cd, cdd, torque = (np.ascontiguousarray(whole[:, i]) for i in range(4))
-        return DrivenCourse(c, cd, cdd, torque, whole[:, 4:])
+        c, cd, cdd, torque = (np.ascontiguousarray(result[:, i]) for i in range(4))
+        return DrivenCourse(c, cd, cdd, torque, result[:, 4:])
 
     def _keep(self, begin: Array, step: int, states: Array, X: Array) -> None:
         """States and derivatives at samples where segments begin, from the segment that has them as its own."""
@@ -263,11 +265,11 @@ class DrivenJoints:
 
     def _handovers(self) -> dict[int, list[tuple[int, int]]]:
         """By step: which segment has as its own sample the one that another segment begins at."""
-        made: dict[int, list[tuple[int, int]]] = {0: [(0, 0)]}
+        handovers: dict[int, list[tuple[int, int]]] = {0: [(0, 0)]}
         for k, sample in enumerate(self.segments.sample[0].tolist()):
             for step, segment in np.argwhere((self.segments.sample == sample) & self.segments.own).tolist():
-                made.setdefault(step, []).append((segment, k))
-        return made
+                handovers.setdefault(step, []).append((segment, k))
+        return handovers
 
     def _ahead(self, now: tuple[Array, Array], then: tuple[Array, Array], X: Array) -> Array:
         """One step of the trapezoidal rule of s'' = F (s, s') + b, (segments, 2u, p)."""

@@ -42,8 +42,8 @@ def noise_moments(
     passed = np.abs(np.exp(-2j * np.pi * np.outer(f, np.arange(len(taps))) * dt) @ taps) ** 2
     power = 2 * dt * highest / _FREQUENCIES * passed
     low, high = motion.usable
-    at = np.linspace(low, high - 1, _POSES + 2).astype(int)[1:-1]
-    c, cd, cdd = (np.ascontiguousarray(x[:, at - low]) for x in coordinates(device, motion, low, high))
+    samples = np.linspace(low, high - 1, _POSES + 2).astype(int)[1:-1]
+    c, cd, cdd = (np.ascontiguousarray(x[:, samples - low]) for x in coordinates(device, motion, low, high))
     B, unknown = np.asarray(device.row_map), unloaded_joints(model)
     known = np.delete(np.arange(len(B)), unknown)
     channels = np.eye(len(variance))
@@ -52,18 +52,18 @@ def noise_moments(
     parts = [_impedances(ForwardDynamics(model, base[:, k]), c, cd, cdd, B) for k in range(len(beta))]
     N, b = np.zeros((len(B), len(beta), len(beta))), np.zeros((len(B), len(beta)))
     for w, weight in zip(2 * np.pi * f, power, strict=True):
-        each = np.array([K + 1j * w * D - w**2 * M for K, D, M in parts])  # (p, poses, rows, joints)
-        A = np.tensordot(beta, each, 1)
+        stiffness = np.array([K + 1j * w * D - w**2 * M for K, D, M in parts])  # (p, poses, rows, joints)
+        A = np.tensordot(beta, stiffness, 1)
         own = B[:, unknown].T
         inverse = np.linalg.inv(own @ A[:, :, unknown])
         x = -inverse @ (own @ (A[:, :, known] @ spread))
-        v = np.zeros((len(at), len(B), spread.shape[1]), dtype=complex)
+        v = np.zeros((len(samples), len(B), spread.shape[1]), dtype=complex)
         v[:, known], v[:, unknown] = spread, x
         H = A @ v
-        direct = each @ v
+        direct = stiffness @ v
         dH = direct - A[:, :, unknown] @ (inverse @ (own @ direct))
-        N += weight * np.einsum("pnkj,qnkj->kpq", dH.conj(), dH).real / len(at)
-        b += weight * np.einsum("pnkj,nkj->kp", dH.conj(), H).real / len(at)
+        N += weight * np.einsum("pnkj,qnkj->kpq", dH.conj(), dH).real / len(samples)
+        b += weight * np.einsum("pnkj,nkj->kp", dH.conj(), H).real / len(samples)
     return N, b
 
 

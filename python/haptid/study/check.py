@@ -83,14 +83,14 @@ class StudyCheck:
         """The same as JSON values."""
         logs = [
             {
-                "path": one.path,
-                "role": one.role,
-                "summary": one.summary,
-                "notes": one.notes,
-                "problem": one.problem,
-                "played": one.played,
+                "path": log.path,
+                "role": log.role,
+                "summary": log.summary,
+                "notes": log.notes,
+                "problem": log.problem,
+                "played": log.played,
             }
-            for one in self.logs
+            for log in self.logs
         ]
         return {
             "study": self.name,
@@ -144,7 +144,7 @@ def check_study(
         _read(study, model, entry, Path(data or study.path.parent), tell, plan)
         for entry, plan in zip_longest(study.logs, plans)
     ]
-    logs = tuple(found for found, _ in recordings)
+    logs = tuple(check for check, _ in recordings)
     problems = [log.problem for log in logs if log.problem]
     reasons: tuple[str, ...] = ()
     steps: tuple[str, ...] = ()
@@ -153,8 +153,8 @@ def check_study(
             check_kind(study)
         read = [recording for _, recording in recordings]
         motions = [one for one in read if isinstance(one, Log)]
-        seen = [(one, entry) for one, entry in zip(motions, study.logs, strict=False) if entry.role == "identify"]
-        bare = [one for one, entry in seen if entry.body is None] or [one for one, _ in seen]
+        fitted = [(one, entry) for one, entry in zip(motions, study.logs, strict=False) if entry.role == "identify"]
+        bare = [one for one, entry in fitted if entry.body is None] or [one for one, _ in fitted]
         if not problems and study.poses is None:
             tell("choosing a treatment", 0.0)
             proposal = propose(model, *bare, **study.treatment)
@@ -179,14 +179,14 @@ def _read(
         log = read_entry(entry, data, tell)
         about = f"{log.t.size} samples, {log.rate_hz:.5g} Hz, {float(log.t[-1] - log.t[0]):.4g} s"
         parts = f", {len(log.segments)} segments" if len(log.segments) > 1 else ""
-        found = LogCheck(entry.path, entry.role, f"{about}{parts}", log.notes)
+        check = LogCheck(entry.path, entry.role, f"{about}{parts}", log.notes)
         check_log(model.device, log)
         if plan is not None:
             played = compare_with_plan(log, read_motion(plan, model.device), model.device)
-            found = replace(found, played=played.sentences)
+            check = replace(check, played=played.sentences)
     except HaptidError as error:
         return LogCheck(entry.path, entry.role, "", (), str(error)), None
-    return found, log
+    return check, log
 
 
 def _steps(study: Study, model: DynamicModel, motions: list[Motion]) -> tuple[str, ...]:

@@ -38,32 +38,32 @@ def draft_study(
     names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
     straight = [device.joints[k].prismatic for k in device.active]
-    found = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
-    found = replace(found, notes=(*found.notes, *_elsewhere(found, logs[1:])))
+    surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
+    surveyed = replace(surveyed, notes=(*surveyed.notes, *_elsewhere(surveyed, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:
         device_path = _relative(path, folder)
         device_path = device_path if "/" in device_path or device_path.endswith(".toml") else f"./{device_path}"
     lines = ["schema = 1", f"name = {basic_string(device.name)}", f"device = {basic_string(device_path)}", ""]
-    lines.append(found.table or "[channels]  # no channels of positions were recognised: name them here\n")
+    lines.append(surveyed.table or "[channels]  # no channels of positions were recognised: name them here\n")
     for k, log in enumerate(logs):
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
         lines += ['role = "validate"', ""] if k else [""]
-    return "\n".join(lines).rstrip() + "\n", found
+    return "\n".join(lines).rstrip() + "\n", surveyed
 
 
-def _elsewhere(found: Survey, others: Sequence[str | Path]) -> Iterator[str]:
+def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:
     """Sentences on other files that have what the first one lacks, and not what it has: parts of one recording."""
-    for other in others if found.lacking else ():
+    for other in others if surveyed.lacking else ():
         try:
-            there = survey(other).quantities
+            quantities = survey(other).quantities
         except HaptidError:
             continue
-        parts = [key for key in found.lacking if key in there]
-        if parts and not there.issuperset(("position", "torque")):
+        parts = [key for key in surveyed.lacking if key in quantities]
+        if parts and not quantities.issuperset(("position", "torque")):
             has = " and ".join(f"{key}s" for key in parts)
             yield (
-                f"{Path(other).name} has {has}, which {found.path.name} lacks: a log is one file with all of its "
+                f"{Path(other).name} has {has}, which {surveyed.path.name} lacks: a log is one file with all of its "
                 "channels; put their columns side by side in one table"
             )
 

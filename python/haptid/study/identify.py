@@ -175,18 +175,27 @@ def identify(
         final = with_treatment_uncertainty(final, proposal.delays, proposal.effects, proposal.rounding)
     final = calibration.with_uncertainty(final) if calibration else final
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
-    seen = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
-    use = model_for_use(final, reduce(add, seen), study.use)
+    fitted_rows = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
+    use = model_for_use(final, reduce(add, fitted_rows), study.use)
     runs = []
-    for entry, observation, whole in zip(study.logs, observations, all_rows, strict=True):
+    for entry, observation, reference_rows in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
             shares = motor_shares(use.estimate, observation.motions[0])
-            runs.append(Run(entry, observation, None, (validate(use.estimate, observation, whole),), whole, shares))
+            runs.append(
+                Run(
+                    entry,
+                    observation,
+                    None,
+                    (validate(use.estimate, observation, reference_rows),),
+                    reference_rows,
+                    shares,
+                )
+            )
         else:
             others = [o for o in fitted if o is not observation]
-            unseen = held_out(study, as_filed, observation, others, whole)
+            unseen = held_out(study, as_filed, observation, others, reference_rows)
             shares = motor_shares(use.estimate, observation.motions[0])
-            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, whole, shares))
+            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, reference_rows, shares))
     progress("estimating", 1.0)
     return Identification(
         study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
@@ -242,7 +251,7 @@ def _reference_rows(
     except NoRowsError:
         if len(logs) == 1:
             return observe_all(model, [treat(logs[0], replace(reference, rest_speed=0.0))], workers, cache)
-    return tuple(one for log in logs for one in _reference_rows(model, [log], reference, workers, cache))
+    return tuple(rows for log in logs for rows in _reference_rows(model, [log], reference, workers, cache))
 
 
 def check_kind(study: Study) -> None:
@@ -286,14 +295,16 @@ def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Pr
         return study, logs
     progress("finding stiffness", 0.0)
     fitting = [entry.role == "identify" for entry in study.logs]
-    made, found = complete_logs(model, logs, fitting, **study.treatment)
+    completed, stiffness_fit = complete_logs(model, logs, fitting, **study.treatment)
     # Simulated links hold no noise but the motors', and tell no delay but that they were simulated with.
-    used = found.observation.motions[0].treatment
+    treatment_used = stiffness_fit.observation.motions[0].treatment
     names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s")
-    treatment = {**{name: getattr(used, name) for name in names}, **study.treatment}
-    method = MotorSide(weighting=study.method, initial=dict(zip(found.names, found.beta.tolist(), strict=True)))
+    treatment = {**{name: getattr(treatment_used, name) for name in names}, **study.treatment}
+    method = MotorSide(
+        weighting=study.method, initial=dict(zip(stiffness_fit.names, stiffness_fit.beta.tolist(), strict=True))
+    )
     progress("finding stiffness", 1.0)
-    return replace(study, method=method, use="free", treatment=treatment), made
+    return replace(study, method=method, use="free", treatment=treatment), completed
 
 
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
@@ -315,11 +326,11 @@ def _calibrated(
         return None, list(logs)
     progress("calibrating", 0.0)
     fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
-    found = find_calibration(model, [logs[k] for k in fitted], treatment, study.calibration)
+    calibration = find_calibration(model, [logs[k] for k in fitted], treatment, study.calibration)
     places = {k: j for j, k in enumerate(fitted)}
-    corrected = [found.corrected(model, log, treatment, places.get(k)) for k, log in enumerate(logs)]
+    corrected = [calibration.corrected(model, log, treatment, places.get(k)) for k, log in enumerate(logs)]
     progress("calibrating", 1.0)
-    return found, corrected
+    return calibration, corrected
 
 
 def _treat(log: Log, treatment: Treatment, progress: _Progress) -> Motion:
@@ -347,7 +358,7 @@ def held_out(
     model: DynamicModel,
     observation: Observation,
     others: list[Observation],
-    whole: Observation | None = None,
+    reference_rows: Observation | None = None,
 ) -> tuple[Validation, ...]:
     """Cross-validation of a log's rows by models for use from other rows, by the study's scheme.
 
@@ -360,18 +371,18 @@ def held_out(
     """
     if study.cross_validation and has_nonlinear_constants(model):
         predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]
-        rest = [motion for other in others for motion in other.motions]
-        behind = None if whole is None else whole.motions[0]
-        return (predict(model, observation.motions[0], rest, study.method, behind, study.use),)
+        other_motions = [motion for other in others for motion in other.motions]
+        reference_motion = None if reference_rows is None else reference_rows.motions[0]
+        return (predict(model, observation.motions[0], other_motions, study.method, reference_motion, study.use),)
     if study.cross_validation == "leave-one-log-out":
-        return (validate(_usable(study, reduce(add, others)), observation, whole),)
+        return (validate(_usable(study, reduce(add, others)), observation, reference_rows),)
     if study.cross_validation == "blocks":
-        return (pooled(*_folds(study, observation, others, whole)),)
+        return (pooled(*_folds(study, observation, others, reference_rows)),)
     return ()
 
 
 def _folds(
-    study: Study, observation: Observation, others: list[Observation], whole: Observation | None
+    study: Study, observation: Observation, others: list[Observation], reference_rows: Observation | None
 ) -> list[Validation]:
     """Both halves of a log's time blocks, predicted from the other one and the other logs.
 
@@ -382,7 +393,8 @@ def _folds(
     def predicted(run: int) -> list[Validation]:
         halves = observation.alternate(run)
         return [
-            validate(_usable(study, reduce(add, others, fit)), unseen, whole) for fit, unseen in (halves, halves[::-1])
+            validate(_usable(study, reduce(add, others, fit)), unseen, reference_rows)
+            for fit, unseen in (halves, halves[::-1])
         ]
 
     for run in _RUNS[:-1]:

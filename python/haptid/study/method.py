@@ -110,10 +110,10 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
     """
     method = table.method or "wls"
     make, keys = METHODS[method] if method in METHODS else (_of_extension(study, method), ())
-    given = {key: value for key in _SETTINGS if (value := getattr(table, key)) is not None}
-    for key in given:
+    settings = {key: value for key in _SETTINGS if (value := getattr(table, key)) is not None}
+    for key in settings:
         if key not in keys:
-            raise fault(study, f"estimate.{key}", f"the method {method!r} has no such setting", given[key])
+            raise fault(study, f"estimate.{key}", f"the method {method!r} has no such setting", settings[key])
     if table.settings is not None:
         if method in METHODS:
             raise fault(
@@ -123,9 +123,9 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
                 method,
                 "Write the settings of this method as keys of [estimate].",
             )
-        given = table.settings
-    if "loss" in given:
-        given["loss"] = _LOSSES[given["loss"]]()
+        settings = table.settings
+    if "loss" in settings:
+        settings["loss"] = _LOSSES[settings["loss"]]()
     if isinstance(make, type) and issubclass(make, ClosedLoop):
         if controller is None:
             raise fault(
@@ -135,9 +135,9 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
                 method,
                 "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as wls.",
             )
-        given["controller"] = controller
-    if isinstance(given.get("resolution"), list):
-        given["resolution"] = tuple(given["resolution"])
+        settings["controller"] = controller
+    if isinstance(settings.get("resolution"), list):
+        settings["resolution"] = tuple(settings["resolution"])
     if make is Entropic and INTERVALS[table.intervals] is Profile:
         raise fault(
             study,
@@ -152,13 +152,13 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
             study, f"estimate.{constraints[1]}", f"together with {constraints[0]}: give one of {', '.join(CONSTRAINTS)}"
         )
     try:
-        return _constrained(table, make(**given))
+        return _constrained(table, make(**settings))
     except SettingError as error:
         raise fault(study, "estimate", str(error).rstrip(".")) from error
     except TypeError as error:
         if method in METHODS:
             raise
-        raise fault(study, "estimate.settings", f"the method {method!r} refuses them: {error}", given) from error
+        raise fault(study, "estimate.settings", f"the method {method!r} refuses them: {error}", settings) from error
 
 
 def _of_extension(study: Path, method: str) -> Callable[..., Method]:
@@ -168,12 +168,12 @@ def _of_extension(study: Path, method: str) -> Callable[..., Method]:
         StudyFileError: there is none.
         MissingDependencyError: it cannot be imported.
     """
-    found: Callable[..., Method] | None = extension("haptid.methods", method)
-    if found is None:
+    constructor: Callable[..., Method] | None = extension("haptid.methods", method)
+    if constructor is None:
         known = (*METHODS, *extension_names("haptid.methods"))
         advice = suggestion(method, known)
         raise fault(study, "estimate.method", f"there is no method {method!r}", method, advice)
-    return found
+    return constructor
 
 
 def _constrained(table: EstimateTable, weighting: Method) -> Method:

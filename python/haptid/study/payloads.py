@@ -51,14 +51,21 @@ def study_payloads(
     bodies = _bodies(study, entries)
     model, recorded = _recorded(study, entries, data, tell)
     tell("identifying payloads", 0.0)
-    bare = [one for one, entry in zip(recorded, entries, strict=True) if entry.body is None]
+    bare = [recording for recording, entry in zip(recorded, entries, strict=True) if entry.body is None]
     loaded = [
-        (body, [one for one, entry in zip(recorded, entries, strict=True) if entry.body and entry.body.name == name])
+        (
+            body,
+            [
+                recording
+                for recording, entry in zip(recorded, entries, strict=True)
+                if entry.body and entry.body.name == name
+            ],
+        )
         for name, body in bodies.items()
     ]
-    found = identify_payloads(model, bare, loaded, gains=gains, shared_friction=shared_friction)
+    payloads = identify_payloads(model, bare, loaded, gains=gains, shared_friction=shared_friction)
     tell("identifying payloads", 1.0)
-    return found
+    return payloads
 
 
 def _bodies(study: Study, entries: Sequence[LogEntry]) -> dict[str, AttachedBody]:
@@ -69,19 +76,19 @@ def _bodies(study: Study, entries: Sequence[LogEntry]) -> dict[str, AttachedBody
             continue
         first = bodies.setdefault(entry.body.name, entry.body)
         if not _agree(first, entry.body):
-            what = f"payload {first.name!r} is another one than in an earlier log"
-            raise fault(study.path, f"logs.{k}.payload", what, advice="Give it the same values, or another name.")
+            problem = f"payload {first.name!r} is another one than in an earlier log"
+            raise fault(study.path, f"logs.{k}.payload", problem, advice="Give it the same values, or another name.")
     if not bodies or all(entry.body for entry in entries):
-        what = "no log has a payload" if not bodies else "every log has a payload"
+        problem = "no log has a payload" if not bodies else "every log has a payload"
         advice = "Payloads are identified from logs with and without: give the former `payload = { link = ... }`."
-        raise fault(study.path, "logs", what, advice=advice)
+        raise fault(study.path, "logs", problem, advice=advice)
     return bodies
 
 
-def _agree(one: AttachedBody, other: AttachedBody) -> bool:
-    same = (one.link, one.mass) == (other.link, other.mass)
-    pairs = ((one.com, other.com), (one.inertia, other.inertia))
-    return same and all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in pairs)
+def _agree(first: AttachedBody, second: AttachedBody) -> bool:
+    scalars_agree = (first.link, first.mass) == (second.link, second.mass)
+    pairs = ((first.com, second.com), (first.inertia, second.inertia))
+    return scalars_agree and all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in pairs)
 
 
 def _recorded(
@@ -118,12 +125,12 @@ def recorded_poses(
     tell(f"reading {path.name}", 0.0)
     if study.poses.table:
         assert entry.channels is not None  # the reader of studies has seen to it
-        found = read_poses(path, model.device, entry.channels, study.poses.approach)
+        poses = read_poses(path, model.device, entry.channels, study.poses.approach)
     else:
         log = read_log(path, entry.channels, entry.time_range, entry.episodes)
-        found = find_poses(model.device, log, study.poses.detection)
+        poses = find_poses(model.device, log, study.poses.detection)
     tell(f"reading {path.name}", 1.0)
-    return found
+    return poses
 
 
 def study_poses(
@@ -151,6 +158,6 @@ def study_poses(
         raise fault(study.path, "logs", "every log has a payload", advice="`haptid payload` identifies payloads.")
     model, poses = _recorded(study, entries, data, tell)
     tell("identifying gravity", 0.0)
-    found = identify_poses(model, join_poses(*(one for one in poses if isinstance(one, Poses))))
+    identified = identify_poses(model, join_poses(*(recording for recording in poses if isinstance(recording, Poses))))
     tell("identifying gravity", 1.0)
-    return found
+    return identified

@@ -124,15 +124,15 @@ def _calibration(study: Path, table: CalibrationTable) -> CalibrationPrior:
 
 
 def _controller(study: Path, table: ControllerTable) -> PID:
-    given: dict[str, Any] = {
+    settings: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in table.model_dump(exclude={"reference"}, exclude_none=True).items()
     }
     if table.reference is not None:
         signal = SignalTable.model_validate(table.reference.model_dump() | {"constant_ok": True})
-        given["reference"] = _signal(study, "controller.reference", signal)
+        settings["reference"] = _signal(study, "controller.reference", signal)
     try:
-        return PID(**given)
+        return PID(**settings)
     except SettingError as error:
         raise fault(study, "controller", str(error).rstrip(".")) from error
 
@@ -154,16 +154,16 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
             raise fault(study, f"logs.{index}.exclude", f"a part ends at {stop} before it begins at {start}")
     channels = None
     if table:
-        where = f"logs.{index}.channels" if log.channels else "channels"
+        key = f"logs.{index}.channels" if log.channels else "channels"
         if timeless and (table.time is not None or table.rate_hz is not None):
-            raise fault(study, where, "a table with one row a pose has neither `time` nor `rate_hz`")
+            raise fault(study, key, "a table with one row a pose has neither `time` nor `rate_hz`")
         if not timeless and (table.time is None) == (table.rate_hz is None):
-            raise fault(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
+            raise fault(study, key, "give `time` (a channel) or `rate_hz`, one of the two")
         try:
             channels = Channels(
-                position=_signal(study, f"{where}.position", table.position),
-                torque=_signal(study, f"{where}.torque", table.torque),
-                time=_time(study, where, table),
+                position=_signal(study, f"{key}.position", table.position),
+                torque=_signal(study, f"{key}.torque", table.torque),
+                time=_time(study, key, table),
                 time_unit=table.time_unit or ("ns" if isinstance(table.time, TimeTable) else "s"),
                 rate_hz=1.0 if timeless else table.rate_hz,
                 sampling=table.sampling,
@@ -172,7 +172,7 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
                 velocity=None if table.velocity is None else _signal(study, f"{where}.velocity", table.velocity),
             )
         except LogError as error:
-            raise fault(study, where, str(error).rstrip(".")) from error
+            raise fault(study, key, str(error).rstrip(".")) from error
     elif timeless:
         raise fault(study, "channels", "a table with one row a pose requires them")
     episodes = None if log.episodes is None else tuple(log.episodes)
@@ -182,54 +182,54 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
     return LogEntry(log.path, log.role, time_range, channels, *payload, episodes, exclude)
 
 
-def _time(study: Path, where: str, table: ChannelsTable) -> str | None:
+def _time(study: Path, key: str, table: ChannelsTable) -> str | None:
     """Name of the time channel."""
     if not isinstance(table.time, TimeTable):
         return table.time
     if table.time_unit not in (None, "ns"):
-        raise fault(study, f"{where}.time_unit", "stamps of messages are in ns", table.time_unit)
+        raise fault(study, f"{key}.time_unit", "stamps of messages are in ns", table.time_unit)
     signal = table.position if table.merge.onto == "position" else table.torque
     topic = table.time.topic or signal.topic
     if topic is None:
-        raise fault(study, f"{where}.time", f"give its `topic`, or that of the {table.merge.onto}")
+        raise fault(study, f"{key}.time", f"give its `topic`, or that of the {table.merge.onto}")
     return f"{topic}@{table.time.stamp}"
 
 
-def _names(study: Path, where: str, table: SignalTable) -> tuple[str, ...]:
+def _names(study: Path, key: str, table: SignalTable) -> tuple[str, ...]:
     """Names of a signal's channels: as given, or the joints of a field."""
     if table.channels is not None:
         if table.topic or table.field or table.joints:
-            raise fault(study, where, "give either `channels`, or `field` with `topic` and `joints`")
+            raise fault(study, key, "give either `channels`, or `field` with `topic` and `joints`")
         return tuple(table.channels)
     if table.field is None:
-        raise fault(study, where, "give `channels`, or `field` with `joints` (and the `topic` of messages)")
+        raise fault(study, key, "give `channels`, or `field` with `joints` (and the `topic` of messages)")
     array = table.field if table.topic is None else f"{table.topic}.{table.field}"
     return tuple(f"{array}[{joint}]" for joint in table.joints) if table.joints else (array,)
 
 
-def _payload(study: Path, where: str, log: str, table: PayloadTable) -> tuple[Payload | None, AttachedBody]:
+def _payload(study: Path, key: str, log: str, table: PayloadTable) -> tuple[Payload | None, AttachedBody]:
     """The payload where it is known well enough to be subtracted, and what is known of it."""
     inertia = None if table.inertia is None else tensor(np.array(table.inertia))
     com = None if table.com is None else np.array(table.com)
     try:
         body = AttachedBody(table.name or Path(log).stem, table.link, table.mass, com, inertia)
     except SettingError as error:
-        raise fault(study, where, str(error).rstrip(".")) from error
+        raise fault(study, key, str(error).rstrip(".")) from error
     known = None if table.mass is None or com is None else Payload(table.link, PriorBody(table.mass, com, inertia))
     return known, body
 
 
-def _signal(study: Path, where: str, table: SignalTable) -> Signal:
-    names = _names(study, where, table)
+def _signal(study: Path, key: str, table: SignalTable) -> Signal:
+    names = _names(study, key, table)
 
     def spread(name: str, value: float | list[float]) -> tuple[float, ...]:
         values = tuple(value) if isinstance(value, list) else (value,) * len(names)
         if len(values) != len(names):
-            raise fault(study, f"{where}.{name}", f"{len(values)} figures for {len(names)} channels")
+            raise fault(study, f"{key}.{name}", f"{len(values)} figures for {len(names)} channels")
         return values
 
     if table.sign_bit is not None and table.word_bits is not None:
-        raise fault(study, f"{where}.word_bits", "give either `sign_bit` or `word_bits`")
+        raise fault(study, f"{key}.word_bits", "give either `sign_bit` or `word_bits`")
     return Signal(
         channels=names,
         unit=table.unit if isinstance(table.unit, str) else next(iter(table.unit), ""),
@@ -249,9 +249,9 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], validation: ValidationT
     fitted = [log for log in logs if log.role == "identify"]
     if not fitted:
         raise fault(study, "logs", "no log has role 'identify', so there is nothing to fit")
-    seen: dict[str, list[LogEntry]] = {}
+    entries_of: dict[str, list[LogEntry]] = {}
     for log in logs:
-        earlier = seen.setdefault(log.path, [])
+        earlier = entries_of.setdefault(log.path, [])
         if any(_overlap(log.time_range, other.time_range) and _shared(log, other) for other in earlier):
             raise fault(
                 study,

@@ -326,7 +326,7 @@ class StudyTable(_Table):
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
 
 
-def fault(study: Path, key: str, what: str, found: Any = None, advice: str = "") -> StudyFileError:
+def fault(study: Path, key: str, problem: str, found: Any = None, advice: str = "") -> StudyFileError:
     """The error for a key of a study file.
 
     Args:
@@ -336,7 +336,7 @@ def fault(study: Path, key: str, what: str, found: Any = None, advice: str = "")
         found: the value.
         advice: what to do.
     """
-    return StudyFileError(f"{study}, key `{key}`: {what}.", where=key, found=found, advice=advice)
+    return StudyFileError(f"{study}, key `{key}`: {problem}.", where=key, found=found, advice=advice)
 
 
 def study_schema() -> dict[str, Any]:

@@ -89,9 +89,9 @@ class Study:
     method_given: bool = True
 
     def _shown(self) -> Overview:
-        given = ", ".join(f"{name} {value}" for name, value in self.treatment.items())
+        settings = ", ".join(f"{name} {value}" for name, value in self.treatment.items())
         largest = "none" if self.largest_error is None else f"at most {self.largest_error:g} % error on unseen rows"
-        notes = (f"criterion: {largest}", f"treatment: {given or 'proposed from the logs'}")
+        notes = (f"criterion: {largest}", f"treatment: {settings or 'proposed from the logs'}")
         title = f"Study {self.name} of {self.device} by {self.method.name}"
         return Overview(title, ("log", "role"), [[entry.path, entry.role] for entry in self.logs], notes)
 
@@ -99,6 +99,6 @@ class Study:
         """The study with the default method of a device: torque noise where its rows mix motors by the pose."""
         if self.method_given or not (device.redundant or device.drive_varies.any()):
             return self
-        made: Any = self.method  # WLS, or constraints around it
+        method: Any = self.method  # WLS, or constraints around it
         noise = TorqueNoise()
-        return replace(self, method=replace(made, weighting=noise) if hasattr(made, "weighting") else noise)
+        return replace(self, method=replace(method, weighting=noise) if hasattr(method, "weighting") else noise)

@@ -57,11 +57,11 @@ def dagostino_pearson(x: Array) -> tuple[float, float, float]:
 
     Source: D'Agostino, Belanger and D'Agostino (1990), The American Statistician 44(4), equations (8) to (20).
     """
-    n, away = len(x), x - x.mean()
-    m2 = float(np.mean(away**2))
+    n, deviations = len(x), x - x.mean()
+    m2 = float(np.mean(deviations**2))
     if m2 <= (np.finfo(float).eps * abs(float(x.mean()))) ** 2:  # rounding of a constant
         return np.nan, np.nan, np.nan
-    skewness, kurtosis = float(np.mean(away**3)) / m2**1.5, float(np.mean(away**4)) / m2**2
+    skewness, kurtosis = float(np.mean(deviations**3)) / m2**1.5, float(np.mean(deviations**4)) / m2**2
     if n < _FEWEST:
         return skewness, kurtosis - 3.0, 1.0
     y = skewness * np.sqrt((n + 1) * (n + 3) / (6.0 * (n - 2)))

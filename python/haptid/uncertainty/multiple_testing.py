@@ -25,9 +25,9 @@ def together(p: Array) -> Array:
     """
     order = np.argsort(p)
     steps = p[order] * np.arange(len(order), 0, -1)
-    made = np.empty(len(order))
-    made[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    return freeze(made)
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return freeze(adjusted)
 
 
 def se_above_rounding(value: Array, se: Array) -> Array:

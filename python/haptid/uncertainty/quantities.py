@@ -91,16 +91,16 @@ class Quantities:
         values, covariance = C @ self.values, C @ self.covariance @ C.T
         return Quantities(tuple(names), tuple(units), values, covariance, np.asarray(dof, dtype=float))
 
-    def pick(self, kept: Sequence[int]) -> Quantities:
+    def pick(self, indices: Sequence[int]) -> Quantities:
         """Some of them, by index."""
         return replace(
             self,
-            names=tuple(self.names[k] for k in kept),
-            units=tuple(self.units[k] for k in kept),
-            values=self.values[list(kept)],
-            covariance=self.covariance[np.ix_(kept, kept)],
-            dof=self.dof[list(kept)],
-            unbounded=tuple(list(kept).index(k) for k in self.unbounded if k in kept),
+            names=tuple(self.names[k] for k in indices),
+            units=tuple(self.units[k] for k in indices),
+            values=self.values[list(indices)],
+            covariance=self.covariance[np.ix_(indices, indices)],
+            dof=self.dof[list(indices)],
+            unbounded=tuple(list(indices).index(k) for k in self.unbounded if k in indices),
         )
 
     def table(self, level: float = LEVEL) -> str:
@@ -171,16 +171,16 @@ def correlations(covariance: Array) -> Array:
     """Correlations from a covariance, (k, k): 1 on the diagonal, NaN next to a zero variance."""
     se = np.sqrt(np.diag(covariance))
     with np.errstate(divide="ignore", invalid="ignore"):
-        made = np.clip(covariance / np.outer(se, se), -1.0, 1.0)
-    np.fill_diagonal(made, 1.0)
-    return freeze(made)
+        correlation = np.clip(covariance / np.outer(se, se), -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    return freeze(correlation)
 
 
 def covariance_root(covariance: Array) -> Array:
     """Columns whose outer products sum to a covariance, (k, s); directions of no variance are left out."""
     values, vectors = np.linalg.eigh(covariance)
-    kept = values > 0
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+    positive = values > 0
+    return np.asarray(vectors[:, positive] * np.sqrt(values[positive]))
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -35,9 +35,9 @@ def each_log(
     Raises:
         HaptidError: as `fit_nonlinear_constants`, `observe` and `estimate`.
     """
-    found, _ = fit_nonlinear_constants(model, others, method)
-    made = model_for_use(estimate(observe(found, *others), method), None, use).estimate
-    return validate(made, observe(found, motion), reference)
+    fitted_model, _ = fit_nonlinear_constants(model, others, method)
+    usable = model_for_use(estimate(observe(fitted_model, *others), method), None, use).estimate
+    return validate(usable, observe(fitted_model, motion), reference)
 
 
 def alternate(
@@ -55,9 +55,9 @@ def alternate(
 
     def predicted() -> Iterator[Validation]:
         for parity in (0, 1):
-            found, _ = fit_nonlinear_constants(model, [AlternateBlocks(motion, parity), *others], method)
-            halves = observe(found, motion).alternate()
-            fit = sum((observe(found, other) for other in others), halves[parity])
+            fitted_model, _ = fit_nonlinear_constants(model, [AlternateBlocks(motion, parity), *others], method)
+            halves = observe(fitted_model, motion).alternate()
+            fit = sum((observe(fitted_model, other) for other in others), halves[parity])
             yield validate(model_for_use(estimate(fit, method), None, use).estimate, halves[1 - parity], reference)
 
     return pooled(*predicted())

@@ -119,7 +119,7 @@ class ModelForUse:
         return self.estimate.method
 
 
-def model_for_use(made: Estimate, reference: Observation | None = None, wanted: str = "auto") -> ModelForUse:
+def model_for_use(fitted: Estimate, reference: Observation | None = None, wanted: str = "auto") -> ModelForUse:
     """The model for use, chosen on the rows of an estimate alone.
 
     The physically consistent fit is replaced by the free one, or by one with a prior where the device has prior values,
@@ -135,65 +135,69 @@ def model_for_use(made: Estimate, reference: Observation | None = None, wanted: 
         wanted: "auto", or the name of the fit to use without a comparison.
 
     """
-    if not only_weights_rows(made.method):
-        return ModelForUse("given", made, f"The model for use is the estimate itself, by {made.method.name}.")
+    if not only_weights_rows(fitted.method):
+        return ModelForUse("given", fitted, f"The model for use is the estimate itself, by {fitted.method.name}.")
     if wanted == FREE:
-        return ModelForUse(FREE, made, "The model for use is the free fit, as the study says.")
+        return ModelForUse(FREE, fitted, "The model for use is the free fit, as the study says.")
     try:
-        return _chosen(made, reference or made.observation, wanted)
+        return _chosen(fitted, reference or fitted.observation, wanted)
     except (PhysicalConsistencyError, ConvergenceError) as error:
-        return ModelForUse(FREE, made, f"The model for use is the free fit: no consistent one was found ({error})")
+        return ModelForUse(FREE, fitted, f"The model for use is the free fit: no consistent one was found ({error})")
 
 
-def _chosen(made: Estimate, reference: Observation, wanted: str) -> ModelForUse:
+def _chosen(fitted: Estimate, reference: Observation, wanted: str) -> ModelForUse:
     """The consistent fit, or one that is better on held-out blocks."""
-    left = _open(made) if wanted == "auto" else ()
+    left = _open(fitted) if wanted == "auto" else ()
     if left:
-        made = _made(made, ANCHORED, None)
-    consistent = _made(made, CONSISTENT, None)
+        fitted = _made(fitted, ANCHORED, None)
+    consistent = _made(fitted, CONSISTENT, None)
     if wanted == CONSISTENT:
         return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}, as the study says.")
-    has = made.model
+    has = fitted.model
     priors = [] if left else [RIDGE] * has_prior(has) + [ENTROPIC] * bool(prior_links(has))
-    because = _left_open(left, made)
+    because = _left_open(left, fitted)
     if not consistent.constrained and not priors:
         why = "The free fit is physically consistent: it is the model for use."
         return ModelForUse(CONSISTENT, consistent, why + because, open=left)
-    trial = _trial(made, reference, (CONSISTENT, FREE, *priors))
+    trial = _trial(fitted, reference, (CONSISTENT, FREE, *priors))
     if trial is None:
         why = "the log is too short, or too poorly excited, to compare it with others on held-out rows"
         reason = f"The model for use is {NAMES[CONSISTENT]}: {why}.{because}"
         return ModelForUse(CONSISTENT, consistent, reason, open=left)
-    found = tuple(trial.candidates())
-    best = min((one for one in found if one.is_better), key=lambda one: one.error, default=found[0])
-    chosen = consistent if best is found[0] else _made(made, best.name, best.strength)
-    return ModelForUse(best.name, chosen, _reason(best, found) + because, found, left)
+    candidates = tuple(trial.candidates())
+    best = min(
+        (candidate for candidate in candidates if candidate.is_better),
+        key=lambda candidate: candidate.error,
+        default=candidates[0],
+    )
+    chosen = consistent if best is candidates[0] else _made(fitted, best.name, best.strength)
+    return ModelForUse(best.name, chosen, _reason(best, candidates) + because, candidates, left)
 
 
-def _open(made: Estimate) -> tuple[str, ...]:
+def _open(fitted: Estimate) -> tuple[str, ...]:
     """Base parameters that the log leaves open."""
-    if not made.fit.unit_residual:
+    if not fitted.fit.unit_residual:
         return ()
-    A = reference_torque(made.observation)
-    return open_parameters(made.observation, A, made.covariance, made.classical_covariance)
+    A = reference_torque(fitted.observation)
+    return open_parameters(fitted.observation, A, fitted.covariance, fitted.classical_covariance)
 
 
-def _left_open(left: Sequence[str], made: Estimate) -> str:
+def _left_open(left: Sequence[str], fitted: Estimate) -> str:
     """What the log does not determine and what was done about it, as a sentence; empty where it determines all."""
     if not left:
         return ""
-    more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
-    where = "the device file's bodies" if has_prior(made.model) else "zero"
+    others = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+    held_at = "the device file's bodies" if has_prior(fitted.model) else "zero"
     return (
-        f" The log does not determine {', '.join(left[:_NAMED])}{more}: a weak prior keeps the torque of other "
-        f"motion near that of {where}. Record motion of these joints, fast and at other poses."
+        f" The log does not determine {', '.join(left[:_NAMED])}{others}: a weak prior keeps the torque of other "
+        f"motion near that of {held_at}. Record motion of these joints, fast and at other poses."
     )
 
 
-def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
+def _reason(best: UseCandidate, candidates: Sequence[UseCandidate]) -> str:
     """Why, in one sentence with the figures."""
-    if best is found[0]:
-        others = ", ".join(f"{one.error:.3g} % of {NAMES[one.name]}" for one in found[1:])
+    if best is candidates[0]:
+        others = ", ".join(f"{candidate.error:.3g} % of {NAMES[candidate.name]}" for candidate in candidates[1:])
         return (
             f"The model for use is {NAMES[CONSISTENT]}: its error on held-out blocks is {best.error:.3g} %, against "
             f"{others}, none better by both one standard error of the paired "
@@ -202,29 +206,29 @@ def _reason(best: UseCandidate, found: Sequence[UseCandidate]) -> str:
     difference, se = best.excess
     return (
         f"The model for use is {NAMES[best.name]}: its error on held-out blocks is {best.error:.3g} %, against "
-        f"{found[0].error:.3g} % of {NAMES[CONSISTENT]}, better by {-difference / se:.2g} standard errors of the "
+        f"{candidates[0].error:.3g} % of {NAMES[CONSISTENT]}, better by {-difference / se:.2g} standard errors of the "
         f"paired differences."
     )
 
 
-def _made(made: Estimate, name: str, strength: float | None) -> Estimate:
+def _made(fitted: Estimate, name: str, strength: float | None) -> Estimate:
     """A candidate from all rows."""
     if name == FREE:
-        return made
+        return fitted
     method: Method
     if name == ANCHORED:
-        method = Anchored(made.method)
-    elif isinstance(made.method, Anchored):
-        method = AnchoredConsistent(made.method.weighting)
+        method = Anchored(fitted.method)
+    elif isinstance(fitted.method, Anchored):
+        method = AnchoredConsistent(fitted.method.weighting)
     elif name == RIDGE:
         method = Ridge(strength=strength)
     elif name == ENTROPIC:
-        method = Entropic(strength, made.method)
+        method = Entropic(strength, fitted.method)
     else:
-        method = PhysicallyConsistent(made.method)
-    limited = isinstance(made.intervals, Limiting) and name != CONSISTENT
-    other = estimate(made.observation, method, ClusterRobust() if limited else made.intervals)
-    for nuisance, shifts in made.nuisances.items():
+        method = PhysicallyConsistent(fitted.method)
+    limited = isinstance(fitted.intervals, Limiting) and name != CONSISTENT
+    other = estimate(fitted.observation, method, ClusterRobust() if limited else fitted.intervals)
+    for nuisance, shifts in fitted.nuisances.items():
         other = other.with_nuisance(nuisance, shifts)
     return other
 
@@ -256,31 +260,31 @@ def se_of_sum(values: Array) -> float:
 
     Source: Newey and West (1987), Econometrica 55(3); never below that of independent values.
     """
-    n, away = len(values), values - values.mean()
+    n, deviations = len(values), values - values.mean()
     lags = min(n - 1, round(n ** (1 / 3)))
-    own = float(away @ away)
-    serial = 2 * sum((1 - k / (lags + 1)) * float(away[k:] @ away[:-k]) for k in range(1, lags + 1))
+    own = float(deviations @ deviations)
+    serial = 2 * sum((1 - k / (lags + 1)) * float(deviations[k:] @ deviations[:-k]) for k in range(1, lags + 1))
     return float(np.sqrt((own + max(serial, 0.0)) * n / (n - 1)))
 
 
-def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Trial | None:
+def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _Trial | None:
     """Fits without each fold and their errors on it; None where there are too few blocks to leave some out."""
-    rows, model = made.fit.observation, made.model
+    rows, model = fitted.fit.observation, fitted.model
     count = len(rows.blocks)
     if count < _FEWEST_BLOCKS:
         return None
-    scale = 1.0 if made.fit.unit_residual else made.fit.solution.rest / np.sqrt(made.fit.solution.dof)
+    scale = 1.0 if fitted.fit.unit_residual else fitted.fit.solution.rest / np.sqrt(fitted.fit.solution.dof)
     folds = min(_FOLDS, count // _IN_FOLD)
     fold_of = np.arange(count) % folds
     held = _folds(rows, fold_of, reference)
-    whole = reference.pick(np.flatnonzero(held >= 0))
+    trial_rows = reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
-    measure = _Measure.of(whole)
-    prior = made.method.knowledge(rows).rows if isinstance(made.method, Anchored) else None
+    measure = _Measure.of(trial_rows)
+    prior = fitted.method.knowledge(rows).rows if isinstance(fitted.method, Anchored) else None
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
     for fold in range(folds):
-        T = rows.pick(np.flatnonzero(fold_of != fold)).stack(made.fit.weights / scale)
+        T = rows.pick(np.flatnonzero(fold_of != fold)).stack(fitted.fit.weights / scale)
         if prior is not None:
             T = triangle(np.concatenate([T, prior]))
         mine = np.flatnonzero(held == fold)
@@ -295,7 +299,7 @@ def _trial(made: Estimate, reference: Observation, names: Sequence[str]) -> _Tri
                     raise
                 del errors[name]  # such a fit is no candidate
             else:
-                errors[name].append(measure.squares(whole, mine, betas))
+                errors[name].append(measure.squares(trial_rows, mine, betas))
     back = np.argsort(np.concatenate(order))
     return _Trial({name: np.concatenate(parts, axis=1)[:, back] for name, parts in errors.items()})
 

@@ -89,17 +89,18 @@ class Validation:
         """Text table: motor, relative error, RMSE, rows."""
         kind = "rows of the fit" if self.seen else "unseen rows"
         lines = (f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows" for m in self.motors)
-        made = "\n".join([f"{self.relative:.2f} % relative error {self.together}, on {kind}", *lines])
+        text = "\n".join([f"{self.relative:.2f} % relative error {self.together}, on {kind}", *lines])
         if self.reference is None:
-            return made
-        each = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
-        return f"{made}\n  on all rows in motion, behind the reference filter: {self.reference.relative:.2f} % ({each})"
+            return text
+        by_motor = ", ".join(f"{m.label} {m.relative:.2f} %" for m in self.reference.motors)
+        errors = f"{self.reference.relative:.2f} % ({by_motor})"
+        return f"{text}\n  on all rows in motion, behind the reference filter: {errors}"
 
     def _shown(self) -> Overview:
         kind = "rows of the fit" if self.seen else "unseen rows"
-        whole = {m.motor: f"{m.relative:.2f}" for m in self.reference.motors} if self.reference else {}
+        reference = {m.motor: f"{m.relative:.2f}" for m in self.reference.motors} if self.reference else {}
         rows = [
-            [m.label, f"{m.relative:.2f}", whole.get(m.motor, ""), f"{m.rmse:.4g} {m.unit}", str(m.rows)]
+            [m.label, f"{m.relative:.2f}", reference.get(m.motor, ""), f"{m.rmse:.4g} {m.unit}", str(m.rows)]
             for m in self.motors
         ]
         title = f"Validation: {self.relative:.2f} % relative error {self.together}, on {kind}"
@@ -133,13 +134,13 @@ def validate(
             found=(shared.start, shared.stop),
             advice="Validate on another log, or hold blocks of this one out before the fit.",
         )
-    made = _compare(estimate, unseen, seen=False)
+    validation = _compare(estimate, unseen, seen=False)
     if reference is None:
-        return made
+        return validation
     if isinstance(reference, Motion):
         reference = observe(estimate.model, reference)
     inside = _within(reference, unseen, estimate.observation)
-    return replace(made, reference=None if inside is None else _compare(estimate, inside, seen=False))
+    return replace(validation, reference=None if inside is None else _compare(estimate, inside, seen=False))
 
 
 def _within(rows: Observation, unseen: Observation, fitted: Observation) -> Observation | None:
@@ -159,11 +160,11 @@ def _within(rows: Observation, unseen: Observation, fitted: Observation) -> Obse
 
 def _distance(times: Array, log: str, observation: Observation) -> Array:
     """From each time to the nearest block of a log in an observation, s; infinite without any."""
-    found = np.full(len(times), np.inf)
+    distances = np.full(len(times), np.inf)
     for block in observation.blocks:
         if block.log == log:
-            found = np.minimum(found, np.maximum(np.maximum(block.start - times, times - block.stop), 0.0))
-    return found
+            distances = np.minimum(distances, np.maximum(np.maximum(block.start - times, times - block.stop), 0.0))
+    return distances
 
 
 def fit_errors(estimate: Estimate, observation: Observation | None = None) -> Validation:

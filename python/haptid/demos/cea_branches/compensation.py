@@ -127,8 +127,8 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
 def _predicted(law: Compensation, pose: Array, direction: Array, hz: float, bench: Setup) -> Array:
     """Felt mass and damping along a direction with none across, (2,), kg and N s/m."""
     Z = law.loop(pose, bench.dt, bench.amplifiers.delay).impedance(np.array([hz]))[0]
-    along = direction @ Z @ direction
-    return np.array([along.imag / (2 * np.pi * hz), along.real])
+    projected = direction @ Z @ direction
+    return np.array([projected.imag / (2 * np.pi * hz), projected.real])
 
 
 def _trial(
@@ -137,11 +137,11 @@ def _trial(
     """One hand moves the handle at the greatest frequency of the plan."""
     hz, model = max(plan.frequencies_hz), HANDS[hand]
     stroke = Stroke(plan.speed / (2 * np.pi * hz), hz, plan.seconds, 0.0, model)
-    made = guided(bench, pose, direction, law, stroke)
-    felt = impedance_of(bench, made, pose, direction, stroke)
-    _, speed, _, _ = along_line(bench, made, pose, direction)
+    motion = guided(bench, pose, direction, law, stroke)
+    impedance = impedance_of(bench, motion, pose, direction, stroke)
+    _, speed, _, _ = along_line(bench, motion, pose, direction)
     loop = law.loop(pose, bench.dt, bench.amplifiers.delay)
-    return HandTrial(hand, name, loop.spectral_radius(model), felt.power, _above(speed, 4 * hz, bench.dt))
+    return HandTrial(hand, name, loop.spectral_radius(model), impedance.power, _above(speed, 4 * hz, bench.dt))
 
 
 def _above(values: Array, hz: float, dt: float) -> float:

@@ -9,10 +9,10 @@ from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable
 
 
-def compensation_section(found: Results) -> DocumentSection:
+def compensation_section(results: Results) -> DocumentSection:
     """The chapter of the page."""
-    made, plan = found.compensated, found.demo.compensation
-    design, chosen = made.design, made.chosen
+    compensated, plan = results.compensated, results.demo.compensation
+    design, chosen = compensated.design, compensated.chosen
     passive = design.front("passive")
     best = max((point.reduction for point in passive), default=0.0)
     text = [
@@ -36,53 +36,58 @@ def compensation_section(found: Results) -> DocumentSection:
         )
     else:
         text.append(f"No point reduces the felt mass by {100 * plan.reduction:.0f} % and is stable and quiet.")
-    tables = (_felt_table(found), _frequency_table(found), _hands_table(found))
-    return DocumentSection("law", "Mass compensation", tuple(text), tables, (_front_chart(found),))
+    tables = (_felt_table(results), _frequency_table(results), _hands_table(results))
+    return DocumentSection("law", "Mass compensation", tuple(text), tables, (_front_chart(results),))
 
 
-def _ranged(one: HandleImpedance, name: str) -> str:
+def _ranged(impedance: HandleImpedance, name: str) -> str:
     """A felt figure with half the width of its 95 % interval."""
-    k = one.quantities.names.index(name)
-    low, high = one.quantities.conf_int()[k]
-    return f"{one.quantities.values[k]:.3f} \u00b1 {(high - low) / 2:.3f}"
+    k = impedance.quantities.names.index(name)
+    low, high = impedance.quantities.conf_int()[k]
+    return f"{impedance.quantities.values[k]:.3f} \u00b1 {(high - low) / 2:.3f}"
 
 
-def _felt_table(found: Results) -> TextTable:
-    made = found.compensated
+def _felt_table(results: Results) -> TextTable:
+    compensated = results.compensated
     head = ["angle", "mass of the model"]
-    rows = [[f"{a:g}", f"{m:.3f}"] for a, m in zip(made.degrees, made.estimated, strict=True)]
-    for name in made.laws:
+    rows = [[f"{a:g}", f"{m:.3f}"] for a, m in zip(compensated.degrees, compensated.estimated, strict=True)]
+    for name in compensated.laws:
         head += [f"{name}: mass", "promised", "damping", "promised"]
-        for row, felt, (mass, damping) in zip(rows, made.felt[name], made.promised[name], strict=True):
-            row += [_ranged(felt, "mass"), f"{mass:.3f}", _ranged(felt, "damping"), f"{damping:.2f}"]
-    return TextTable(f"Felt at {found.demo.compensation.felt_hz:g} Hz, kg and N s/m", [head, *rows])
+        for row, impedances, (mass, damping) in zip(
+            rows, compensated.felt[name], compensated.promised[name], strict=True
+        ):
+            row += [_ranged(impedances, "mass"), f"{mass:.3f}", _ranged(impedances, "damping"), f"{damping:.2f}"]
+    return TextTable(f"Felt at {results.demo.compensation.felt_hz:g} Hz, kg and N s/m", [head, *rows])
 
 
-def _frequency_table(found: Results) -> TextTable:
+def _frequency_table(results: Results) -> TextTable:
     cells = [["law", "Hz", "mass, kg", "damping, N s/m", "dry friction, N", "power to the hand, W"]]
-    for name, curve in found.compensated.curves.items():
+    for name, curve in results.compensated.curves.items():
         figures = ("mass", "damping", "friction", "power")
-        cells += [[name, f"{one.frequency_hz:g}", *(_ranged(one, what) for what in figures)] for one in curve]
+        cells += [
+            [name, f"{impedance.frequency_hz:g}", *(_ranged(impedance, quantity) for quantity in figures)]
+            for impedance in curve
+        ]
     return TextTable("Felt over frequency at the middle pose", cells)
 
 
-def _hands_table(found: Results) -> TextTable:
+def _hands_table(results: Results) -> TextTable:
     cells = [["hand", "law", "spectral radius", "power to the hand, W", "unrest, mm/s"]]
     cells += [
-        [one.hand, one.law, f"{one.predicted:.4f}", f"{one.power:.4f}", f"{1e3 * one.unrest:.2f}"]
-        for one in found.compensated.trials
+        [trial.hand, trial.law, f"{trial.predicted:.4f}", f"{trial.power:.4f}", f"{1e3 * trial.unrest:.2f}"]
+        for trial in results.compensated.trials
     ]
     return TextTable("Hands that move the handle on the bench", cells)
 
 
-def _front_chart(found: Results) -> Chart:
+def _front_chart(results: Results) -> Chart:
     """All points, and the front of those that a hand can hold."""
-    design, chosen = found.compensated.design, found.compensated.chosen
+    design, chosen = results.compensated.design, results.compensated.chosen
     curves = []
     kinds = {"quiet alone": "sky", "stable alone": "orange", "stable and quiet": "blue", "passive": "green"}
     for name, colour in kinds.items():
-        kept = [point for point in design.points if point.reduction < 1 and _kind(point) == name]
-        x, y = (packed([getattr(point, key) for point in kept]) for key in ("reduction", "added_damping"))
+        points = [point for point in design.points if point.reduction < 1 and _kind(point) == name]
+        x, y = (packed([getattr(point, key) for point in points]) for key in ("reduction", "added_damping"))
         curves.append(chart_series(name, "points", colour, x=x, y=y))
     front = design.front("stable", "quiet")
     x, y = (packed([getattr(point, key) for point in front]) for key in ("reduction", "added_damping"))

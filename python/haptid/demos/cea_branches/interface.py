@@ -84,8 +84,8 @@ class IdentifiedInterface:
     @cached_property
     def tilt(self) -> Array:
         """Angle of the handle's own axis from upright at these poses, (poses,), degrees."""
-        up = handle_motion(self.model, self.over_workspace["linear"].handle.qa).rotation[:, 1, 2]
-        return np.asarray(np.degrees(np.arccos(np.clip(np.abs(up), 0.0, 1.0))))
+        vertical = handle_motion(self.model, self.over_workspace["linear"].handle.qa).rotation[:, 1, 2]
+        return np.asarray(np.degrees(np.arccos(np.clip(np.abs(vertical), 0.0, 1.0))))
 
     @cached_property
     def truly(self) -> dict[str, Characterisation]:
@@ -101,6 +101,6 @@ def identified_interface(plan: Interface, recording: BenchRecording, unseen: Ben
     """All base parameters from one log, with the covariance of the seven torque channels, and the other log treated."""
     proposal = propose(recording.model, recording.log(plan.identify))
     fit = recording.motion(plan.identify, proposal.treatment)
-    found = estimate(observe(recording.model, fit), TorqueNoise())
+    fitted = estimate(observe(recording.model, fit), TorqueNoise())
     other = unseen.motion(plan.validate_, proposal.treatment)
-    return IdentifiedInterface(plan, recording.beta, proposal, found, other)
+    return IdentifiedInterface(plan, recording.beta, proposal, fitted, other)

@@ -197,10 +197,14 @@ class Results:
 
 def takes(demo: CeaDemo, logs: Path) -> list[Take]:
     """Both logs of the interface, and of every branch the friction test and its two logs; long ones first."""
-    whole, kinds = demo.interface, ("friction", "key", "unseen")
-    made = [demo.take(key, logs, device=whole.device) for key in (whole.key, whole.unseen)] if whole else []
-    made += [demo.take(key, logs) for key in (demo.flawed.fit, demo.flawed.unseen)] if demo.flawed else []
-    return made + [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
+    interface, kinds = demo.interface, ("friction", "key", "unseen")
+    takes = (
+        [demo.take(key, logs, device=interface.device) for key in (interface.key, interface.unseen)]
+        if interface
+        else []
+    )
+    takes += [demo.take(key, logs) for key in (demo.flawed.fit, demo.flawed.unseen)] if demo.flawed else []
+    return takes + [demo.take(getattr(branch, kind), logs) for kind in kinds for branch in demo.branches]
 
 
 def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
@@ -210,33 +214,33 @@ def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
     def recording(key: str) -> BenchRecording:
         return read_recording(model, logs / f"{key}.toml", logs / f"{key}.parquet")
 
-    friction, found, handles = dict[str, FrictionTest](), dict[str, Identified](), dict[str, Handle]()
+    friction, identified_branches, handles = dict[str, FrictionTest](), dict[str, Identified](), dict[str, Handle]()
     for k, branch in enumerate(demo.branches):
         progress("identifying", k / len(demo.branches))
         friction[branch.key] = friction_test(demo.stretch, recording(branch.friction))
         table = demo.tables[branch.key]
-        one = identified(branch, table, demo.stretch, recording(branch.key), recording(branch.unseen))
-        found[branch.key] = one
+        branch_fit = identified(branch, table, demo.stretch, recording(branch.key), recording(branch.unseen))
+        identified_branches[branch.key] = branch_fit
         progress("identifying", (k + 0.7) / len(demo.branches))
-        at = demo.posture.at(model)
+        posture = demo.posture.at(model)
         handles[branch.key] = Handle(
-            sweeps={sweep.key: apparent_mass(one.reduced, sweep.along(model)) for sweep in demo.sweeps},
-            essential=characterise(one.reduced, at),
-            full=characterise(one.full, at),
+            sweeps={sweep.key: apparent_mass(branch_fit.reduced, sweep.along(model)) for sweep in demo.sweeps},
+            essential=characterise(branch_fit.reduced, posture),
+            full=characterise(branch_fit.full, posture),
         )
     progress("identifying", 1.0)
     plan = demo.compensation
     progress("compensating", 0.0)
     setup = read_experiment(logs / f"{plan.branch}.toml").setup(model)
-    made = compensated(plan, demo.sweep(plan.sweep), found[plan.branch].reduced, setup)
+    compensation = compensated(plan, demo.sweep(plan.sweep), identified_branches[plan.branch].reduced, setup)
     progress("compensating", 1.0)
-    whole = interface_of(demo.interface, logs, progress) if demo.interface else None
+    interface = interface_of(demo.interface, logs, progress) if demo.interface else None
     bent = None
     if demo.flawed:
         first = demo.branches[0]
         pairs = (first.key, first.unseen), (demo.flawed.fit, demo.flawed.unseen)
-        bent = flawed(demo, found[first.key], *([recording(key) for key in pair] for pair in pairs))
-    return Results(demo, model, friction, found, handles, made, whole, bent)
+        bent = flawed(demo, identified_branches[first.key], *([recording(key) for key in pair] for pair in pairs))
+    return Results(demo, model, friction, identified_branches, handles, compensation, interface, bent)
 
 
 def flawed(
@@ -266,6 +270,6 @@ def interface_of(plan: Interface, logs: Path, progress: Progress) -> IdentifiedI
     logged, other = (
         read_recording(model, logs / f"{key}.toml", logs / f"{key}.parquet") for key in (plan.key, plan.unseen)
     )
-    made = identified_interface(plan, logged, other)
+    interface = identified_interface(plan, logged, other)
     progress("identifying the interface", 1.0)
-    return made
+    return interface

@@ -94,7 +94,7 @@ def fit_all(demo: PhantomDemo, mounting: str, exact: BenchRecording, encoders: B
     paper = demo.published.treatment(exact.dt)
     known = [exact.exact(half, paper) for half in halves]
     read = [encoders.motion(half, proposal.treatment) for half in halves]
-    made = {
+    fits = {
         "frictionless": fitted("8 parameters, exact velocity", without_terms(model), known),
         "exact": fitted("exact velocity, causal filter", model, known),
         "encoders": fitted("encoders, proposed treatment", model, read),
@@ -102,17 +102,17 @@ def fit_all(demo: PhantomDemo, mounting: str, exact: BenchRecording, encoders: B
     }
     for lag in demo.published.lags:
         late = demo.published.treatment(encoders.dt, lag)
-        both = [encoders.motion(half, late) for half in halves]
-        made[f"late {1e3 * lag:g} ms"] = fitted(f"encoders, velocity {1e3 * lag:g} ms late", model, both)
-    return Fits(mounting, exact, encoders, proposal, made)
+        motions = [encoders.motion(half, late) for half in halves]
+        fits[f"late {1e3 * lag:g} ms"] = fitted(f"encoders, velocity {1e3 * lag:g} ms late", model, motions)
+    return Fits(mounting, exact, encoders, proposal, fits)
 
 
 def fitted(title: str, model: DynamicModel, halves: Sequence[Motion], method: Method | None = None) -> Fit:
     """A fit to the first motion, validated on the second."""
     first, second = halves
-    found = estimate(observe(model, first), method or WLS())
+    estimate_found = estimate(observe(model, first), method or WLS())
     everywhere = replace(second, treatment=replace(second.treatment, reversal_speed=0.0))
-    return Fit(title, found, validate(found, second), validate(found, everywhere), second)
+    return Fit(title, estimate_found, validate(estimate_found, second), validate(estimate_found, everywhere), second)
 
 
 def without_terms(model: DynamicModel) -> DynamicModel:
@@ -124,8 +124,8 @@ def without_terms(model: DynamicModel) -> DynamicModel:
     inertial = device.parameters.raw[: 10 * len(device.joints)]
     rules = tuple(rule.among(inertial) for rule in device.symmetry)
     links = standard_parameters([j.name for j in device.joints], [j.body for j in device.joints], (), rules)
-    where = [device.parameters.index[name] for name in links.names]
-    terms = np.setdiff1d(np.arange(len(device.parameters.names)), where)
+    columns = [device.parameters.index[name] for name in links.names]
+    terms = np.setdiff1d(np.arange(len(device.parameters.names)), columns)
     bare = replace(
         device,
         terms=(),
@@ -133,6 +133,6 @@ def without_terms(model: DynamicModel) -> DynamicModel:
         symmetry=rules,
         prior={name: value for name, value in device.prior.items() if name in links.raw},
         keep=tuple(name for name in device.keep if name in links.raw),
-        targets=tuple(replace(t, row=t.row[where]) for t in device.targets if not t.row[terms].any()),
+        targets=tuple(replace(t, row=t.row[columns]) for t in device.targets if not t.row[terms].any()),
     )
     return DynamicModel(bare)

@@ -70,11 +70,11 @@ def hand_forces(plan: Hand, fit: Fit, recording: BenchRecording) -> HandForces:
     noise = validate(fit.estimate, treat(fit.unseen.log, treatment))
     force = estimate_force(fit.estimate, motion, validation=noise)
     rows = (force.t >= plan.start) & (force.t <= plan.stop)
-    at, taps = recording.index(force.t[rows]), treatment.taps(dt)[:, None]
+    indices, taps = recording.index(force.t[rows]), treatment.taps(dt)[:, None]
     acting = 0.5 * (recording.hand + previous(recording.hand))
     turned = handle_motion(recording.model, recording.q).rotation
     sensed = np.asarray(np.einsum("nij,nj->ni", turned, recording.sensor))
-    true, measured = (signal.convolve(x, taps, mode="same")[at] for x in (acting, sensed))
+    true, measured = (signal.convolve(x, taps, mode="same")[indices] for x in (acting, sensed))
     low, high = np.moveaxis(force.conf_int()[rows], -1, 0)
     return HandForces(
         t=force.t[rows],
@@ -97,7 +97,7 @@ def _through_observer(
 ) -> dict[str, Array]:
     """Forces through the observer's low-pass at these times, and the observer's own."""
     observer, dt = MomentumObserver(), recording.dt
-    seen = observe_force(estimate, motion, observer, validation=noise)
+    observed = observe_force(estimate, motion, observer, validation=noise)
     every_row = replace(motion, treatment=replace(motion.treatment, decimation=1))
     force = estimate_force(estimate, every_row, validation=noise)
     known = np.nan_to_num(force.force)
@@ -105,5 +105,5 @@ def _through_observer(
     return {
         "true_delayed": observer.smooth(previous(recording.hand).T, dt).T[recording.index(t)],
         "modelled_delayed": modelled[np.rint((t - force.t[0]) / dt).astype(int)],
-        "observed": seen.force[np.rint((t - seen.t[0]) / dt).astype(int)],
+        "observed": observed.force[np.rint((t - observed.t[0]) / dt).astype(int)],
     }

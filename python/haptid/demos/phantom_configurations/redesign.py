@@ -19,18 +19,21 @@ _POSES = 2000
 NULLED = 0.01
 
 
-def fronts(found: Results) -> tuple[Balance, ...]:
+def fronts(results: Results) -> tuple[Balance, ...]:
     """Balances of the published normal column over the first workspace, at several prices."""
-    like = next(iter(found.fits.values()))["encoders"].targets
-    known = GivenParameters(found.model, published_beta(found.demo, like, _FROM))
-    return balance_front(known, found.demo.workspaces[0].of(found.model).grid(_POSES))
+    like = next(iter(results.fits.values()))["encoders"].targets
+    known = GivenParameters(results.model, published_beta(results.demo, like, _FROM))
+    return balance_front(known, results.demo.workspaces[0].of(results.model).grid(_POSES))
 
 
-def redesign_section(found: Results) -> DocumentSection:
+def redesign_section(results: Results) -> DocumentSection:
     """The chapter of the page."""
-    front = fronts(found)
+    front = fronts(results)
     # Many weights have the same moments: of the balances that leave next to nothing, the lightest at the handle.
-    best = min((one for one in front if one.static_after <= NULLED * one.static_before), key=lambda one: one.mass_after)
+    best = min(
+        (balance for balance in front if balance.static_after <= NULLED * balance.static_before),
+        key=lambda balance: balance.mass_after,
+    )
     weights = " and ".join(f"{w.mass:.3f} kg on {w.link} at {1e3 * w.com[0]:.1f} mm" for w in best.weights)
     text = (
         f"Counterweights that null the gravity terms of the published Normal column, within the places of the device "
@@ -43,32 +46,36 @@ def redesign_section(found: Results) -> DocumentSection:
         "before, and its price in pi_4 to pi_6 is that of the gimbal with its weights.",
     )
     return DocumentSection(
-        "redesign", "Counterweights", text, (_parameters(found, best), _front_table(front)), (_chart(front),)
+        "redesign", "Counterweights", text, (_parameters(results, best), _front_table(front)), (_chart(front),)
     )
 
 
-def _parameters(found: Results, best: Balance) -> TextTable:
+def _parameters(results: Results, best: Balance) -> TextTable:
     """Published columns and that with the weights, in units of command."""
-    like = next(iter(found.fits.values()))["encoders"].targets
+    like = next(iter(results.fits.values()))["encoders"].targets
     per_command = np.linalg.norm(like.in_command().C, axis=1) / np.linalg.norm(like.C, axis=1)
-    made = target_map(found.model) @ best.identified.beta * per_command
-    normal, theirs = (np.nan_to_num(found.demo.parameters.column(name)) for name in (_FROM, _THEIRS))
+    targets = target_map(results.model) @ best.identified.beta * per_command
+    normal, theirs = (np.nan_to_num(results.demo.parameters.column(name)) for name in (_FROM, _THEIRS))
     cells = [["", "Normal", "with the weights", "price", "GC, published", "GC minus Normal"]]
-    for row in zip(found.demo.parameters.rows, normal, made, made - normal, theirs, theirs - normal, strict=True):
+    for row in zip(
+        results.demo.parameters.rows, normal, targets, targets - normal, theirs, theirs - normal, strict=True
+    ):
         cells.append([row[0], *(f"{value:z.4f}" for value in row[1:])])
     return TextTable("Parameters, units of command", cells)
 
 
 def _front_table(front: tuple[Balance, ...]) -> TextTable:
     cells = [["price", "static torque, N m", "largest effective mass, kg", "weights"]]
-    for one in front:
-        weights = "; ".join(f"{w.link} {w.mass:.3f} kg at {1e3 * w.com[0]:.1f} mm" for w in one.weights)
-        cells.append([f"{one.price:g}", f"{one.static_after:.2g}", f"{one.mass_after:.4f}", weights or "none"])
+    for balance in front:
+        weights = "; ".join(f"{w.link} {w.mass:.3f} kg at {1e3 * w.com[0]:.1f} mm" for w in balance.weights)
+        cells.append(
+            [f"{balance.price:g}", f"{balance.static_after:.2g}", f"{balance.mass_after:.4f}", weights or "none"]
+        )
     return TextTable("Static torque against effective mass", cells)
 
 
 def _chart(front: tuple[Balance, ...]) -> Chart:
-    x, y = packed([one.mass_after for one in front]), packed([one.static_after for one in front])
+    x, y = packed([balance.mass_after for balance in front]), packed([balance.static_after for balance in front])
     curves = [chart_series("front", "line", "blue", x=x, y=y), chart_series("weights", "points", "blue", x=x, y=y)]
     none = {"x": packed([front[0].mass_before]), "y": packed([front[0].static_before])}
     curves.append(chart_series("no weights", "points", "vermillion", **none))

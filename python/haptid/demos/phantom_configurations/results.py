@@ -156,14 +156,14 @@ def evaluate_all(
     """Evaluation of the published columns, and of our fits by mounting."""
     like = next(iter(fits.values()))["encoders"].targets
     named = (demo.parameters.columns[0], *fits)
-    many = len(named) + len(EVALUATED) * len(fits)
+    count = len(named) + len(EVALUATED) * len(fits)
     published, ours = dict[str, Evaluation](), dict[tuple[str, str], Evaluation]()
     for name in named:
-        progress("evaluating", len(published) / many)
+        progress("evaluating", len(published) / count)
         published[name] = evaluate(demo, model, published_beta(demo, like, name))
     for key, made in fits.items():
         for fit in EVALUATED:
-            progress("evaluating", (len(published) + len(ours)) / many)
+            progress("evaluating", (len(published) + len(ours)) / count)
             ours[key, fit] = evaluate(demo, model, made[fit].estimate)
     progress("evaluating", 1.0)
     return published, ours

@@ -85,8 +85,8 @@ class PrimeField:
             raise UnluckyDrawError
         if x.size > MANY:
             return self.power(x, self.prime - 2)  # Fermat's little theorem
-        each = [pow(residue, -1, self.prime) for residue in x.ravel().tolist()]
-        return np.array(each, dtype=np.int64).reshape(x.shape)
+        inverses = [pow(residue, -1, self.prime) for residue in x.ravel().tolist()]
+        return np.array(inverses, dtype=np.int64).reshape(x.shape)
 
     def root(self, x: Residues) -> tuple[Residues, np.ndarray]:
         """Square roots, and whether each is one: half of all residues have none."""
@@ -131,10 +131,10 @@ class PrimeField:
             UnluckyDrawError: a column is a pivot of some of the matrices only.
         """
         columns = matrices.shape[2] if candidates is None else candidates
-        made = _core.echelon(matrices, columns, self.prime)
-        if made is None:
+        echelon = _core.echelon(matrices, columns, self.prime)
+        if echelon is None:
             raise UnluckyDrawError
-        forms, pivots = made
+        forms, pivots = echelon
         return forms[:, : len(pivots)], pivots
 
 
@@ -144,12 +144,12 @@ def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | N
     The residues are joined into one modulo the product of the primes (Chinese remainder theorem), then split by the
     Euclidean algorithm. Source: Wang (1981), ACM SYMSAC, p. 212.
     """
-    whole = prod(primes)
-    x = sum(r * (whole // p) * pow(whole // p, -1, p) for r, p in zip(residues, primes, strict=True)) % whole
+    modulus = prod(primes)
+    x = sum(r * (modulus // p) * pow(modulus // p, -1, p) for r, p in zip(residues, primes, strict=True)) % modulus
     # Below the root of half the modulus the number is unique. With a tenth of that, an arbitrary residue is accepted in
     # one of two hundred cases, and the check at another prime rejects it.
-    bound = int((whole / 2) ** 0.5 / 10)
-    a, b, u, v = whole, x, 0, 1
+    bound = int((modulus / 2) ** 0.5 / 10)
+    a, b, u, v = modulus, x, 0, 1
     while b > bound:
         quotient = a // b
         a, b, u, v = b, a - quotient * b, v, u - quotient * v

@@ -170,8 +170,8 @@ class SymbolicColumn:
     def _coordinate(self, field: PrimeField, states: States) -> tuple[Residues, tuple[Residues, ...]]:
         """Rates of the coordinate by active joint, (n, active), and its position, velocity and acceleration."""
         if self.joint is not None:
-            each = (states.position, states.velocity, states.acceleration)
-            return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
+            motion = (states.position, states.velocity, states.acceleration)
+            return states.G[self.joint], tuple(quantity[self.joint] for quantity in motion)
         if self.row:
             used = [(j, field.of(factor)) for j, factor in enumerate(self.row) if factor]
 
@@ -189,18 +189,18 @@ class SymbolicColumn:
 def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[SymbolicColumn, ...]:
     """Columns of all terms of a device, those of cuts and motors with respect to these active joints."""
     names = device.joint_names
-    made = []
+    columns = []
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
         parts, rest = _parts(term), _rest(term, device, symbols)
         drive = next((d.row for d in device.drives if side == "motor" and d.name == name), np.zeros(len(names)))
         if np.delete(drive, [device.active[k] for k in active]).any():
-            made.append(SymbolicColumn(None, (), parts, rest, tuple(ratio(float(x)) for x in drive)))
+            columns.append(SymbolicColumn(None, (), parts, rest, tuple(ratio(float(x)) for x in drive)))
             continue
         weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
-        made.append(SymbolicColumn(joint, weights if joint is None else (), parts, rest))
-    return tuple(made)
+        columns.append(SymbolicColumn(joint, weights if joint is None else (), parts, rest))
+    return tuple(columns)
 
 
 def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
@@ -211,8 +211,8 @@ def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
     sliding = {f"joint {j.name}" for j in device.joints if j.prismatic}
     sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
     slides, rest = term.on in sliding, term.settings[0]
-    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else DIMENSIONLESS) if rest else Laurent()
-    return made - symbols.position(term.offset, slides, f"q{name}") if side in ("cut", "coordinate") else made
+    offset = symbols.quantity(rest, f"rest{name}", LENGTH if slides else DIMENSIONLESS) if rest else Laurent()
+    return offset - symbols.position(term.offset, slides, f"q{name}") if side in ("cut", "coordinate") else offset
 
 
 def _parts(term: TermColumn) -> tuple[ColumnPart, ...]:
@@ -341,25 +341,25 @@ def _cuts(
 ) -> tuple[SymbolicCut, ...]:
     base = reader.base(tables.base)
     index = {"base": -1, **{name: k for k, name in enumerate(names)}}
-    made = []
+    cuts = []
     for k, cut in enumerate((loop.cut for loop in tables.loops if loop.cut), 1):
         both = []
         for body, table, side in ((cut.body_a, cut.frame_a, "a"), (cut.body_b, cut.frame_b, "b")):
             link = index[body]
             local = reader.frame(table, f"cut{k}{side}")
             both.append(SymbolicFrame(link, (*(base if link < 0 else frames[link]), *local)))
-        made.append(SymbolicCut(cut.type, *both))
-    return tuple(made)
+        cuts.append(SymbolicCut(cut.type, *both))
+    return tuple(cuts)
 
 
 def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
     """One symbol g for gravity along an axis, otherwise one for each component."""
-    along = np.count_nonzero(gravity) == 1
-    made = []
+    along_axis = np.count_nonzero(gravity) == 1
+    components = []
     for axis, part in zip("xyz", gravity.tolist(), strict=True):
-        size = symbols.named("g" if along else f"g{axis}", abs(part), GRAVITY)
-        made.append(size if part > 0 else -size)
-    return tuple(made)
+        size = symbols.named("g" if along_axis else f"g{axis}", abs(part), GRAVITY)
+        components.append(size if part > 0 else -size)
+    return tuple(components)
 
 
 def linear_motion(device: Device, symbols: Symbols) -> _LinearMotion:
@@ -388,12 +388,12 @@ def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbo
     if slides:
         return symbols.quantity(g, f"lead{name}")
     (((exponents, sign),),) = (symbols.quantity(1 / g, f"lead{name}").terms,)
-    return Laurent.of([(powers((of, -exponent) for of, exponent in exponents), sign)])
+    return Laurent.of([(powers((symbol, -exponent) for symbol, exponent in exponents), sign)])
 
 
 def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) -> tuple[tuple[int, ...], ...]:
     """Angles of turning joints as integer multiples of one small angle for each active joint."""
-    made = np.zeros(G.shape, dtype=object)
+    multiples = np.zeros(G.shape, dtype=object)
     for k, slide in enumerate(active_slides):
         turning = [j for j in np.flatnonzero(G[:, k]).tolist() if not slides[j]]
         if not turning:
@@ -401,8 +401,8 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
         unit = abs(G[turning[0], k]) if slide else 1.0
         shares = [ratio(float(G[j, k] / unit)) for j in turning]
         fine = math.lcm(*(share.denominator for share in shares))
-        made[turning, k] = [int(share * fine) for share in shares]
-    return tuple(tuple(int(x) for x in row) for row in made)
+        multiples[turning, k] = [int(share * fine) for share in shares]
+    return tuple(tuple(int(x) for x in row) for row in multiples)
 
 
 def _rows(device: Device) -> SymbolicRows:
@@ -415,9 +415,9 @@ def _rows(device: Device) -> SymbolicRows:
 
 def _used(placed: Sequence[Placement], others: Sequence[Laurent]) -> set[str]:
     """Names of the symbols that the mechanism depends on, always both cosine and sine of an angle."""
-    found = list(others)
+    used = list(others)
     for placement in placed:
         for step in placement:
-            found += [step.length] if isinstance(step, Translation) else [step.cos, step.sin]
-    names = {name for polynomial in found for name in polynomial.symbols}
+            used += [step.length] if isinstance(step, Translation) else [step.cos, step.sin]
+    names = {name for polynomial in used for name in polynomial.symbols}
     return names | {f"{word}({name[4:-1]})" for name in names if name[3:4] == "(" for word in ("cos", "sin")}

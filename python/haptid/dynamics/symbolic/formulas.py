@@ -41,9 +41,9 @@ class Style:
         below = " ".join(self.power(name, -e) for name, e in exponents if e < 0)
         return self.fraction(above or "1", below) if below else above
 
-    def polynomial(self, found: Laurent) -> str:
+    def polynomial(self, laurent: Laurent) -> str:
         """A sum of monomials, positive ones first, then by degree, highest first."""
-        terms = sorted(found.terms, key=lambda term: (term[1] < 0, _rank(term[0])))
+        terms = sorted(laurent.terms, key=lambda term: (term[1] < 0, _rank(term[0])))
         return joined((c, " ".join(filter(None, (self.number(abs(c)), self.monomial(e)))) or "1") for e, c in terms)
 
     def parameters(self, share: Sequence[tuple[str, Fraction]]) -> str:
@@ -53,37 +53,37 @@ class Style:
 
 def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
     """Texts as a sum, each with the sign of its number."""
-    made = ""
+    text = ""
     for signed, part in parts:
         sign = "-" if signed < 0 else "+"
-        made += f" {sign} {part}" if made else ("-" if signed < 0 else "") + part
-    return made
+        text += f" {sign} {part}" if text else ("-" if signed < 0 else "") + part
+    return text
 
 
-def text(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
+def text(row: Mapping[int, Coefficient], column: int, names: Sequence[str], links: Sequence[int]) -> str:
     """A base parameter's combination of standard parameters, in plain text."""
-    return grouping_formula(row, kept, names, links, TEXT)
+    return grouping_formula(row, column, names, links, TEXT)
 
 
-def latex(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
+def latex(row: Mapping[int, Coefficient], column: int, names: Sequence[str], links: Sequence[int]) -> str:
     """The same in LaTeX."""
-    return grouping_formula(row, kept, names, links, LATEX)
+    return grouping_formula(row, column, names, links, LATEX)
 
 
-def coefficient(found: Coefficient) -> str:
+def coefficient(value: Coefficient) -> str:
     """A coefficient in plain text: `d3^2 + d4^2`, `d6/d3`, `-1`."""
-    return _quotient(found, TEXT) if found.is_ratio else TEXT.polynomial(found.numerator)
+    return _quotient(value, TEXT) if value.is_ratio else TEXT.polynomial(value.numerator)
 
 
-def _quotient(found: Coefficient, style: Style) -> str:
-    return style.fraction(*(_bracketed(style.polynomial(part)) for part in (found.numerator, found.denominator)))
+def _quotient(value: Coefficient, style: Style) -> str:
+    return style.fraction(*(_bracketed(style.polynomial(part)) for part in (value.numerator, value.denominator)))
 
 
 def grouping_formula(
-    row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style
+    row: Mapping[int, Coefficient], column: int, names: Sequence[str], links: Sequence[int], style: Style
 ) -> str:
     """A base parameter as text: the parameter kept, those with numeric factors by link, then those with lengths."""
-    order = sorted(row, key=lambda k: (k != kept, links[k] < 0, links[k], k))
+    order = sorted(row, key=lambda k: (k != column, links[k] < 0, links[k], k))
     by_monomial: dict[Powers, list[tuple[str, Fraction]]] = {}
     for k in order:
         if not row[k].is_ratio:
@@ -102,13 +102,13 @@ def _collected(
     by_monomial: Mapping[Powers, Sequence[tuple[str, Fraction]]],
 ) -> list[tuple[tuple[tuple[str, Fraction], ...], Laurent]]:
     """Parameters in the same proportions, and their common polynomial."""
-    made: dict[tuple[tuple[str, Fraction], ...], Laurent] = {}
+    collected: dict[tuple[tuple[str, Fraction], ...], Laurent] = {}
     for exponents in sorted(by_monomial, key=_rank):
         share = by_monomial[exponents]
         lead = share[0][1]
         key = tuple((name, coefficient / lead) for name, coefficient in share)
-        made[key] = made.get(key, Laurent()) + Laurent.of([(exponents, lead)])
-    return list(made.items())
+        collected[key] = collected.get(key, Laurent()) + Laurent.of([(exponents, lead)])
+    return list(collected.items())
 
 
 def _product(share: Sequence[tuple[str, Fraction]], factor: Laurent, style: Style) -> tuple[Fraction, str]:
@@ -132,8 +132,8 @@ def _rank(exponents: Powers) -> tuple[int, Powers]:
 
 def subscript(name: str) -> str:
     """The LaTeX of a parameter's name: ZZ_{2R}."""
-    found = NAME.match(name)
-    return f"{found[1]}_{{{found[2]}}}" if found and found[2] else name
+    match = NAME.match(name)
+    return f"{match[1]}_{{{match[2]}}}" if match and match[2] else name
 
 
 def _text_power(name: str, exponent: int) -> str:

@@ -160,8 +160,8 @@ def symbolic_poses(
         motion[:, 3, 3] = 1
         motion[:, :3, :3] = about_z(cos, sin)
         motion[:, 2, 3] = slide
-        at = field.product(pose, motion)
-        links.append(field.product(links[joint.parent], at) if joint.parent >= 0 else at)
+        pose_here = field.product(pose, motion)
+        links.append(field.product(links[joint.parent], pose_here) if joint.parent >= 0 else pose_here)
     return links
 
 
@@ -193,7 +193,7 @@ class GeometryReader:
         self._symbols = symbols
         self._lengths: dict[str, Laurent] = {}
         for name, written in lengths.items():
-            if isinstance(written, str) and (found := sum_of_names(written, self._lengths)) and found.factors:
+            if isinstance(written, str) and (total := sum_of_names(written, self._lengths)) and total.factors:
                 self._lengths[name] = self.length(written, name)
             else:
                 self._lengths[name] = symbols.named(name, values[name], LENGTH)
@@ -204,10 +204,10 @@ class GeometryReader:
         if known is None or not known.factors:
             size = number(written, self._values, CHECKED)
             return self._symbols.quantity(size, name) if size else Laurent()
-        made = self._symbols.quantity(known.constant, f"{name}_0") if known.constant else Laurent()
-        for of, factor in known.factors.items():
-            made = made + self._lengths[of].times(ratio(factor))
-        return made
+        length = self._symbols.quantity(known.constant, f"{name}_0") if known.constant else Laurent()
+        for symbol, factor in known.factors.items():
+            length = length + self._lengths[symbol].times(ratio(factor))
+        return length
 
     def turn(self, axis: int, written: float | str, name: str) -> Placement:
         """A rotation by an angle, none where it is zero."""
@@ -216,10 +216,10 @@ class GeometryReader:
 
     def shift(self, axis: int, written: float | str, name: str) -> Placement:
         """A translation by a length, none where it is zero."""
-        made = self.length(written, name)
-        return (Translation(axis, made),) if made.terms else ()
+        length = self.length(written, name)
+        return (Translation(axis, length),) if length.terms else ()
 
-    def modified(self, given: Mapping[str, Any], of: str) -> Placement:
+    def modified(self, parameters: Mapping[str, Any], joint: str) -> Placement:
         """Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r), absent ones zero."""
         steps = (
             (self.turn, Z, "gamma"),
@@ -229,36 +229,38 @@ class GeometryReader:
             (self.turn, Z, "theta"),
             (self.shift, Z, "r"),
         )
-        return tuple(step for make, axis, key in steps for step in make(axis, given.get(key) or 0.0, f"{key}{of}"))
+        return tuple(
+            step for make, axis, key in steps for step in make(axis, parameters.get(key) or 0.0, f"{key}{joint}")
+        )
 
-    def placed(self, xyz: Sequence[float | str], rpy: Sequence[float | str], of: str) -> Placement:
+    def placed(self, xyz: Sequence[float | str], rpy: Sequence[float | str], name: str) -> Placement:
         """A translation, then yaw, pitch and roll about the axes that they turn."""
-        shifts = [self.shift(axis, value, f"{'xyz'[axis]}{of}") for axis, value in enumerate(xyz)]
+        shifts = [self.shift(axis, value, f"{'xyz'[axis]}{name}") for axis, value in enumerate(xyz)]
         names = ("roll", "pitch", "yaw")
-        turns = [self.turn(axis, rpy[axis], f"{names[axis]}{of}") for axis in (Z, Y, X)]
+        turns = [self.turn(axis, rpy[axis], f"{names[axis]}{name}") for axis in (Z, Y, X)]
         return tuple(step for part in (*shifts, *turns) for step in part)
 
     def base(self, table: BaseTable) -> Placement:
         """The placement of the first frame."""
         return self.placed(table.xyz, table.rpy, "0")
 
-    def frame(self, table: FrameTable, of: str) -> Placement:
+    def frame(self, table: FrameTable, name: str) -> Placement:
         """A frame on a link, in either convention."""
         if table.xyz is None and table.rpy is None:
-            return self.modified(table.model_dump(), of)
+            return self.modified(table.model_dump(), name)
         zero = (0.0, 0.0, 0.0)
-        return self.placed(table.xyz or zero, table.rpy or zero, of)
+        return self.placed(table.xyz or zero, table.rpy or zero, name)
 
     def joint(self, table: AnyJoint) -> tuple[Placement, Placement]:
         """Placement of a joint's frame in its parent's convention frame, and of that convention's frame in it."""
-        of = table.name
+        name = table.name
         if isinstance(table, ModifiedDHJoint):
-            return self.modified(table.model_dump(), of), ()
+            return self.modified(table.model_dump(), name), ()
         if isinstance(table, StandardDHJoint):
-            before = (*self.turn(Z, table.theta, f"theta{of}"), *self.shift(Z, table.d, f"d{of}"))
-            return before, (*self.shift(X, table.a, f"a{of}"), *self.turn(X, table.alpha, f"alpha{of}"))
+            before = (*self.turn(Z, table.theta, f"theta{name}"), *self.shift(Z, table.d, f"d{name}"))
+            return before, (*self.shift(X, table.a, f"a{name}"), *self.turn(X, table.alpha, f"alpha{name}"))
         onto = self._onto(table)
-        return (*self.placed(table.xyz, table.rpy, of), *onto), inverse_placement(onto)
+        return (*self.placed(table.xyz, table.rpy, name), *onto), inverse_placement(onto)
 
     def _onto(self, table: PlacementJoint) -> Placement:
         axis = np.array([number(value, self._values, CHECKED) for value in table.axis])
@@ -273,10 +275,10 @@ def placements(
     """Placement of every joint in its parent's normal form, and of every link's convention frame in its own."""
     base = reader.base(tables.base)
     joints: Sequence[AnyJoint] = tables.joints
-    made: list[Placement] = []
+    placements: list[Placement] = []
     frames: list[Placement] = []
     for table, parent in zip(joints, parents, strict=True):
         placement, frame = reader.joint(table)
-        made.append((*(base if parent < 0 else frames[parent]), *placement))
+        placements.append((*(base if parent < 0 else frames[parent]), *placement))
         frames.append(frame)
-    return made, frames
+    return placements, frames

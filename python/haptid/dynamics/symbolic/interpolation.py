@@ -29,19 +29,19 @@ LARGEST_EXPONENT = 4
 SPARE_POINTS = 3
 
 
-def _monomial_residues(at: Points, found: Sequence[Powers], count: int) -> Residues:
+def _monomial_residues(points: Points, found: Sequence[Powers], count: int) -> Residues:
     """Residues of monomials at the first points, (count, monomials)."""
     residues = np.ones((count, len(found)), dtype=np.int64)
     cache: dict[tuple[str, int], Residues] = {}
     for k, exponents in enumerate(found):
         for name, exponent in exponents:
             if (name, exponent) not in cache:
-                cache[name, exponent] = at.field.power(at.values[name][:count], exponent)
-            residues[:, k] = at.field.reduce(residues[:, k] * cache[name, exponent])
+                cache[name, exponent] = points.field.power(points.values[name][:count], exponent)
+            residues[:, k] = points.field.reduce(residues[:, k] * cache[name, exponent])
     return residues
 
 
-def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range | None:
+def span_of(points: Points, y: Residues, name: str, line: Sequence[int]) -> range | None:
     """Exponents of one symbol in a coefficient, None where it is no Laurent polynomial in it.
 
     Args:
@@ -50,11 +50,11 @@ def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range |
         name: of the symbol.
         along: points that differ in this symbol alone.
     """
-    x, wanted = at.values[name][along], y[along]
-    for width, low in product(range(len(along) - SPARE_POINTS), range(-LARGEST_EXPONENT, LARGEST_EXPONENT + 1)):
-        powers_of = [at.field.power(x, exponent) for exponent in range(low, low + width + 1)]
-        whole = np.column_stack([*powers_of, wanted])
-        if at.field.echelon(whole[None])[1] == list(range(width + 1)):
+    x, wanted = points.values[name][line], y[line]
+    for width, low in product(range(len(line) - SPARE_POINTS), range(-LARGEST_EXPONENT, LARGEST_EXPONENT + 1)):
+        powers_of = [points.field.power(x, exponent) for exponent in range(low, low + width + 1)]
+        system = np.column_stack([*powers_of, wanted])
+        if points.field.echelon(system[None])[1] == list(range(width + 1)):
             return range(low, low + width + 1)
     return None
 
@@ -79,12 +79,12 @@ def fit_coefficient(
     tried: set[tuple[Powers, ...]] = set()
     polynomial = all(spans.get(symbol.name) for symbol in symbols)  # a Laurent polynomial in each is one in all
     for low, high in EXPONENT_RANGES[:1] if polynomial else EXPONENT_RANGES:
-        found = tuple(islice(monomials(symbols, dimension, low, high, spans=spans), most + 1))
-        if found and len(found) <= most and found not in tried:
-            made = _polynomial(points, y, found)
+        candidates = tuple(islice(monomials(symbols, dimension, low, high, spans=spans), most + 1))
+        if candidates and len(candidates) <= most and candidates not in tried:
+            made = _polynomial(points, y, candidates)
             if made is not None:
                 return Coefficient(sines(made))
-        tried.add(found)
+        tried.add(candidates)
     for below, above in () if polynomial else _quotients(symbols, dimension):
         if above and len(below) > 1 and len(above) + len(below) <= most:
             ratio = _ratio(points, y, above, below)
@@ -118,14 +118,14 @@ def monomials(
     spans: Mapping[str, range | None] = MappingProxyType({}),
 ) -> Iterator[Powers]:
     """Monomials of a dimension, at most `turn` cosines or sines of an angle in each; exponents as far as known."""
-    each = [spans.get(symbol.name) or _span(symbol, low, high) for symbol in symbols]
-    if np.prod([len(span) for span in each], dtype=float) > MOST_COMBINATIONS:
+    ranges = [spans.get(symbol.name) or _span(symbol, low, high) for symbol in symbols]
+    if np.prod([len(span) for span in ranges], dtype=float) > MOST_COMBINATIONS:
         return
     angles = {symbol.angle for symbol in symbols if symbol.angle}
-    for exponents in product(*each):
+    for exponents in product(*ranges):
         total = tuple(sum(e * s.dimension[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
         turns = (sum(e for e, s in zip(exponents, symbols, strict=True) if s.angle == angle) for angle in angles)
-        if total == dimension and all(found <= turn for found in turns):
+        if total == dimension and all(count <= turn for count in turns):
             yield powers((symbol.name, e) for symbol, e in zip(symbols, exponents, strict=True))
 
 
@@ -136,16 +136,16 @@ def _span(symbol: Symbol, low: int, high: int) -> range:
     return range(3) if symbol.name.startswith("cos(") else range(2)
 
 
-def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Powers, ...]) -> Laurent | None:
+def _polynomial(points: Sequence[Points], y: Sequence[Residues], exponents: tuple[Powers, ...]) -> Laurent | None:
     """The linear combination of these monomials with the residues y, None where there is none."""
     solutions = []
-    for at, residues in zip(points, y, strict=True):
-        whole = np.column_stack([_monomial_residues(at, found, len(residues)), residues])
-        form, pivots = at.field.echelon(whole[None])
-        if pivots != list(range(len(found))):
+    for values, residues in zip(points, y, strict=True):
+        system = np.column_stack([_monomial_residues(values, exponents, len(residues)), residues])
+        form, pivots = values.field.echelon(system[None])
+        if pivots != list(range(len(exponents))):
             return None
         solutions.append(form[0, :, -1])
-    return _joined(points, solutions, found)
+    return _joined(points, solutions, exponents)
 
 
 def _ratio(
@@ -153,17 +153,17 @@ def _ratio(
 ) -> Coefficient | None:
     """The ratio of combinations of these monomials with the residues y: the null vector of [above, -y below]."""
     solutions, free = [], -1
-    for at, residues in zip(points, y, strict=True):
-        under = _monomial_residues(at, below, len(residues)) * residues[:, None]
-        whole = np.column_stack([_monomial_residues(at, above, len(residues)), at.field.reduce(-under)])
-        form, pivots = at.field.echelon(whole[None])
-        left = sorted(set(range(whole.shape[1])) - set(pivots))
+    for values, residues in zip(points, y, strict=True):
+        under = _monomial_residues(values, below, len(residues)) * residues[:, None]
+        system = np.column_stack([_monomial_residues(values, above, len(residues)), values.field.reduce(-under)])
+        form, pivots = values.field.echelon(system[None])
+        left = sorted(set(range(system.shape[1])) - set(pivots))
         if not left or free not in (-1, left[0]):
             return None
         free = left[0]
-        vector = np.zeros(whole.shape[1], dtype=np.int64)
+        vector = np.zeros(system.shape[1], dtype=np.int64)
         vector[free] = 1
-        vector[pivots] = at.field.reduce(-form[0, :, free])
+        vector[pivots] = values.field.reduce(-form[0, :, free])
         solutions.append(vector)
     numerator = _joined(points, [vector[: len(above)] for vector in solutions], above)
     denominator = _joined(points, [vector[len(above) :] for vector in solutions], below)
@@ -175,7 +175,7 @@ def _ratio(
 
 def _joined(points: Sequence[Points], solutions: Sequence[Residues], found: tuple[Powers, ...]) -> Laurent | None:
     """The polynomial with these residues as coefficients, None where one of them is no small rational."""
-    primes = tuple(at.field.prime for at in points)
+    primes = tuple(values.field.prime for values in points)
     terms: list[tuple[Powers, Fraction]] = []
     for k, exponents in enumerate(found):
         coefficient = rational(tuple(int(solution[k]) for solution in solutions), primes)
@@ -191,7 +191,7 @@ def sines(polynomial: Laurent) -> Laurent:
     for exponents, coefficient in polynomial.terms:
         squares = [name for name, e in exponents if e == 2 and name.startswith("cos(")]
         for name in squares:
-            rest = powers((of, e) for of, e in exponents if of != name)
+            rest = powers((symbol, e) for symbol, e in exponents if symbol != name)
             if terms.get(rest) == -coefficient and exponents in terms:
                 del terms[exponents], terms[rest]
                 terms[powers((*rest, (f"sin({name[4:-1]})", 2)))] = -coefficient

@@ -104,10 +104,10 @@ class DyadMotion:
             good = np.ones(len(tried), dtype=bool)
             for dyad in self.dyads:
                 good &= self._solve(dyad, points.at(tried), [placement[tried] for placement in placed], moved)
-            found, first = np.unique(tried[good], return_index=True)
-            for joints, made in zip((cos, sin, slide), moved, strict=True):
-                joints[:, found] = made[:, good][:, first]
-            left = np.setdiff1d(left, found)
+            closed, first = np.unique(tried[good], return_index=True)
+            for joints, values in zip((cos, sin, slide), moved, strict=True):
+                joints[:, closed] = values[:, good][:, first]
+            left = np.setdiff1d(left, closed)
             if not len(left):
                 return (cos, sin, slide), symbolic_poses(self.joints, points.field, placed, (cos, sin, slide))
         raise UnluckyDrawError
@@ -158,10 +158,10 @@ class DyadMotion:
         solve = _inverse(field, columns_of[:, :, pair])
         others = [j for j in range(len(self.joints)) if columns_of[:, :, j].any() and j not in pair]
         for k in range(G.shape[2]):
-            apart = np.zeros(columns_of.shape[:2], dtype=np.int64)
+            gap = np.zeros(columns_of.shape[:2], dtype=np.int64)
             for j in others:
-                apart = field.reduce(apart + columns_of[:, :, j] * G[j, :, k])
-            G[pair, :, k] = _applied(field, solve, field.reduce(-apart))
+                gap = field.reduce(gap + columns_of[:, :, j] * G[j, :, k])
+            G[pair, :, k] = _applied(field, solve, field.reduce(-gap))
         rates = _along(field, G, velocity)
         near, far = (self._acceleration(f, links, points, rates, acceleration) for f in (dyad.near, dyad.far))
         drift = field.product(plane, field.reduce(near - far)[:, :, None])[:, :, 0]
@@ -200,8 +200,8 @@ class DyadMotion:
 
 def _in_plane(field: PrimeField, pose: Residues, point: Residues) -> Plane:
     """x and y of a point in a frame, (n,) each."""
-    apart = field.reduce(point - pose[:, :3, 3])
-    local = field.product(np.swapaxes(pose[:, :3, :2], 1, 2), apart[:, :, None])
+    offset = field.reduce(point - pose[:, :3, 3])
+    local = field.product(np.swapaxes(pose[:, :3, :2], 1, 2), offset[:, :, None])
     return local[:, 0, 0], local[:, 1, 0]
 
 
@@ -223,11 +223,11 @@ def _intersection(field: PrimeField, arm: Plane, reach: Plane, outer: Plane) -> 
         whether there is one, its cosine and its sine, (n,) each.
     """
     arm2, reach2, outer2 = (_dot(field, v, v) for v in (arm, reach, outer))
-    along = field.reduce(field.reduce(arm2 + reach2 - outer2) * field.of((field.prime + 1) // 2))
-    height, good = field.root(field.reduce(arm2 * reach2 - along * along))
+    abscissa = field.reduce(field.reduce(arm2 + reach2 - outer2) * field.of((field.prime + 1) // 2))
+    height, good = field.root(field.reduce(arm2 * reach2 - abscissa * abscissa))
     scale = field.inverse(reach2)
-    x = field.reduce(field.reduce(along * reach[0] - height * reach[1]) * scale)
-    y = field.reduce(field.reduce(along * reach[1] + height * reach[0]) * scale)
+    x = field.reduce(field.reduce(abscissa * reach[0] - height * reach[1]) * scale)
+    y = field.reduce(field.reduce(abscissa * reach[1] + height * reach[0]) * scale)
     return good, *_rotation(field, arm, (x, y))
 
 
@@ -245,10 +245,10 @@ def _point_acceleration(field: PrimeField, a: Residues, w: Residues, dw: Residue
 
 def _along(field: PrimeField, G: Residues, velocity: Residues) -> Residues:
     """Rates of all joints, (joints, n), from G, (joints, n, active), and the active ones', (active, n)."""
-    made = np.zeros(G.shape[:2], dtype=np.int64)
+    result = np.zeros(G.shape[:2], dtype=np.int64)
     for k, rate in enumerate(velocity):
-        made = field.reduce(made + G[:, :, k] * rate)
-    return made
+        result = field.reduce(result + G[:, :, k] * rate)
+    return result
 
 
 def _inverse(field: PrimeField, matrix: Residues) -> Residues:
@@ -272,7 +272,7 @@ def dyads(
 ) -> tuple[Dyad, ...] | str:
     """The dyads of cuts and passive joints, or the reason why there are none."""
     left = list(passive)
-    made = []
+    dyads = []
     for cut in cuts:
         sides = [[j for j in _ancestors(joints, f.link) if j in left] for f in (cut.frame_a, cut.frame_b)]
         loop = [j for j in (*sides[0], *sides[1]) if not (j in sides[0] and j in sides[1])]
@@ -281,20 +281,20 @@ def dyads(
         serial = any(set(loop) <= set(side) for side in sides)
         second = max(loop) if serial else loop[1]
         near, far = (cut.frame_a, cut.frame_b) if second in sides[0] else (cut.frame_b, cut.frame_a)
-        made.append(Dyad(next(j for j in loop if j != second), second, near, far, serial))
+        dyads.append(Dyad(next(j for j in loop if j != second), second, near, far, serial))
         left = [j for j in left if j not in loop]
-    return f"{len(left)} passive joints are in no loop with a cut" if left else tuple(made)
+    return f"{len(left)} passive joints are in no loop with a cut" if left else tuple(dyads)
 
 
 def _ancestors(joints: Sequence[SymbolicJoint], link: int) -> list[int]:
-    made = []
+    ancestors = []
     while link >= 0:
-        made.append(link)
+        ancestors.append(link)
         link = joints[link].parent
-    return made
+    return ancestors
 
 
-def opened_tree(tables: AnyDevice, file: str, found: Set[str] | None = None) -> Device:
+def opened_tree(tables: AnyDevice, file: str, joints_to_find: Set[str] | None = None) -> Device:
     """A device with loops left open: its spanning tree if all are.
 
     Args:
@@ -306,7 +306,7 @@ def opened_tree(tables: AnyDevice, file: str, found: Set[str] | None = None) -> 
         DeviceError: in one of its kinds, what is wrong with the file.
         RegroupingError: an opened loop has relations, or terms may act on its cut.
     """
-    opened = [loop for loop in tables.loops if found is None or not found.isdisjoint(loop.passive)]
+    opened = [loop for loop in tables.loops if joints_to_find is None or not joints_to_find.isdisjoint(loop.passive)]
     if any(loop.relations for loop in opened):
         raise _no_dyad(file, "a loop has relations")
     if named := [loop.cut.name for loop in opened if loop.cut and loop.cut.name]:
@@ -321,8 +321,8 @@ def opened_tree(tables: AnyDevice, file: str, found: Set[str] | None = None) -> 
         for term in tables.terms
     ]
     joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
-    kept = [loop for loop in tables.loops if loop not in opened]
-    return device_of(tables.model_copy(update={"loops": kept, "terms": terms, "joints": joints}), file)
+    closed = [loop for loop in tables.loops if loop not in opened]
+    return device_of(tables.model_copy(update={"loops": closed, "terms": terms, "joints": joints}), file)
 
 
 def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> SymbolicChain:
@@ -341,10 +341,10 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
 
     def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> SymbolicMotion:
-        found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
-        if isinstance(found, str):
-            raise _no_dyad(file, found)
-        made = DyadMotion(joints, active, found)
+        chain_dyads = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
+        if isinstance(chain_dyads, str):
+            raise _no_dyad(file, chain_dyads)
+        made = DyadMotion(joints, active, chain_dyads)
         if not made.is_planar(symbols.all, seed):
             raise _no_dyad(file, "the axes of a loop's two passive joints are not parallel")
         return made
@@ -391,14 +391,14 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
     states, placed = chain.motion.states(rng, points), joint_placements(chain.joints, points)
     links = symbolic_poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
-        frame_a, frame_b = (frame_pose(at, links, points) for at in (cut.frame_a, cut.frame_b))
+        frame_a, frame_b = (frame_pose(frame, links, points) for frame in (cut.frame_a, cut.frame_b))
         if _gap(field, frame_a, frame_b, cut.kind).any():
-            on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame_a, cut.frame_b))
+            first, second = (names[frame.link] if frame.link >= 0 else "base" for frame in (cut.frame_a, cut.frame_b))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]
             raise RegroupingError(
-                f"with symbolic lengths the loop cut between links {on} and {other} does not close: it closes at "
+                f"with symbolic lengths the loop cut between links {first} and {second} does not close: it closes at "
                 f"{', '.join(lengths) or 'its own lengths'} only.",
-                where=(on, other),
+                where=(first, second),
                 advice=(
                     "Where bars must be equal, let them share a name in [lengths], or write one by the other, such "
                     'as d9 = "d3".'
@@ -408,18 +408,18 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
 
 def _gap(field: PrimeField, frame_a: Residues, frame_b: Residues, kind: str) -> Residues:
     """Closure error: distance of origins, and of z axes; for a sliding joint, of orientations, and across z."""
-    apart = field.reduce(frame_a - frame_b)
+    difference = field.reduce(frame_a - frame_b)
     if kind != "prismatic":
-        return apart[:, :3, 3 if kind == "spherical" else 2 :]
-    across = field.product(np.swapaxes(frame_b[:, :3, :2], 1, 2), apart[:, :3, 3:])
-    return np.concatenate([apart[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)
+        return difference[:, :3, 3 if kind == "spherical" else 2 :]
+    across = field.product(np.swapaxes(frame_b[:, :3, :2], 1, 2), difference[:, :3, 3:])
+    return np.concatenate([difference[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)
 
 
-def _no_dyad(file: str, found: str) -> RegroupingError:
+def _no_dyad(file: str, structure: str) -> RegroupingError:
     return RegroupingError(
-        f"{file}: these loops are not planar dyads: {found}.",
+        f"{file}: these loops are not planar dyads: {structure}.",
         where=file,
-        found=found,
+        found=structure,
         advice=(
             "Each needs exactly two turning passive joints and a turning cut, and no relations; loops with relations "
             "are read by `read_device`."

@@ -29,32 +29,32 @@ def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, sa
         points: sets of lengths.
         samples: states for each set.
     """
-    field, each = points.field, points.repeated(samples)
-    states = chain.motion.states(rng, each)
-    blocks = [_links(chain, states, points, each)]
-    functions = _functions(chain, field, rng, each.count)
-    blocks += [column.modulo(states, each, functions)[:, :, None] for column in chain.columns]
+    field, repeated = points.field, points.repeated(samples)
+    states = chain.motion.states(rng, repeated)
+    blocks = [_links(chain, states, points, repeated)]
+    functions = _functions(chain, field, rng, repeated.count)
+    blocks += [column.modulo(states, repeated, functions)[:, :, None] for column in chain.columns]
     W = np.concatenate(blocks, axis=2)
     if chain.rows is not None:
         W = _measured(chain, field, W)
     return W.reshape(points.count, samples * W.shape[1], W.shape[2])
 
 
-def _links(chain: SymbolicChain, states: States, points: Points, each: Points) -> Residues:
+def _links(chain: SymbolicChain, states: States, points: Points, repeated: Points) -> Residues:
     """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of all links, (n, active, 10 links).
 
-    `each` are the points of every state.
+    `repeated` are the points of every state.
     """
     field = points.field
-    up = np.stack([field.reduce(-part.modulo(each)) for part in chain.gravity], axis=1)
+    minus_gravity = np.stack([field.reduce(-part.modulo(repeated)) for part in chain.gravity], axis=1)
     return _core.exact_rows(
         [joint.parent for joint in chain.joints],
         [joint.prismatic for joint in chain.joints],
         np.stack(joint_placements(chain.joints, points)),
         np.stack([states.cos, states.sin, states.slide, states.velocity, states.acceleration]),
         np.ascontiguousarray(states.G),
-        up,
-        each.count // points.count,
+        minus_gravity,
+        repeated.count // points.count,
         field.prime,
     )
 
@@ -121,17 +121,17 @@ class Columns:
         points = draw(self.chain.symbols, field, rng, 1)
         samples = -(-len(self.members) // self.chain.torques) + 1
         W = self.sample(rng, points, samples)
-        kept = field.echelon(W)[1]
+        independent = field.echelon(W)[1]
         while True:
             W = np.concatenate([W, self.sample(rng, points, samples)], axis=1)
-            before, kept = kept, field.echelon(W)[1]
-            if kept == before:
+            before, independent = independent, field.echelon(W)[1]
+            if independent == before:
                 break
             samples *= 2
-        enough = -(-len(kept) // self.chain.torques) + 1
-        while len(field.echelon(W[:, : enough * self.chain.torques, kept])[1]) < len(kept):
+        enough = -(-len(independent) // self.chain.torques) + 1
+        while len(field.echelon(W[:, : enough * self.chain.torques, independent])[1]) < len(independent):
             enough += 1
-        return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
+        return Pivots(tuple(independent), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
 
     def relations(self, rng: np.random.Generator, points: Points, pivots: Pivots, others: list[int]) -> Residues:
         """Coefficients of other columns in those kept, (sets of lengths, kept, others).
@@ -139,12 +139,12 @@ class Columns:
         Raises:
             UnluckyDrawError: the columns kept are not independent at some of these lengths.
         """
-        kept = len(pivots.kept)
+        count = len(pivots.kept)
         W = self.sample(rng, points, pivots.samples)[:, :, [*pivots.kept, *others]]
-        form, found = points.field.echelon(W, kept)
-        if len(found) < kept:
+        form, pivots_found = points.field.echelon(W, count)
+        if len(pivots_found) < count:
             raise UnluckyDrawError
-        return form[:, :, kept:]
+        return form[:, :, count:]
 
 
 def scatter(symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int) -> Points:

@@ -92,14 +92,14 @@ class Regroupings:
     @cached_property
     def formulas(self) -> tuple[str, ...]:
         """Of every base parameter, such as `ZZ2 + IA2 + ZZ6 + ZZ7 + (M3 + M4 + M8 + M9) d3^2`."""
-        return tuple(formulas.text(row, kept, self.standard, self.links) for row, kept in self._rows)
+        return tuple(formulas.text(row, column, self.standard, self.links) for row, column in self._rows)
 
     @cached_property
     def latex(self) -> tuple[str, ...]:
         """Of every base parameter, such as `ZZ_{2R} = ZZ_{2} + (M_{3} + M_{4}) d_{3}^{2}`."""
         return tuple(
-            f"{formulas.subscript(name)} = {formulas.latex(row, kept, self.standard, self.links)}"
-            for name, (row, kept) in zip(self.names, self._rows, strict=True)
+            f"{formulas.subscript(name)} = {formulas.latex(row, column, self.standard, self.links)}"
+            for name, (row, column) in zip(self.names, self._rows, strict=True)
         )
 
     @cached_property
@@ -113,12 +113,12 @@ class Regroupings:
     @cached_property
     def values(self) -> Array:
         """The coefficients at the device's own lengths, (p, standard parameters)."""
-        at = {symbol.name: symbol.value for symbol in self.symbols}
-        made = np.zeros((len(self.names), len(self.standard)))
-        for row, coefficients in zip(made, self.coefficients, strict=True):
+        lengths = {symbol.name: symbol.value for symbol in self.symbols}
+        matrix = np.zeros((len(self.names), len(self.standard)))
+        for row, coefficients in zip(matrix, self.coefficients, strict=True):
             for k, coefficient in coefficients.items():
-                row[k] = coefficient.value(at)
-        return freeze(made)
+                row[k] = coefficient.value(lengths)
+        return freeze(matrix)
 
     @property
     def _rows(self) -> tuple[tuple[Mapping[int, Coefficient], int], ...]:
@@ -151,13 +151,13 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
             advice="Use the numeric regroupings of its base parameters.",
         )
     if not isinstance(model.device.closure, NewtonClosure):
-        made = chain_regroupings(model, symbolic_chain(model.device), seed)
+        exact = chain_regroupings(model, symbolic_chain(model.device), seed)
     elif (chain := _planar_chain(model, seed)) is not None:
-        made = chain_regroupings(model, chain, seed)
+        exact = chain_regroupings(model, chain, seed)
     else:
-        made = chain_regroupings(model, opened_chain(model), seed, closing=True)
-    check_agreement(made, model)
-    return made
+        exact = chain_regroupings(model, opened_chain(model), seed, closing=True)
+    check_agreement(exact, model)
+    return exact
 
 
 def _planar_chain(model: DynamicModel, seed: int) -> SymbolicChain | None:
@@ -200,14 +200,15 @@ def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int, closing: 
     dimensions = [DIMENSIONS.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
     pivots = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))
-    found = _coefficients(columns, pivots, dimensions, names, seed)
-    _check(columns, pivots, found, names, seed)
-    kept = pivots.kept
-    base = sorted(range(len(kept)), key=lambda row: order[kept[row]])
+    coefficients = _coefficients(columns, pivots, dimensions, names, seed)
+    _check(columns, pivots, coefficients, names, seed)
+    independent = pivots.kept
+    base = sorted(range(len(independent)), key=lambda row: order[independent[row]])
     rows = [
-        {order[kept[row]]: Coefficient(ONE), **{order[k]: c for (i, k), c in found.items() if i == row}} for row in base
+        {order[independent[row]]: Coefficient(ONE), **{order[k]: c for (i, k), c in coefficients.items() if i == row}}
+        for row in base
     ]
-    first = [order[kept[row]] for row in base]
+    first = [order[independent[row]] for row in base]
     used = {name for row in rows for coefficient in row.values() for name in coefficient.symbols}
     return Regroupings(
         names=tuple(parameters.names[k] + ("R" if len(row) > 1 else "") for k, row in zip(first, rows, strict=True)),
@@ -231,7 +232,7 @@ def _coefficients(
     """
     others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.no_effect]
     wanted: set[tuple[int, int]] = set()
-    made: dict[tuple[int, int], Coefficient] = {}
+    coefficients: dict[tuple[int, int], Coefficient] = {}
     for sets, moves in SETS:
         points, R = _residues(columns, pivots, others, (sets, moves), seed)
         if not wanted:  # the first time
@@ -244,7 +245,7 @@ def _coefficients(
             if key not in known:
                 known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), dimension)
             if (coefficient := known[key]) is not None:
-                made[i, k] = coefficient
+                coefficients[i, k] = coefficient
             elif sets == SETS[-1][0]:
                 raise RegroupingError(
                     f"the coefficient of {names[k]} in base parameter {names[pivots.kept[i]]} has no formula: no "
@@ -254,10 +255,10 @@ def _coefficients(
                         "Write fewer different lengths and angles, or use the numeric groupings of `base_parameters`."
                     ),
                 )
-        wanted -= set(made)
+        wanted -= set(coefficients)
         if not wanted:
             break
-    return made
+    return coefficients
 
 
 def _residues(
@@ -288,9 +289,9 @@ def _coefficient(
     }
     moving = [s for s in symbols if any((r[along[s.name]] != r[0]).any() for r in y)]
     if not moving:
-        constant = rational(tuple(int(r[0]) for r in y), tuple(at.field.prime for at in points))
-        same = all((r[:sets] == r[0]).all() for r in y)
-        return Coefficient(Laurent.number(constant)) if constant is not None and same else None
+        constant = rational(tuple(int(r[0]) for r in y), tuple(set_of_points.field.prime for set_of_points in points))
+        is_constant = all((r[:sets] == r[0]).all() for r in y)
+        return Coefficient(Laurent.number(constant)) if constant is not None and is_constant else None
     if dimension is None:
         return None
     spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.dimension != DIMENSIONLESS}
@@ -298,7 +299,7 @@ def _coefficient(
 
 
 def _check(
-    columns: Columns, pivots: Pivots, found: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
+    columns: Columns, pivots: Pivots, coefficients: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
 ) -> None:
     """Check every relation at new states, new lengths and another prime; columns without relation must vanish there.
 
@@ -309,7 +310,7 @@ def _check(
     points = draw(columns.chain.symbols, field, rng, CHECKED_SETS)
     W = columns.sample(rng, points, pivots.samples)
     left = W.copy()
-    for (i, k), coefficient in found.items():
+    for (i, k), coefficient in coefficients.items():
         share = coefficient.modulo(points)[:, None]
         left[:, :, k] = field.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
     left[:, :, pivots.kept] = 0
@@ -347,14 +348,14 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
     if exact.independent_columns != numeric.independent_columns or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise _disagreement(len(exact), len(numeric), only[0], only[1])
-    apart = np.abs(exact.values - numeric.regrouping)
+    difference = np.abs(exact.values - numeric.regrouping)
     lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
     limit = ROUNDING * lengths / lengths[list(exact.independent_columns)][:, None] + RELATIVE * np.abs(exact.values)
-    if (apart > limit).any():
-        row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
-        where = f"{exact.standard[column]} in {exact.names[row]}"
-        found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
-        raise _disagreement(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
+    if (difference > limit).any():
+        row, column = np.unravel_index(int(np.argmax(difference - limit)), difference.shape)
+        place = f"{exact.standard[column]} in {exact.names[row]}"
+        values = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
+        raise _disagreement(len(exact), len(numeric), [f"{values[0]:.6g} {place}"], [f"{values[1]:.6g} {place}"])
 
 
 def accelerated(model: DynamicModel) -> list[str]:
@@ -363,15 +364,15 @@ def accelerated(model: DynamicModel) -> list[str]:
     return [term.name for term in model.externals if isinstance(term.shape, CustomColumn) and term.shape.reads(rates)]
 
 
-def _kept(one: Regroupings | BaseParameters) -> list[str]:
+def _kept(relations: Regroupings | BaseParameters) -> list[str]:
     """Standard parameters that base parameters are named after."""
-    return [one.standard[k] for k in one.independent_columns]
+    return [relations.standard[k] for k in relations.independent_columns]
 
 
-def _names(exact: Regroupings, one: Regroupings | BaseParameters, other: Regroupings | BaseParameters) -> list[str]:
+def _names(exact: Regroupings, first: Regroupings | BaseParameters, second: Regroupings | BaseParameters) -> list[str]:
     """What one method keeps, or finds without effect, and the other does not."""
-    kept = [exact.standard[k] for k in one.independent_columns if k not in other.independent_columns]
-    return kept + [f"{name} without effect" for name in one.no_effect if name not in other.no_effect]
+    only_first = [exact.standard[k] for k in first.independent_columns if k not in second.independent_columns]
+    return only_first + [f"{name} without effect" for name in first.no_effect if name not in second.no_effect]
 
 
 def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
@@ -396,10 +397,10 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
     return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
 
 
-def _failed_check(what: str, where: str | None = None) -> RegroupingError:
+def _failed_check(check: str, place: str | None = None) -> RegroupingError:
     return RegroupingError(
-        f"the symbolic groupings fail their own check: {what}.",
-        where=where,
+        f"the symbolic groupings fail their own check: {check}.",
+        where=place,
         advice=(
             "Try another seed; if it stays, use the numeric groupings of `base_parameters` and report the device file."
         ),
@@ -408,9 +409,10 @@ def _failed_check(what: str, where: str | None = None) -> RegroupingError:
 
 def _disagreement(exact: int, numeric: int, only_exact: Sequence[str], only_numeric: Sequence[str]) -> RegroupingError:
     halves = (("former", only_exact), ("latter", only_numeric))
-    found = "; ".join((f"only the {which} have {listed(names)}" for which, names in halves if names))
+    differences = "; ".join((f"only the {source} have {listed(names)}" for source, names in halves if names))
     return RegroupingError(
-        f"base parameters with symbolic lengths ({exact}) and at the device's own lengths ({numeric}) differ: {found}.",
+        f"base parameters with symbolic lengths ({exact}) and at the device's own lengths ({numeric}) differ: "
+        f"{differences}.",
         found=(exact, numeric),
         advice=(
             "The device's lengths or angles are special, or a column's law ties it to others: write equal lengths by "

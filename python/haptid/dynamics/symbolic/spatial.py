@@ -84,14 +84,14 @@ def opened_chain(model: DynamicModel) -> SymbolicChain:
     """
     device = model.device
     assert isinstance(device.closure, NewtonClosure)
-    found = {device.joint_names[j] for j in device.closure.unknown}
-    opened = opened_tree(device.tables, device.name, found).with_gravity(device.gravity)
+    passive = {device.joint_names[j] for j in device.closure.unknown}
+    opened = opened_tree(device.tables, device.name, passive).with_gravity(device.gravity)
     chain = assembled(
         opened, opened.tables, range(len(opened.active)), None, lambda _, __, symbols: linear_motion(opened, symbols)
     )
     known = {symbol.name for symbol in chain.symbols}
-    more = (Symbol(name, device.lengths[name], LENGTH) for name in _varied(device) if name not in known)
-    return replace(chain, symbols=(*chain.symbols, *more))
+    lengths = (Symbol(name, device.lengths[name], LENGTH) for name in _varied(device) if name not in known)
+    return replace(chain, symbols=(*chain.symbols, *lengths))
 
 
 def closed_columns(model: DynamicModel, columns: Columns, order: Sequence[int], seed: int) -> ClosedColumns:
@@ -109,18 +109,18 @@ def closed_columns(model: DynamicModel, columns: Columns, order: Sequence[int], 
     """
     opened = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))
     closed = set(model.base.independent_columns)
-    kept = [k for k in opened.kept if order[k] in closed]
+    independent = [k for k in opened.kept if order[k] in closed]
     dropped = [k for k in opened.kept if order[k] not in closed]
-    if len(kept) < len(closed):
+    if len(independent) < len(closed):
         raise _unclear(model, "base parameters with loops closed are not among those with loops opened")
-    numbers = _Numbers(model, ([order[k] for k in kept], [order[k] for k in dropped]), seed)
-    found = _forms(numbers, model, [order[k] for k in kept], [order[k] for k in dropped])
-    coefficients = {(kept[i], dropped[k]): coefficient for (i, k), coefficient in found.items()}
+    numbers = _Numbers(model, ([order[k] for k in independent], [order[k] for k in dropped]), seed)
+    forms = _forms(numbers, model, [order[k] for k in independent], [order[k] for k in dropped])
+    coefficients = {(independent[i], dropped[k]): coefficient for (i, k), coefficient in forms.items()}
     return ClosedColumns(columns.chain, columns.members, opened, tuple(dropped), coefficients)
 
 
 def _forms(
-    numbers: _Numbers, model: DynamicModel, kept: Sequence[int], dropped: Sequence[int]
+    numbers: _Numbers, model: DynamicModel, independent: Sequence[int], dropped: Sequence[int]
 ) -> dict[tuple[int, int], Coefficient]:
     """Formulas of the coefficients that are not zero, by (kept, dropped).
 
@@ -129,20 +129,22 @@ def _forms(
     """
     parameters, varied = model.device.parameters, [symbol.name for symbol in numbers.varied]
     units = [DIMENSIONS.get(unit) for unit in parameters.units]
-    left = {(i, k): dimension_ratio(units[a], units[b]) for i, a in enumerate(kept) for k, b in enumerate(dropped)}
-    made: dict[tuple[int, int], Coefficient] = {}
+    left = {
+        (i, k): dimension_ratio(units[a], units[b]) for i, a in enumerate(independent) for k, b in enumerate(dropped)
+    }
+    forms: dict[tuple[int, int], Coefficient] = {}
     for count in _SETS:
         numbers.extend(count)
-        for at, dimension in list(left.items()):
-            coefficient = _fit(numbers, at, dimension)
+        for place, dimension in list(left.items()):
+            coefficient = _fit(numbers, place, dimension)
             if coefficient is not None:
-                del left[at]
+                del left[place]
                 if coefficient.numerator.terms:
-                    made[at] = coefficient
+                    forms[place] = coefficient
         if not left:
-            return made
+            return forms
     i, k = next(iter(left))
-    names = parameters.names[kept[i]], parameters.names[dropped[k]]
+    names = parameters.names[independent[i]], parameters.names[dropped[k]]
     raise RegroupingError(
         f"the coefficient of {names[1]} in base parameter {names[0]} has no formula: no Laurent polynomial of low "
         f"degree in {', '.join(varied) or 'named lengths (there are none)'} fits at {len(numbers.values)} sets.",
@@ -187,9 +189,9 @@ class _Numbers:
         raise _unclear(self._model, f"the loops do not close where {', '.join(sorted(changed))} differ by 10 %")
 
 
-def _fit(numbers: _Numbers, at: tuple[int, int], dimension: Dimension | None) -> Coefficient | None:
+def _fit(numbers: _Numbers, place: tuple[int, int], dimension: Dimension | None) -> Coefficient | None:
     """One coefficient from its numbers, None where no form fits."""
-    y, limit = np.array([values[at] for values in numbers.values]), float(numbers.unknown[at])
+    y, limit = np.array([values[place] for values in numbers.values]), float(numbers.unknown[place])
     moving = [symbol for symbol, value in zip(numbers.varied, y[1:], strict=False) if abs(value - y[0]) > limit]
     if not moving:
         forms: Iterator[tuple[Powers, ...]] = iter([((),)])
@@ -198,7 +200,7 @@ def _fit(numbers: _Numbers, at: tuple[int, int], dimension: Dimension | None) ->
     else:
         forms = (tuple(islice(monomials(moving, dimension, *span), len(y))) for span in EXPONENT_RANGES)
     fits = (_polynomial(numbers.lengths, y, form, limit) for form in forms if 0 < len(form) <= len(y) - _SPARE)
-    return next((Coefficient(found) for found in fits if found is not None), None)
+    return next((Coefficient(fit) for fit in fits if fit is not None), None)
 
 
 def _polynomial(
@@ -206,13 +208,13 @@ def _polynomial(
 ) -> Laurent | None:
     """The combination of monomials with ratios of small integers that has these values, None where there is none."""
     monomial = [Laurent.of([(exponents, Fraction(1))]) for exponents in form]
-    values = np.array([[each.value(at) for each in monomial] for at in lengths])
+    values = np.array([[each.value(point) for each in monomial] for point in lengths])
     sizes = np.abs(values).max(axis=0)
     factors = np.linalg.lstsq(values / sizes, y, rcond=None)[0] / sizes
     ratios = [Fraction(float(factor)).limit_denominator(_DENOMINATOR) for factor in factors]
     rounded = np.array([float(ratio) for ratio in ratios])
-    off = np.abs(values @ rounded - y)
-    if (np.abs(factors - rounded) > _NEAR).any() or (off > np.maximum(limit, _KNOWN * np.abs(y))).any():
+    residual = np.abs(values @ rounded - y)
+    if (np.abs(factors - rounded) > _NEAR).any() or (residual > np.maximum(limit, _KNOWN * np.abs(y))).any():
         return None
     return Laurent.of(zip(form, ratios, strict=True))
 
@@ -224,10 +226,10 @@ def _coefficients(model: DynamicModel, columns: tuple[Sequence[int], Sequence[in
         RegroupingError: at these lengths the dropped columns depend on those kept no more.
     """
     W = random_regressor(model, seed=0, columns=len(columns[0]))
-    kept, dropped = (W[:, list(part)] for part in columns)
-    lengths, others = np.linalg.norm(kept, axis=0)[:, None], np.linalg.norm(dropped, axis=0)
+    independent, dropped = (W[:, list(part)] for part in columns)
+    lengths, others = np.linalg.norm(independent, axis=0)[:, None], np.linalg.norm(dropped, axis=0)
     others = np.maximum(others, NO_EFFECT / _DEPENDENT * lengths.max())  # without effect where it is less
-    Q, R = np.linalg.qr(kept / lengths.T)
+    Q, R = np.linalg.qr(independent / lengths.T)
     if (np.linalg.norm(dropped - Q @ (Q.T @ dropped), axis=0) > _DEPENDENT * others).any():
         raise _unclear(model, "its relations with the loops closed hold at the device's own lengths only")
     rounding = np.linalg.norm(np.linalg.inv(R), axis=1, keepdims=True)  # 1 / what is left of each column kept
@@ -241,13 +243,13 @@ def _at_lengths(model: DynamicModel, lengths: Mapping[str, float]) -> DynamicMod
 
 def _varied(device: Device) -> list[str]:
     """Names of the lengths that the file gives as numbers other than zero."""
-    return [name for name, given in device.tables.lengths.items() if not isinstance(given, str) and given]
+    return [name for name, value in device.tables.lengths.items() if not isinstance(value, str) and value]
 
 
-def _unclear(model: DynamicModel, found: str) -> RegroupingError:
+def _unclear(model: DynamicModel, reason: str) -> RegroupingError:
     return RegroupingError(
-        f"{model.device.name}: loops that are not planar: {found}.",
+        f"{model.device.name}: loops that are not planar: {reason}.",
         where=model.device.name,
-        found=found,
+        found=reason,
         advice="Use the numeric groupings of `base_parameters`.",
     )

@@ -155,10 +155,10 @@ def ratio(value: float) -> Fraction:
 
 def draw(symbols: Iterable[Symbol], field: PrimeField, rng: np.random.Generator, count: int) -> Points:
     """Random residues of all symbols, (count,) each; cosine and sine of an angle lie on the circle."""
-    made: dict[str, Residues] = {}
+    drawn: dict[str, Residues] = {}
     for symbol in symbols:
         if symbol.angle is None:
-            made[symbol.name] = field.draw(rng, count)
-        elif symbol.name not in made:
-            made[f"cos({symbol.angle})"], made[f"sin({symbol.angle})"] = field.circle(rng, count)
-    return Points(field, made, count)
+            drawn[symbol.name] = field.draw(rng, count)
+        elif symbol.name not in drawn:
+            drawn[f"cos({symbol.angle})"], drawn[f"sin({symbol.angle})"] = field.circle(rng, count)
+    return Points(field, drawn, count)

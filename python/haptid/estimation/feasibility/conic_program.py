@@ -102,13 +102,13 @@ class Answer:
     z: Array
 
 
-def attempt(problem: Sequence[Any], how: clarabel.DefaultSettings) -> Answer:
+def attempt(problem: Sequence[Any], options: clarabel.DefaultSettings) -> Answer:
     """The solver's answer to a problem (P, q, A, b, cones).
 
     A decomposition that does not converge is a panic of its Rust code; here it is one more status that is not solved.
     """
     try:
-        answer = clarabel.DefaultSolver(*problem, how).solve()
+        answer = clarabel.DefaultSolver(*problem, options).solve()
     except BaseException as panic:
         if type(panic).__name__ != "PanicException":
             raise
@@ -118,11 +118,11 @@ def attempt(problem: Sequence[Any], how: clarabel.DefaultSettings) -> Answer:
 
 def settings(equilibrate: bool, regularisation: float, tolerance: float = TIGHT) -> clarabel.DefaultSettings:
     """Solver settings: silent, one thread, tight tolerances; scaling of rows and columns, static regularisation."""
-    made = clarabel.DefaultSettings()
-    made.verbose = False
-    made.max_threads = 1
-    made.equilibrate_enable = equilibrate
-    made.static_regularization_constant = regularisation
-    made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = tolerance
-    made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = ENOUGH
-    return made
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.max_threads = 1
+    options.equilibrate_enable = equilibrate
+    options.static_regularization_constant = regularisation
+    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
+    options.reduced_tol_gap_abs = options.reduced_tol_gap_rel = options.reduced_tol_feas = ENOUGH
+    return options

@@ -105,13 +105,13 @@ def inside(
     model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[ConePart] = ()
 ) -> FeasibleParameters:
     """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
-    found = interior(conditions, x, fixed)
+    point = interior(conditions, x, fixed)
     failing = tuple(
         _contradiction(part, shares)
-        for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
+        for part, margin, shares in zip(conditions.parts, point.margins, point.multipliers, strict=True)
         if margin < -_ROUNDING
     )
-    return FeasibleParameters(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
+    return FeasibleParameters(model, beta, conditions.scale * point.x, float(point.margins.min(initial=1.0)), failing)
 
 
 def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleParameters:
@@ -131,8 +131,8 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
     """
     beta = check_beta(model, beta)
     check_metric(model, R)
-    found = feasible_parameters(model, beta)
-    return found if found.ok else nearest_feasible(model, beta, triangle(R))[0]
+    nearest = feasible_parameters(model, beta)
+    return nearest if nearest.ok else nearest_feasible(model, beta, triangle(R))[0]
 
 
 def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[ConeBlock, ...]]:
@@ -194,12 +194,12 @@ def roomy(model: DynamicModel, beta: Array) -> Cone:
     Raises:
         PhysicalConsistencyError: the cone has no interior: the symmetries leave no feasible body.
     """
-    found = cone(model, beta)
-    if found.room > BORDER:
-        return found
-    nothing = np.zeros((0, len(found.scale)))
-    free = replace(found, A=nothing, parts=parts(nothing, found.blocks))
-    centre = interior(free, found.ball)
+    conditions = cone(model, beta)
+    if conditions.room > BORDER:
+        return conditions
+    nothing = np.zeros((0, len(conditions.scale)))
+    free = replace(conditions, A=nothing, parts=parts(nothing, conditions.blocks))
+    centre = interior(free, conditions.ball)
     for part, margin in zip(free.parts, centre.margins, strict=True):
         if margin < BORDER:
             labels = ", ".join(block.label for block in part.blocks)
@@ -211,7 +211,7 @@ def roomy(model: DynamicModel, beta: Array) -> Cone:
                 limit=BORDER,
                 advice="Take a zero out of [[symmetry]], such as the moment of inertia of a rod about its own axis.",
             )
-    return replace(found, ball=centre.x)
+    return replace(conditions, ball=centre.x)
 
 
 def _contradiction(part: ConePart, shares: Array) -> str:

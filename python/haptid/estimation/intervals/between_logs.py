@@ -66,7 +66,7 @@ class BetweenLogs:
         freeze_fields(self, "values", "effective", "scatter")
 
     @staticmethod
-    def of(fit: Fit, found: Quantities, values: Array, C: Array, shifts: Array) -> BetweenLogs | None:
+    def of(fit: Fit, estimated: Quantities, values: Array, C: Array, shifts: Array) -> BetweenLogs | None:
         """Of combinations of base parameters; None with fewer than three logs.
 
         Args:
@@ -84,8 +84,8 @@ class BetweenLogs:
         logs = _summed(blocks, owners, many)
         own = fit.combined(C)
         shares = logs.shares(own)
-        whole, squares = shares.sum(axis=0) ** 2, (shares**2).sum(axis=0)
-        effective = np.divide(whole, squares, out=np.full(len(own), float(many)), where=squares > 0)
+        total, squares = shares.sum(axis=0) ** 2, (shares**2).sum(axis=0)
+        effective = np.divide(total, squares, out=np.full(len(own), float(many)), where=squares > 0)
         jackknife, corrected = logs.leave_out_shifts @ own.T, Adjustment.of(logs.G).times(logs.s) @ own.T
         inside, outside = _within(blocks, owners, logs, own), (many - 1) / many * jackknife.T @ jackknife
         variance = np.diag(inside)
@@ -95,14 +95,14 @@ class BetweenLogs:
         def quantities(covariance: Array, dof: Array, unbounded: tuple[int, ...]) -> Quantities:
             for coordinates, pull in ((own, fit.solution.pull), (C, shifts if len(shifts) else None)):
                 covariance, dof = with_prior_variance(covariance, dof, coordinates, pull)
-            return Quantities(found.names, found.units, found.values, covariance, dof, unbounded)
+            return Quantities(estimated.names, estimated.units, estimated.values, covariance, dof, unbounded)
 
         return BetweenLogs(
             values=values,
             logs=many,
             effective=effective,
-            pooled=found,
-            within=quantities(inside, found.dof, found.unbounded),
+            pooled=estimated,
+            within=quantities(inside, estimated.dof, estimated.unbounded),
             across=quantities(outside, np.maximum(effective - 1.0, 1.0), tuple(map(int, single))),
             scatter=scatter,
         )
@@ -120,13 +120,13 @@ class BetweenLogs:
     @cached_property
     def p(self) -> Array:
         """p-values of the hypothesis that logs scatter by the noise of their blocks alone, F test, (k,)."""
-        made = f_tail(self.scatter, np.maximum(self.effective - 1.0, 1.0), self.within.dof)
-        return freeze(np.where(np.isfinite(self.across.se), made, 1.0))
+        probabilities = f_tail(self.scatter, np.maximum(self.effective - 1.0, 1.0), self.within.dof)
+        return freeze(np.where(np.isfinite(self.across.se), probabilities, 1.0))
 
     def differs(self, confidence: float = LEVEL) -> tuple[str, ...]:
         """Names of the parameters that scatter between logs beyond noise, Holm's correction over all of them."""
-        found = together(self.p) < 1 - confidence
-        return tuple(name for name, far in zip(self.across.names, found, strict=True) if far)
+        adjusted = together(self.p) < 1 - confidence
+        return tuple(name for name, far in zip(self.across.names, adjusted, strict=True) if far)
 
     def conf_int(self, level: float = LEVEL) -> Array:
         """Confidence intervals of the mean over days, (k, 2), SI."""
@@ -138,7 +138,7 @@ class BetweenLogs:
 
     def _interval(self, factor: Array, level: float) -> Array:
         """The wider of the intervals from logs and of the estimate, about the unconstrained fit, with the values."""
-        sides = [half_width(factor * one.se, one.dof, level) for one in (self.across, self.pooled)]
+        sides = [half_width(factor * quantities.se, quantities.dof, level) for quantities in (self.across, self.pooled)]
         half, free = np.maximum(*sides), self.across.values
         return freeze(np.column_stack([np.minimum(free - half, self.values), np.maximum(free + half, self.values)]))
 
@@ -146,15 +146,15 @@ class BetweenLogs:
     def sentences(self) -> tuple[str, ...]:
         """What scatters, and which interval to quote."""
         far = self.differs()
-        at = f"({100 * LEVEL:g} % confidence for all together)"
+        confidence = f"({100 * LEVEL:g} % confidence for all together)"
         meaning = f'The "95 % interval" is of the mean over these {self.logs} logs.'
         if not far:
-            return (f"{meaning} No parameter scatters between them beyond the noise of their blocks {at}.",)
+            return (f"{meaning} No parameter scatters between them beyond the noise of their blocks {confidence}.",)
         order = sorted((self.across.names.index(name) for name in far), key=lambda k: self.p[k])
         sizes = ", ".join(f"{self.across.names[k]} by {self._relative(k)}" for k in order)
         return (
-            f"{meaning} From log to log more scatters than the noise of blocks explains {at}: {sizes}. For another day "
-            "quote the interval of a repeat.",
+            f"{meaning} From log to log more scatters than the noise of blocks explains {confidence}: {sizes}. For "
+            "another day quote the interval of a repeat.",
         )
 
     def _relative(self, k: int) -> str:
@@ -162,13 +162,13 @@ class BetweenLogs:
         return f"{100 * own / size:.2g} %" if size > 0 else f"{own:.2g} {self.across.units[k]}"
 
 
-def _summed(blocks: BlockMoments, owners: np.ndarray, many: int) -> BlockMoments:
+def _summed(blocks: BlockMoments, owners: np.ndarray, logs: int) -> BlockMoments:
     """Moments of each log from those of its blocks."""
     k = blocks.s.shape[1]
-    G, s = np.zeros((many, k, k)), np.zeros((many, k))
+    G, s = np.zeros((logs, k, k)), np.zeros((logs, k))
     np.add.at(G, owners, blocks.G)
     np.add.at(s, owners, blocks.s)
-    return BlockMoments(G, s, np.arange(many))
+    return BlockMoments(G, s, np.arange(logs))
 
 
 def _within(blocks: BlockMoments, owners: np.ndarray, logs: BlockMoments, own: Array) -> Array:
@@ -179,11 +179,11 @@ def _within(blocks: BlockMoments, owners: np.ndarray, logs: BlockMoments, own: A
     total = np.zeros((len(own), len(own)))
     for j in range(len(logs.s)):
         values, vectors = np.linalg.eigh(logs.G[j])
-        kept = values > _EXCITED * values[-1]
-        root = vectors[:, kept] * np.sqrt(values[kept])
-        down = (vectors[:, kept] / np.sqrt(values[kept])).T
-        G = down @ blocks.G[owners == j] @ down.T
-        s = blocks.s[owners == j] @ down.T - G @ (down @ logs.s[j])
+        excited = values > _EXCITED * values[-1]
+        root = vectors[:, excited] * np.sqrt(values[excited])
+        whitening = (vectors[:, excited] / np.sqrt(values[excited])).T
+        G = whitening @ blocks.G[owners == j] @ whitening.T
+        s = blocks.s[owners == j] @ whitening.T - G @ (whitening @ logs.s[j])
         scores = Adjustment.of(G).times(s) @ root.T @ own.T
         total += scores.T @ scores
     return total

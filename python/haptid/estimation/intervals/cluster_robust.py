@@ -150,8 +150,8 @@ def _cr3_freedom(moments: BlockMoments, combinations: Array) -> Array:
     """Satterthwaite's, from the shares l of the blocks in a combination: (sum l)^2 / sum l^2 - 1, (q,)."""
     shares = moments.shares(combinations)
     squares = (shares**2).sum(axis=0)  # zero where a parameter is fixed, which has no uncertainty
-    whole = shares.sum(axis=0) ** 2
-    effective = np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0)
+    total = shares.sum(axis=0) ** 2
+    effective = np.divide(total, squares, out=np.full(len(total), np.inf), where=squares > 0)
     return np.asarray(np.maximum(effective - 1.0, LEAST_DOF))
 
 
@@ -181,9 +181,9 @@ class FixedB:
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""
         moments, own = fit.moments, fit.combined(combinations)
-        times, where = np.unique(moments.block, return_inverse=True)
+        times, time_of = np.unique(moments.block, return_inverse=True)
         series = np.zeros((len(times), len(own)))
-        np.add.at(series, where, moments.leave_out_shifts @ own.T)  # corrected for leverage, as in the jackknife
+        np.add.at(series, time_of, moments.leave_out_shifts @ own.T)  # corrected for leverage, as in the jackknife
         count = min(max(_FEWEST_COSINES, round(self.share * len(times))), max(1, len(times) - 1))
         cosines = fft.dct(series, 2, norm="ortho", axis=0)[1 : count + 1]
         covariance = len(times) / count * cosines.T @ cosines

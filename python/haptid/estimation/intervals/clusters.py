@@ -96,8 +96,8 @@ class Clusters:
         if len(np.unique(groups)) < 2:
             return 1.0
         single = self._adjusted[1]
-        many = groups.max() + 1
-        G, s = np.zeros((many, *self.G.shape[1:])), np.zeros((many, self.s.shape[1]))
+        count = groups.max() + 1
+        G, s = np.zeros((count, *self.G.shape[1:])), np.zeros((count, self.s.shape[1]))
         np.add.at(G, groups, self.G)
         np.add.at(s, groups, self.s)
         joined = Adjustment.of(G).times(s)

@@ -64,6 +64,6 @@ def with_prior_variance(covariance: Array, dof: Array, combinations: Array, pull
     if pull is None:
         return covariance, dof
     total = covariance + (combinations @ pull.T) @ (combinations @ pull.T).T
-    own, whole = np.diag(covariance), np.diag(total)
+    without, with_prior = np.diag(covariance), np.diag(total)
     # The prior variance is taken as known, so only the rows' part has finite degrees of freedom (Satterthwaite 1946).
-    return total, dof * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
+    return total, dof * np.divide(with_prior, without, out=np.ones_like(with_prior), where=without > 0) ** 2

@@ -85,9 +85,9 @@ def _middle(rows: Rows, fit: Fit, models: Sequence[Autoregression]) -> Array:
         if length % 2 == 0:
             once[-1] = 1.0
         for W, weight, autoregression, motor in zip(chunk.W, fit.weights, models, rows.observation.motors, strict=True):
-            taken = motor.rows.sum() / max(1, motor.rows.sum() - len(motor.columns))
+            per_dof = motor.rows.sum() / max(1, motor.rows.sum() - len(motor.columns))
             X = fft.rfft(weight**2 * (W @ fit.solution.root), length, axis=0)
-            power = taken * autoregression.spectrum(length) * once / length
+            power = per_dof * autoregression.spectrum(length) * once / length
             middle += ((X.conj().T * power) @ X).real
     return middle
 

@@ -201,10 +201,12 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
     cones = [*cones_of(feasible.conditions), clarabel.SecondOrderConeT(k + 1)]
     problem = (P, q, sparse.csc_matrix(A), b, cones)
     for relaxed, equilibrate in product(RELAXED, (True, False)):
-        how = settings(equilibrate, REGULARISATIONS[0])
-        how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * relaxed
-        how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, relaxed / 100)
-        answer = attempt(problem, how)
+        options = settings(equilibrate, REGULARISATIONS[0])
+        options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = TIGHT * relaxed
+        options.reduced_tol_gap_abs = options.reduced_tol_gap_rel = options.reduced_tol_feas = ENOUGH * max(
+            1.0, relaxed / 100
+        )
+        answer = attempt(problem, options)
         if answer.status in SOLVED:
             return np.asarray(feasible.change @ answer.x[:k] * reach)
     raise unsolved(answer.status, answer.iterations)

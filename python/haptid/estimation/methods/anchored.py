@@ -103,8 +103,8 @@ def open_parameters(observation: Observation, A: Array, *covariances: Array) -> 
         return ()
     own = np.max([np.diag(covariance) for covariance in covariances], axis=0) * (A**2).sum(axis=0)
     order = np.argsort(-own)
-    found = [observation.base.names[k] for k in order if own[k] > 1]
-    return tuple(found or [observation.base.names[order[0]]])
+    names = [observation.base.names[k] for k in order if own[k] > 1]
+    return tuple(names or [observation.base.names[order[0]]])
 
 
 def _scales(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Array]:
@@ -118,6 +118,6 @@ def _scales(model: DynamicModel, motions: Sequence[Motion]) -> tuple[Array, Arra
         acceleration = np.maximum(acceleration, np.sqrt((cdd**2).mean(axis=1)))
     units = np.array(model.device.torque_units)
     for unit in set(model.device.torque_units):
-        same = units == unit
-        speed[same], acceleration[same] = speed[same].max(), acceleration[same].max()
+        of_unit = units == unit
+        speed[of_unit], acceleration[of_unit] = speed[of_unit].max(), acceleration[of_unit].max()
     return speed, acceleration

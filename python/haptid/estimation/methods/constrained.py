@@ -105,9 +105,9 @@ class EqualityConstraints(Wrapper):
         A, b = self._rows(observation.model), np.array(list(self.relations.values()), dtype=float)
         sizes = np.linalg.norm(A, axis=1)
         met = np.linalg.lstsq(A / sizes[:, None], b / sizes, rcond=None)[0]
-        off = np.abs(A @ met - b) / (np.abs(A) @ np.abs(met) + np.abs(b) + np.finfo(float).tiny)
-        if off.max(initial=0.0) > CONTRADICTION:
-            relations, left = ", ".join(f"{k} = {v:g}" for k, v in self.relations.items()), float(off.max())
+        violation = np.abs(A @ met - b) / (np.abs(A) @ np.abs(met) + np.abs(b) + np.finfo(float).tiny)
+        if violation.max(initial=0.0) > CONTRADICTION:
+            relations, left = ", ".join(f"{k} = {v:g}" for k, v in self.relations.items()), float(violation.max())
             raise SettingError(
                 f"the relations {relations} contradict each other: one is off by {left:.3g} of its size at best.",
                 where="relations",
@@ -206,7 +206,7 @@ def bound_conditions(beta: Array, size: Array, low: Array, high: Array) -> list[
 def _outside(names: Sequence[str], beta: Array, free: Array, half: Array) -> tuple[str, ...]:
     """Names of the parameters outside of their unconstrained interval, whose half-widths are given, (p,)."""
     far = np.abs(beta - free) > half
-    return tuple(name for name, out in zip(names, far, strict=True) if out)
+    return tuple(name for name, is_outside in zip(names, far, strict=True) if is_outside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +232,8 @@ class BoundedSolution:
     def active(self) -> tuple[str, ...]:
         """A sentence for every active bound."""
         moved = self.beta != self.free
-        at = moved & ((self.beta == self.low) | (self.beta == self.high))
-        return tuple(f"{self.names[k]} is at its bound {self.beta[k]:.6g}" for k in np.flatnonzero(at))
+        at_bound = moved & ((self.beta == self.low) | (self.beta == self.high))
+        return tuple(f"{self.names[k]} is at its bound {self.beta[k]:.6g}" for k in np.flatnonzero(at_bound))
 
     def interval(self, half: Array) -> Array:
         """The unconstrained interval, cut at the bounds and widened to the estimate, (p, 2).
@@ -301,9 +301,9 @@ class PhysicallyConsistent(Wrapper):
             PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
             ConvergenceError: the solver stopped without a solution.
         """
-        found = feasible_parameters(observation.model, free.beta)
-        if found.ok:
-            return Constrained(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
+        feasible = feasible_parameters(observation.model, free.beta)
+        if feasible.ok:
+            return Constrained(feasible, free.beta, (), costs(observation.motors, free.beta, free.beta))
         nearest, blocks = nearest_feasible(observation.model, free.beta, free.R)
         active = tuple(dict.fromkeys(_active(block.label, block.is_link) for block in blocks))
         return Constrained(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))

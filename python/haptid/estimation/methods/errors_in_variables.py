@@ -63,11 +63,11 @@ class TLS(_NoisyColumns):
         solve(observation, np.ones(len(observation.motors)))  # raises where a direction is not excited
         weights = self.weights(observation)
         p = len(observation.base)
-        whole = observation.stack(weights)
-        variances = (whole**2).sum(axis=0) / observation.rows
+        stack = observation.stack(weights)
+        variances = (stack**2).sum(axis=0) / observation.rows
         noisy = np.array([*(not exact(observation, k) for k in range(p)), True])
         C = np.diag(np.where(noisy, variances, 0.0))
-        factor = smallest_generalised_eigenvalue(whole, noisy, C) / observation.rows
+        factor = smallest_generalised_eigenvalue(stack, noisy, C) / observation.rows
         noise = [motor.rows[:, None, None] * C * factor for motor in observation.motors]
         return noise_corrected(observation, weights, noise)
 
@@ -78,13 +78,13 @@ def exact(observation: Observation, k: int) -> bool:
     return all(kinds[j].startswith(EXACT_KINDS) for j in np.flatnonzero(base.regrouping[k]))
 
 
-def smallest_generalised_eigenvalue(whole: Array, noisy: np.ndarray, C: Array) -> float:
+def smallest_generalised_eigenvalue(stack: Array, noisy: np.ndarray, C: Array) -> float:
     """The smallest s with det(M - s C) = 0, M = whole'whole (p + 1, p + 1) and C of the noisy columns.
 
     Exact columns are eliminated by QR (Golub, Hoffman and Stewart 1987, Linear Algebra and its Applications 88/89).
     """
     order = np.concatenate([np.flatnonzero(~noisy), np.flatnonzero(noisy)])
-    R = triangle(whole[:, order])
+    R = triangle(stack[:, order])
     first = int((~noisy).sum())
     root = linalg.cholesky(C[np.ix_(noisy, noisy)])
     scaled = linalg.solve_triangular(root.T, R[first:, first:].T, lower=True)
@@ -170,8 +170,8 @@ class ErrorsInVariables(_NoisyColumns):
         """Block, motor, and the change of its columns by a perturbation of the positions, (rows, p)."""
         motions = [perturbed(motion, encoder_steps(motion, self.resolution), rng) for motion in observation.motions]
         for plain, moved in zip(Rows(observation), chunks_of(of_motions(observation, motions)), strict=True):
-            both = plain.used & moved.used
-            change = (moved.W - plain.W) * both[:, :, None]
+            used = plain.used & moved.used
+            change = (moved.W - plain.W) * used[:, :, None]
             for k, (start, stop) in zip(plain.blocks, pairwise(plain.edges), strict=True):
                 for motor in range(len(change)):
                     yield k, motor, change[motor, start:stop]

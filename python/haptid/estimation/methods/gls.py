@@ -81,8 +81,8 @@ class ChannelWhitening:
     def __call__(self, chunk: Chunk) -> Chunk:
         B = _used_shares(chunk)
         factor = np.linalg.cholesky(_row_covariances(B, self.variances, chunk.used))
-        both = np.concatenate([chunk.W, chunk.y[:, :, None]], axis=2) * chunk.used[:, :, None]
-        white = np.linalg.solve(factor, both.transpose(1, 0, 2)).transpose(1, 0, 2)
+        augmented = np.concatenate([chunk.W, chunk.y[:, :, None]], axis=2) * chunk.used[:, :, None]
+        white = np.linalg.solve(factor, augmented.transpose(1, 0, 2)).transpose(1, 0, 2)
         return chunk.with_rows(np.ascontiguousarray(white[..., :-1]), np.ascontiguousarray(white[..., -1]))
 
 
@@ -137,14 +137,14 @@ class Decorrelation:
 
     def __call__(self, chunk: Chunk) -> Chunk:
         W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
-        patterns, which = np.unique(chunk.used, axis=1, return_inverse=True)
+        patterns, pattern_of = np.unique(chunk.used, axis=1, return_inverse=True)
         for number, pattern in enumerate(patterns.T):
-            motors, at = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == number)
+            motors, times = np.flatnonzero(pattern), np.flatnonzero(pattern_of.ravel() == number)
             if not len(motors):
                 continue
             mix = np.linalg.inv(np.linalg.cholesky(self.covariance[np.ix_(motors, motors)]))
-            here = np.ix_(motors, at)
-            W[here], y[here] = np.einsum("ij,jrp->irp", mix, chunk.W[here]), mix @ chunk.y[here]
+            cells = np.ix_(motors, times)
+            W[cells], y[cells] = np.einsum("ij,jrp->irp", mix, chunk.W[cells]), mix @ chunk.y[cells]
         return chunk.with_rows(W, y)
 
 
@@ -210,25 +210,25 @@ class GLS(UnitVarianceRows):
         beta = solve(observation, WLS().weights(observation)).beta
         flat = rows.folded(Whitening(residual_models(rows, beta, 0)))
         for _ in range(self.passes):
-            seen = rows.folded(Whitening(residual_models(rows, beta, self.most_order)))
-            beta = solve(seen, self.weights(seen)).beta
-        return flat if predicts_worse(observation, seen, flat) else seen
+            whitened = rows.folded(Whitening(residual_models(rows, beta, self.most_order)))
+            beta = solve(whitened, self.weights(whitened)).beta
+        return flat if predicts_worse(observation, whitened, flat) else whitened
 
 
-def predicts_worse(observation: Observation, seen: Observation, flat: Observation) -> bool:
+def predicts_worse(observation: Observation, whitened: Observation, flat: Observation) -> bool:
     """Whether a fit of whitened rows predicts the observation's blocks worse than one of weighted rows.
 
     Each block is predicted from all others; a paired one-sided t-test over the blocks of time, at `SIGNIFICANCE`.
     """
     weights = WLS().weights(observation)
-    more = prediction_errors(observation, weights, seen) - prediction_errors(observation, weights, flat)
-    if len(more) < 2 or not more.any():
+    excess = prediction_errors(observation, weights, whitened) - prediction_errors(observation, weights, flat)
+    if len(excess) < 2 or not excess.any():
         return False
-    t = np.sqrt(len(more)) * more.mean() / more.std(ddof=1)
-    return bool(t_tail(t, len(more) - 1) < _SIGNIFICANCE)
+    t = np.sqrt(len(excess)) * excess.mean() / excess.std(ddof=1)
+    return bool(t_tail(t, len(excess) - 1) < _SIGNIFICANCE)
 
 
-def prediction_errors(observation: Observation, weights: Array, seen: Observation) -> Array:
+def prediction_errors(observation: Observation, weights: Array, whitened: Observation) -> Array:
     """Leave-one-block-out cross-validation: squared weighted prediction error of each block, (blocks,).
 
     Args:
@@ -237,11 +237,11 @@ def prediction_errors(observation: Observation, weights: Array, seen: Observatio
         seen: the same blocks as the fit sees them, scaled to unit variance.
     """
     ones = np.ones(len(weights))
-    solution = solve(seen, ones)
-    found, sums = Fit(seen, ones, solution, True).moments, np.zeros(len(observation.blocks))
-    G, s = np.zeros((len(sums), *found.G.shape[1:])), np.zeros((len(sums), found.s.shape[1]))
-    np.add.at(G, found.block, found.G)
-    np.add.at(s, found.block, found.s)
+    solution = solve(whitened, ones)
+    moments, sums = Fit(whitened, ones, solution, True).moments, np.zeros(len(observation.blocks))
+    G, s = np.zeros((len(sums), *moments.G.shape[1:])), np.zeros((len(sums), moments.s.shape[1]))
+    np.add.at(G, moments.block, moments.G)
+    np.add.at(s, moments.block, moments.s)
     beta = solution.beta - BlockMoments(G, s, np.arange(len(sums))).leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
         T = motor.triangles * weight
@@ -272,6 +272,6 @@ def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregres
     for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
         found, n = burg(own, most_order), int(motor.rows.sum())
         floor = (np.finfo(float).eps * motor.norm) ** 2 / n
-        taken = n / max(1, n - len(motor.columns))
-        models.append(replace(found, powers=np.maximum(found.powers * taken, floor)))
+        per_dof = n / max(1, n - len(motor.columns))
+        models.append(replace(found, powers=np.maximum(found.powers * per_dof, floor)))
     return models

@@ -142,23 +142,23 @@ class Filtering(UnitVarianceRows, ABC):
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         beta, root = first.beta, np.diag(self.widen * first.se)
         for motion in observation.motions:
-            given = self._input(first, motion)
+            inputs = self._input(first, motion)
             for blocks in consecutive_blocks(observation, motion):
-                state = initial_state(given, blocks[0][1], beta, root)
+                state = initial_state(inputs, blocks[0][1], beta, root)
                 for block, start, stop in blocks:
                     before = state.information(p)
                     for k in range(start, stop):
-                        state = self.predicted(forward, state, given, k)
+                        state = self.predicted(forward, state, inputs, k)
                         _check_speeds(model, motion, k, state)
-                        state = state.updated(given.c[:, k + 1], given.noise[0])
+                        state = state.updated(inputs.c[:, k + 1], inputs.noise[0])
                     triangles[block] = information_rows(before, state.information(p))
-                    counts[block] = (stop - start) * len(given.c)
+                    counts[block] = (stop - start) * len(inputs.c)
                 beta, root = state.x[-p:], lower(state.S[-p:])
         return by_block(observation, self.name, triangles, counts)
 
     @abstractmethod
     def predicted(
-        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+        self, forward: ParametricForwardDynamics, state: FilterState, inputs: FilterInput, k: int
     ) -> FilterState:
         """The state at the sample after k, without its measurement."""
 
@@ -182,13 +182,13 @@ def lower(root: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r"), dtype=np.float64).T)
 
 
-def initial_state(given: FilterInput, k: int, beta: Array, root: Array) -> FilterState:
+def initial_state(inputs: FilterInput, k: int, beta: Array, root: Array) -> FilterState:
     """The treated state at sample k, its velocity as uncertain as a difference of two positions."""
-    n, size = len(given.c), 2 * len(given.c) + len(beta)
+    n, size = len(inputs.c), 2 * len(inputs.c) + len(beta)
     S = np.zeros((size, size))
-    S[: 2 * n, : 2 * n] = np.diag(np.concatenate([given.noise[0], given.noise[0] / given.motion.dt]))
+    S[: 2 * n, : 2 * n] = np.diag(np.concatenate([inputs.noise[0], inputs.noise[0] / inputs.motion.dt]))
     S[2 * n :, 2 * n :] = root
-    return FilterState(np.concatenate([given.treated[0][:, k], given.treated[1][:, k], beta]), S)
+    return FilterState(np.concatenate([inputs.treated[0][:, k], inputs.treated[1][:, k], beta]), S)
 
 
 def _check_speeds(model: DynamicModel, motion: Motion, k: int, state: FilterState) -> None:
@@ -209,13 +209,13 @@ def _check_speeds(model: DynamicModel, motion: Motion, k: int, state: FilterStat
 
 def information_rows(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
     """Rows R beta = z whose information is the gain from `before` to `after`, (p + 1, p + 1); z in the last column."""
-    more, sum_ = after[0] - before[0], after[1] - before[1]
+    information, sum_ = after[0] - before[0], after[1] - before[1]
     scale = np.sqrt(np.maximum(np.diag(after[0]), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     root = np.sqrt(np.maximum(values, 0.0))
-    kept = root > 0
-    R = np.where(kept, root, 0.0)[:, None] * vectors.T * scale
-    z = np.divide(vectors.T @ (sum_ / scale), root, out=np.zeros_like(root), where=kept)
+    positive = root > 0
+    R = np.where(positive, root, 0.0)[:, None] * vectors.T * scale
+    z = np.divide(vectors.T @ (sum_ / scale), root, out=np.zeros_like(root), where=positive)
     return np.pad(np.column_stack([R, z]), ((0, 1), (0, 0)))
 
 
@@ -245,21 +245,21 @@ class EKF(Filtering):
     """
 
     def predicted(
-        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+        self, forward: ParametricForwardDynamics, state: FilterState, inputs: FilterInput, k: int
     ) -> FilterState:
         """The state at the sample after k, without its measurement."""
-        n, x, dt = len(given.c), state.x.copy(), given.motion.dt
-        linear = forward.linearised(x[:n], x[n : 2 * n], given.tau[:, k], x[2 * n :])
+        n, x, dt = len(inputs.c), state.x.copy(), inputs.motion.dt
+        linear = forward.linearised(x[:n], x[n : 2 * n], inputs.tau[:, k], x[2 * n :])
         substeps = SUBSTEPS if forward.turning(x[:n], x[n : 2 * n], linear[0], dt) else 1
         by_start, by_beta, process = np.eye(2 * n), np.zeros((2 * n, len(x) - 2 * n)), np.zeros((2 * n, n))
         for substep in range(substeps):
             if substep > 0:
-                linear = forward.linearised(x[:n], x[n : 2 * n], given.tau[:, k], x[2 * n :])
+                linear = forward.linearised(x[:n], x[n : 2 * n], inputs.tau[:, k], x[2 * n :])
             cdd, by_state, slope, inverse = linear
             F, integral = exponential(by_state, dt / substeps)
             x[: 2 * n] += integral @ np.concatenate([x[n : 2 * n], cdd])
             by_start, by_beta = F @ by_start, F @ by_beta + integral[:, n:] @ slope
-            process = F @ process + integral[:, n:] @ (inverse * given.noise[1])
+            process = F @ process + integral[:, n:] @ (inverse * inputs.noise[1])
         root = np.zeros((len(x), len(x) + n))
         root[: 2 * n, :-n] = by_start @ state.S[: 2 * n] + by_beta @ state.S[2 * n :]
         root[: 2 * n, -n:], root[2 * n :, :-n] = process, state.S[2 * n :]
@@ -273,8 +273,8 @@ def exponential(by_state: Array, dt: float) -> tuple[Array, Array]:
     wide[: size // 2, size // 2 : size] = np.eye(size // 2)
     wide[size // 2 : size, :size] = by_state
     wide[:size, size:] = np.eye(size)
-    found = linalg.expm(wide * dt)
-    return found[:size, :size], found[:size, size:]
+    result = linalg.expm(wide * dt)
+    return result[:size, :size], result[:size, size:]
 
 
 @dataclass(frozen=True)
@@ -292,12 +292,12 @@ class UKF(Filtering):
     parts: int = 1
 
     def predicted(
-        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+        self, forward: ParametricForwardDynamics, state: FilterState, inputs: FilterInput, k: int
     ) -> FilterState:
         """The state at the sample after k, without its measurement."""
-        n, size, tau = len(given.c), len(state.x), given.tau[:, k]
+        n, size, tau = len(inputs.c), len(state.x), inputs.tau[:, k]
         points = state.x[:, None] + np.sqrt(size) * np.column_stack([state.S, -state.S])
-        dt, mean = given.motion.dt, state.x
+        dt, mean = inputs.motion.dt, state.x
         cdd, *_, inverse = forward.linearised(mean[:n], mean[n : 2 * n], tau, mean[2 * n :])
         steps = self.parts * (SUBSTEPS if forward.turning(mean[:n], mean[n : 2 * n], cdd, dt) else 1)
         held, beta = np.repeat(tau[:, None], points.shape[1], axis=1), points[2 * n :].T
@@ -309,7 +309,7 @@ class UKF(Filtering):
             points[: 2 * n] = np.concatenate(runge_kutta_step(acceleration, points[:n], points[n : 2 * n], dt / steps))
         x = points.mean(axis=1)
         process = np.zeros((size, n))
-        push = inverse * given.noise[1]
+        push = inverse * inputs.noise[1]
         process[:n], process[n : 2 * n] = 0.5 * dt**2 * push, dt * push
         spread = (points - x[:, None]) / np.sqrt(2 * size)
         return FilterState(x, lower(np.column_stack([spread, process])))

@@ -86,27 +86,27 @@ UNPROVEN = (
 )
 
 
-def with_noise_uncertainty(made: Estimate) -> Estimate:
+def with_noise_uncertainty(fitted: Estimate) -> Estimate:
     """The estimate with what the encoders' noise may have moved its parameters by in its covariance.
 
     Args:
         made: by `MotorSide`; its motions hold the simulated joints.
     """
-    assert isinstance(made.method, MotorSide)
-    rows, smoothed = made.fit.observation, smooth(made.model, made.observation.motions, made.method.friction)
-    base, p = base_columns(made.model), len(made.base)
+    assert isinstance(fitted.method, MotorSide)
+    rows, smoothed = fitted.fit.observation, smooth(fitted.model, fitted.observation.motions, fitted.method.friction)
+    base, p = base_columns(fitted.model), len(fitted.base)
     G, b = np.zeros((p, p)), np.zeros(p)
-    for motor, weight in zip(rows.motors, made.fit.weights, strict=True):
+    for motor, weight in zip(rows.motors, fitted.fit.weights, strict=True):
         R = motor.whole[:, :-1] * weight
         G[np.ix_(motor.columns, motor.columns)] += R.T @ R
     for motion in rows.motions:
         if motion.log is None:
             continue
-        variance = np.array([one.step**2 / 12 for one in spectra(motion.log)])
-        _, score = noise_moments(smoothed, base, made.beta, motion, variance)
+        variance = np.array([spectrum.step**2 / 12 for spectrum in spectra(motion.log)])
+        _, score = noise_moments(smoothed, base, fitted.beta, motion, variance)
         own = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
-        for motor, weight in zip(rows.motors, made.fit.weights, strict=True):
-            k, count = made.model.device.row_names.index(motor.name), weight**2 * int(motor.rows[own].sum())
+        for motor, weight in zip(rows.motors, fitted.fit.weights, strict=True):
+            k, count = fitted.model.device.row_names.index(motor.name), weight**2 * int(motor.rows[own].sum())
             b += count * score[k]
-    made = made.with_nuisance("noise of the encoders", np.asarray(np.linalg.solve(G, b)[None], dtype=np.float64))
-    return replace(made, notes=(*made.notes, UNPROVEN))
+    fitted = fitted.with_nuisance("noise of the encoders", np.asarray(np.linalg.solve(G, b)[None], dtype=np.float64))
+    return replace(fitted, notes=(*fitted.notes, UNPROVEN))

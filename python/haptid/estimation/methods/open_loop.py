@@ -69,12 +69,12 @@ def multiple_shooting(
     treated, cd = measured_state(model, motion)
     start = (treated[:, segments.sample[0]], cd[:, segments.sample[0]])
     steps = open_loop(forward, motion, sampled_torque(model, motion), start, segments)
-    made = sensitivity(forward, None, motion, steps, base_columns(model))
+    course = sensitivity(forward, None, motion, steps, base_columns(model))
     raw = recorded_positions(model, motion)
     scale = 1.0 / position_noise(raw, treated, motion)
     own = segments.own & (segments.sample >= motion.usable[0]) & (segments.sample < motion.usable[1])
     error = (np.moveaxis(raw[:, segments.sample], 0, 1) - steps.c) * scale[None, :, None] * own[:, None]
-    return made.c * scale[None, :, None, None] * own[:, None, None], error
+    return course.c * scale[None, :, None, None] * own[:, None, None], error
 
 
 def sampled_torque(model: DynamicModel, motion: Motion) -> Array:
@@ -94,8 +94,8 @@ def recorded_positions(model: DynamicModel, motion: Motion) -> Array:
 def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
     """Standard deviation of what the treatment removed from the positions, (n,), rad or m."""
     low, high = motion.usable
-    taken = (raw - treated)[:, low:high].std(axis=1)
-    return np.asarray(np.maximum(taken, _LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
+    noise = (raw - treated)[:, low:high].std(axis=1)
+    return np.asarray(np.maximum(noise, _LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
 
 
 def segment_blocks(observation: Observation, motion: Motion, segments: Segments) -> list[int | None]:

@@ -258,13 +258,16 @@ class EntropicPenalty:
         first, per = n + p, len(_LOWER) + _SIDE
         # Variables: change of x; residual over `size`; then Z and the logarithms of each link with a prior.
         size = max(1.0, float(np.sqrt(strength)))
-        many = first + per * len(links)
-        cost, quadratic = np.zeros(many), np.concatenate([np.full(n, FIT_PENALTY), np.ones(p), np.zeros(many - first)])
+        count = first + per * len(links)
+        cost, quadratic = (
+            np.zeros(count),
+            np.concatenate([np.full(n, FIT_PENALTY), np.ones(p), np.zeros(count - first)]),
+        )
         weight = strength / size**2
-        rows = [np.hstack([R @ cone.A / size, -np.eye(p), np.zeros((p, many - first))])]
+        rows = [np.hstack([R @ cone.A / size, -np.eye(p), np.zeros((p, count - first))])]
         right, cones = [(z - R @ (cone.A @ x)) / size], [clarabel.ZeroConeT(p)]
         for block in (b for b, known in zip(cone.blocks, self.known, strict=True) if not known):
-            rows.append(np.hstack([-block.G, np.zeros((len(block.G), many - n))]))
+            rows.append(np.hstack([-block.G, np.zeros((len(block.G), count - n))]))
             right.append(block.G @ x)
             cones += cones_of([ConeCondition(block.G, block.G @ x, block.is_link)])
         for k, block in enumerate(links):
@@ -272,19 +275,19 @@ class EntropicPenalty:
             inverse = np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball)))
             cost[:n] += weight * np.einsum("ij,kji->k", inverse, block.matrices(np.eye(n)))
             cost[own.stop - _SIDE : own.stop] = -weight
-            part = np.zeros((len(_DETERMINANT[0]), many))
+            part = np.zeros((len(_DETERMINANT[0]), count))
             part[:, :n], part[:, own] = -_DETERMINANT[0] @ block.G, -_DETERMINANT[1]
             rows.append(part)
             right.append(_DETERMINANT[0] @ block.G @ x)
             cones.append(clarabel.PSDTriangleConeT(2 * _SIDE))
             for i in range(_SIDE):  # (log, 1, Z_ii) in the exponential cone
-                part = np.zeros((3, many))
+                part = np.zeros((3, count))
                 part[0, own.stop - _SIDE + i] = part[2, own.start + _LOWER.index((i, i))] = -1.0
                 rows.append(part)
                 right.append(np.array([0.0, 1.0, 0.0]))
                 cones.append(clarabel.ExponentialConeT())
-        found = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones, tolerance)[0]
-        return cone.moved_inside(x + found[:n])
+        answer = solved(np.diag(quadratic), cost, np.concatenate(rows), np.concatenate(right), cones, tolerance)[0]
+        return cone.moved_inside(x + answer[:n])
 
 
 # Entries of a lower triangular matrix of the size of a pseudo-inertia.
@@ -316,8 +319,8 @@ def best_strength(observation: Observation, weights: Array, penalty: EntropicPen
     index = np.arange(len(observation.blocks))
     errors = np.zeros(len(ENTROPIC_STRENGTHS))
     for fold in range(min(FOLDS, len(index))):
-        unseen, seen = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
-        T, V = seen.stack(weights), unseen.stack(weights)
+        unseen, training = (observation.pick(index[(index % FOLDS == fold) == flag]) for flag in (True, False))
+        T, V = training.stack(weights), unseen.stack(weights)
         for k, strength in enumerate(ENTROPIC_STRENGTHS):
             x = penalty.minimiser(T[:-1, :-1], T[:-1, -1], strength, COARSE)
             errors[k] += float(np.sum((V @ np.append(-penalty.cone.A @ x, 1.0)) ** 2))

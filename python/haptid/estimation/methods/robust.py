@@ -156,9 +156,9 @@ def iterated(rows: Rows, loss: Loss, beta: Array, most: int) -> Array:
     """Fixed point of the reweighted fit, (p,)."""
     ones = np.ones(len(rows.observation.motors))
     for _ in range(most):
-        found = solve(rows.folded(Reweighting(robust_scales(rows, loss, beta))), ones)
-        moved = np.abs(found.beta - beta) / np.linalg.norm(found.root, axis=1)
-        beta = found.beta
+        solution = solve(rows.folded(Reweighting(robust_scales(rows, loss, beta))), ones)
+        moved = np.abs(solution.beta - beta) / np.linalg.norm(solution.root, axis=1)
+        beta = solution.beta
         if moved.max() < _CONVERGED:
             break
     return beta
@@ -220,6 +220,6 @@ class PseudoValues:
 
     def __call__(self, chunk: Chunk) -> Chunk:
         e = chunk.residual(self.scales.beta)
-        kept = e * self.scales.weights(e) * self.scales.gain[:, None]
-        values = chunk.with_rows(chunk.W, np.where(chunk.used, chunk.y - e + kept, 0.0))
+        pseudo = e * self.scales.weights(e) * self.scales.gain[:, None]
+        values = chunk.with_rows(chunk.W, np.where(chunk.used, chunk.y - e + pseudo, 0.0))
         return values.scaled(np.broadcast_to(1.0 / self.scales.unit[:, None], e.shape))

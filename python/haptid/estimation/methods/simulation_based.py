@@ -92,15 +92,15 @@ class SimulationBased(Wrapper, ABC):
             ConvergenceError: no convergence within `most` passes.
         """
         self.check(observation)
-        beta, found = None, self.first(observation)
+        beta, previous = None, self.first(observation)
         expect_no_history(observation.model)
         smoothed = smooth(observation.model, observation.motions, self.friction)
         for number in range(self.most):
-            goal = found if beta is None or number < FULL_STEPS else 0.5 * (beta + found)
+            goal = previous if beta is None or number < FULL_STEPS else 0.5 * (beta + previous)
             beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
-            made = estimate(rows, self.weighting)
-            found, moved = made.beta, np.abs(made.beta - beta) / np.maximum(made.se, np.finfo(float).tiny)
+            fitted = estimate(rows, self.weighting)
+            previous, moved = fitted.beta, np.abs(fitted.beta - beta) / np.maximum(fitted.se, np.finfo(float).tiny)
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
@@ -112,17 +112,17 @@ class SimulationBased(Wrapper, ABC):
         return estimate(observation, self.start).beta
 
     def _next(
-        self, observation: Observation, smoothed: DynamicModel, before: Array | None, found: Array
+        self, observation: Observation, smoothed: DynamicModel, before: Array | None, previous: Array
     ) -> tuple[Array, Observation]:
         """Parameters of the next simulation, and its rows; the step is halved where the simulation diverges."""
         for _ in range(HALVINGS):
             try:
-                return found, self.linearised_rows(observation, smoothed, found)
+                return previous, self.linearised_rows(observation, smoothed, previous)
             except SimulationError:
                 if before is None:
                     raise
-                found = 0.5 * (before + found)
-        return found, self.linearised_rows(observation, smoothed, found)
+                previous = 0.5 * (before + previous)
+        return previous, self.linearised_rows(observation, smoothed, previous)
 
     def check(self, observation: Observation) -> None:
         """Raise for missing inputs before any simulation."""
@@ -174,11 +174,11 @@ class ClosedLoop(SimulationBased):
     def courses(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> list[Course]:
         """The simulated trajectory along every motion."""
         forward = ForwardDynamics(smoothed, sets_of(observation.model, beta))
-        found = []
+        courses = []
         for place, motion in enumerate(observation.motions):
             steps = closed_loop(forward, self.law, motion, place, self.segments(motion))
-            found.append(steps.course(motion))
-        return found
+            courses.append(steps.course(motion))
+        return courses
 
 
 @dataclass(frozen=True)
@@ -213,10 +213,10 @@ class CLIE(ClosedLoop):
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of torque."""
         parts = []
-        for motion, steps, made in self.sensitivities(observation, smoothed, beta):
-            assert made.tau is not None  # a closed loop
+        for motion, steps, course in self.sensitivities(observation, smoothed, beta):
+            assert course.tau is not None  # a closed loop
             error = torque_error(observation.model, steps.course(motion))
-            parts.append(Linearised(motion, error, steps.segments.joined(made.tau)))
+            parts.append(Linearised(motion, error, steps.segments.joined(course.tau)))
         return linearised_observation(observation, beta, parts, [motor.unit for motor in observation.motors])
 
     def sensitivities(
@@ -225,11 +225,11 @@ class CLIE(ClosedLoop):
         """Every motion, its simulation, and the sensitivities of that to the base parameters."""
         model = observation.model
         forward = ForwardDynamics(smoothed, sets_of(model, beta))
-        base, found = base_columns(model), []
+        base, results = base_columns(model), []
         for place, motion in enumerate(observation.motions):
             steps = closed_loop(forward, self.law, motion, place, self.segments(motion))
-            found.append((motion, steps, sensitivity(forward, self.law, motion, steps, base)))
-        return found
+            results.append((motion, steps, sensitivity(forward, self.law, motion, steps, base)))
+        return results
 
 
 @dataclass(frozen=True)
@@ -246,13 +246,13 @@ class CLOE(CLIE):
         """Rows of position."""
         model = observation.model
         parts = []
-        for motion, steps, made in self.sensitivities(observation, smoothed, beta):
+        for motion, steps, course in self.sensitivities(observation, smoothed, beta):
             simulated = treated_as(model, steps.course(motion))
             low, high = motion.usable
             error = np.zeros((len(model.device.row_names), len(motion)))
             error[:, low:high] = state(model.device, motion, low, high)[0]
             error[:, low:high] -= state(model.device, simulated, low, high)[0]
-            parts.append(Linearised(motion, error, steps.segments.joined(made.c)))
+            parts.append(Linearised(motion, error, steps.segments.joined(course.c)))
         names = [model.device.row_names.index(motor.name) for motor in observation.motors]
         return linearised_observation(observation, beta, parts, [model.device.coordinate_units[k] for k in names])
 

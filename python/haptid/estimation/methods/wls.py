@@ -121,9 +121,9 @@ class FeasibleGLS(UnitVarianceRows, ABC):
         factor = None
         for _ in range(self.passes):
             factor = self.factor(rows, beta, factor)
-            seen = rows.folded(factor, columns)
-            beta = solve(seen, self.weights(seen)).beta
-        return seen
+            weighted = rows.folded(factor, columns)
+            beta = solve(weighted, self.weights(weighted)).beta
+        return weighted
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) 
         for k, used in enumerate(chunk.used):
             parts[k].append((Z[k, used], e[k, used]))
     for k, own in enumerate(parts):
-        Z, e = (np.concatenate(each) for each in zip(*own, strict=True))
+        Z, e = (np.concatenate(arrays) for arrays in zip(*own, strict=True))
         squares = e**2 * len(e) / max(1, len(e) - len(motors[k].columns))
         rounding = (np.finfo(float).eps * motors[k].norm) ** 2 / int(motors[k].rows.sum())
         a[k] = fisher_scoring(Z, squares, a[k], rounding)

@@ -159,8 +159,8 @@ class _WidenedModel(DynamicModel):
 
     narrow: DynamicModel
 
-    def __init__(self, narrow: DynamicModel, more: Sequence[TermColumn]) -> None:
-        terms, device = (*narrow.terms, *more), narrow.device
+    def __init__(self, narrow: DynamicModel, added: Sequence[TermColumn]) -> None:
+        terms, device = (*narrow.terms, *added), narrow.device
         bodies = [joint.body for joint in device.joints]
         parameters = standard_parameters(device.joint_names, bodies, terms, device.symmetry)
         super().__init__(replace(device, terms=terms, parameters=parameters, targets=()))
@@ -170,12 +170,12 @@ class _WidenedModel(DynamicModel):
     def base(self) -> BaseParameters:
         """Those of the model without, then the added terms."""
         own, old = self.narrow.base, len(self.narrow.device.parameters)
-        more = range(old, len(self.device.parameters))
+        added = range(old, len(self.device.parameters))
         return replace(
             own,
-            names=(*own.names, *(self.device.parameters.names[k] for k in more)),
-            units=(*own.units, *(self.device.parameters.units[k] for k in more)),
-            independent_columns=(*own.independent_columns, *more),
-            regrouping=linalg.block_diag(own.regrouping, np.eye(len(more))),
+            names=(*own.names, *(self.device.parameters.names[k] for k in added)),
+            units=(*own.units, *(self.device.parameters.units[k] for k in added)),
+            independent_columns=(*own.independent_columns, *added),
+            regrouping=linalg.block_diag(own.regrouping, np.eye(len(added))),
             standard=tuple(self.device.parameters.names),
         )

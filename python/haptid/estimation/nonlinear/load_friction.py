@@ -105,12 +105,12 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
     own = tuple(name for name in model.base.names if name in names)
     beta = estimate(observed_candidates(model, motions), FixedAtZero(own, weighting)).beta
     for _ in range(MOST_PASSES):
-        here = model.loaded(beta)
-        found = estimate(observed_candidates(here, motions), weighting)
-        moved = np.abs(found.beta - beta) / np.maximum(found.se, _ROUNDING * np.abs(found.beta).max())
+        loaded = model.loaded(beta)
+        fitted = estimate(observed_candidates(loaded, motions), weighting)
+        moved = np.abs(fitted.beta - beta) / np.maximum(fitted.se, _ROUNDING * np.abs(fitted.beta).max())
         if moved.max() <= _CONVERGED:
-            return here
-        beta = found.beta
+            return loaded
+        beta = fitted.beta
     worst = int(np.argmax(moved))
     name = model.base.names[worst]
     raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), _CONVERGED)

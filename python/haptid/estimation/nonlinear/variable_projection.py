@@ -219,17 +219,17 @@ def variable_projection(
     report = progress or (lambda _: None)
     weights = weighting.weights(observed_candidates(model, motions))  # where a constant may have no effect yet
     values = grid_search(model, motions, weights)
-    for many in range(SEARCHES):
-        found = search(model, motions, weights, values)
-        values, weights = found.values, weighting.weights(found.rows.observation)
-        report((many + 1) / (SEARCHES + 1))
-    zero = method.zero(found.rows.observation) if isinstance(method, Reduced) else ()
-    fit = fitted(found.rows.observation, weighting, zero)
+    for search_number in range(SEARCHES):
+        iterate = search(model, motions, weights, values)
+        values, weights = iterate.values, weighting.weights(iterate.rows.observation)
+        report((search_number + 1) / (SEARCHES + 1))
+    zero = method.zero(iterate.rows.observation) if isinstance(method, Reduced) else ()
+    fit = fitted(iterate.rows.observation, weighting, zero)
     inner = intervals or ClusterRobust()
-    constants = tuple(_constant(found, motions, fit, inner, k) for k in range(len(values)))
+    constants = tuple(_constant(iterate, motions, fit, inner, k) for k in range(len(values)))
     report(1.0)
-    joint = _Joint(inner, fit, _own_parameters(found.rows))
-    return VariableProjection(found.rows.model, constants, joint, tuple(_notes(constants)))
+    joint = _Joint(inner, fit, _own_parameters(iterate.rows))
+    return VariableProjection(iterate.rows.model, constants, joint, tuple(_notes(constants)))
 
 
 def _check_searchable(model: DynamicModel) -> None:
@@ -291,18 +291,18 @@ class Iterate:
 
 def evaluated(model: DynamicModel, motions: Sequence[RowSource], weights: Array, values: Sequence[float]) -> Iterate:
     """The rows at given values, and their least-squares fit."""
-    here = model.at_constants(values)
-    constants = [constant for _, constant in here.device.searched]
-    at = _coordinates(here, values)
+    model_here = model.at_constants(values)
+    constants = [constant for _, constant in model_here.device.searched]
+    coordinates = _coordinates(model_here, values)
     # A neighbour inside the range.
     away = [
         x + _STEP if value_of(constant, x + _STEP) < constant.high else x - _STEP
-        for constant, x in zip(constants, at.tolist(), strict=True)
+        for constant, x in zip(constants, coordinates.tolist(), strict=True)
     ]
     neighbours = [Candidate(k, value_of(c, x)) for k, (c, x) in enumerate(zip(constants, away, strict=True))]
-    rows = candidate_rows(here, motions, neighbours)
+    rows = candidate_rows(model_here, motions, neighbours)
     fit = rows.fit(weights)
-    return Iterate(tuple(values), rows, np.subtract(away, at), fit.square, fit.beta)
+    return Iterate(tuple(values), rows, np.subtract(away, coordinates), fit.square, fit.beta)
 
 
 def derivatives(rows: CandidateRows, step: Array, beta: Array) -> Array:
@@ -346,25 +346,27 @@ def search(model: DynamicModel, motions: Sequence[RowSource], weights: Array, va
         weights: of each motor's rows, (motors,).
         values: initial ones, SI.
     """
-    here = evaluated(model, motions, weights, values)
+    iterate = evaluated(model, motions, weights, values)
     damping = _DAMPING
     for _ in range(_MOST_STEPS):
-        columns, torque = here.rows.projected(weights, derivatives(here.rows, here.step, here.beta))
+        columns, torque = iterate.rows.projected(weights, derivatives(iterate.rows, iterate.step, iterate.beta))
         while damping < MOST_DAMPING:
-            x = (_coordinates(here.rows.model, here.values) + _damped_step(columns, torque, damping)).tolist()
-            searched = here.rows.model.device.searched
-            values = tuple(value_of(constant, at) for (_, constant), at in zip(searched, x, strict=True))
+            x = (_coordinates(iterate.rows.model, iterate.values) + _damped_step(columns, torque, damping)).tolist()
+            searched = iterate.rows.model.device.searched
+            values = tuple(
+                value_of(constant, coordinate) for (_, constant), coordinate in zip(searched, x, strict=True)
+            )
             tried = evaluated(model, motions, weights, values)
-            if tried.square < here.square:
+            if tried.square < iterate.square:
                 break
             damping *= 10
         else:
             break
-        moved = np.abs(_coordinates(model, values) - _coordinates(model, here.values)).max()
-        here, damping = tried, damping / 10
+        moved = np.abs(_coordinates(model, values) - _coordinates(model, iterate.values)).max()
+        iterate, damping = tried, damping / 10
         if moved < _CONVERGED:
             break
-    return here
+    return iterate
 
 
 def _damped_step(columns: Array, torque: Array, damping: float) -> Array:
@@ -383,39 +385,41 @@ def _own_parameters(rows: CandidateRows) -> Array:
     return combinations
 
 
-def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals: Intervals, k: int) -> SearchedConstant:
+def _constant(
+    iterate: Iterate, motions: Sequence[RowSource], fit: Fit, intervals: Intervals, k: int
+) -> SearchedConstant:
     """A constant with its standard error and likelihood profile."""
-    rows = found.rows
+    rows = iterate.rows
     term, searched = rows.model.device.searched[k]
-    name, value = f"{rows.model.terms[term].name}.{searched.name}", found.values[k]
-    beta = found.beta[rows.term[k]]
+    name, value = f"{rows.model.terms[term].name}.{searched.name}", iterate.values[k]
+    beta = iterate.beta[rows.term[k]]
     if not beta:
         return SearchedConstant(name, searched.unit, value, float("nan"), searched.low, searched.high)
     # The candidate's parameter is that of the term times the change of the constant, relative to the difference step.
     row = np.zeros((1, len(rows.observation.base)))
-    row[0, rows.own + k] = found.step[k] / beta
+    row[0, rows.own + k] = iterate.step[k] / beta
     spread = intervals.spread(fit, row)
     robust = float(np.sqrt(spread.covariance[0, 0]))
     classical = float(np.sqrt((row @ fit.solution.classical_covariance(fit.unit_residual) @ row.T)[0, 0]))
     noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.dof
-    x, grid, increase = _profile(found, motions, fit.weights, k, robust)
+    x, grid, increase = _profile(iterate, motions, fit.weights, k, robust)
     profile = _Profile(name, searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))
     slope = value if searched.positive else searched.high - searched.low
     return SearchedConstant(name, searched.unit, value, robust * slope, searched.low, searched.high, profile)
 
 
 def _profile(
-    found: Iterate, motions: Sequence[RowSource], weights: Array, k: int, se: float
+    iterate: Iterate, motions: Sequence[RowSource], weights: Array, k: int, se: float
 ) -> tuple[float, Array, Array]:
     """Estimate, grid and increase of the squared residual, the other constants fitted to first order."""
-    model = found.rows.model
+    model = iterate.rows.model
     constant = model.device.searched[k][1]
-    x, ends = coordinate(constant, found.values[k]), [coordinate(constant, e) for e in (constant.low, constant.high)]
+    x, ends = coordinate(constant, iterate.values[k]), [coordinate(constant, e) for e in (constant.low, constant.high)]
     grid = np.linspace(max(x - PROFILE_EXTENT * se, ends[0]), min(x + PROFILE_EXTENT * se, ends[1]), PROFILE_POINTS)
     tried = [Candidate(k, value_of(constant, at)) for at in grid.tolist()]
-    rows = candidate_rows(model, motions, [*found.rows.candidates, *tried])
-    first = len(found.rows.candidates)
-    others = np.delete(derivatives(rows, found.step, found.beta), k, axis=1)
+    rows = candidate_rows(model, motions, [*iterate.rows.candidates, *tried])
+    first = len(iterate.rows.candidates)
+    others = np.delete(derivatives(rows, iterate.step, iterate.beta), k, axis=1)
     squares = [rows.fit(weights, {k: first + number}, others).square for number in range(PROFILE_POINTS)]
     return x, grid, np.array(squares) - rows.fit(weights, extra=others).square
 

@@ -67,11 +67,11 @@ def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
     names = tuple(name for name in own if all(same_parameter(name, first, other) for other in others))
     if not names:
         fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in own))
-        found = (own, fewest.unconstrained.names)
+        differing = (own, fewest.unconstrained.names)
         raise ModelMismatchError(
             "these estimates have no parameter of one name, unit and meaning in common: they are of "
-            f"{' and of '.join(listed(one, 6) for one in found)}.",
-            found=found,
+            f"{' and of '.join(listed(one, 6) for one in differing)}.",
+            found=differing,
             advice="Compare base parameters with base parameters or targets with targets, in the same units.",
         )
     return names

@@ -107,8 +107,8 @@ class Comparison(FamilyWise):
         a, b = self.first_se**2, self.second_se**2
         least = np.minimum(self.first_dof, self.second_dof)
         with np.errstate(invalid="ignore"):
-            made = (a + b) ** 2 / (a**2 / self.first_dof + b**2 / self.second_dof)
-        return freeze(np.where(np.isfinite(made), made, least))
+            dof = (a + b) ** 2 / (a**2 / self.first_dof + b**2 / self.second_dof)
+        return freeze(np.where(np.isfinite(dof), dof, least))
 
     def conf_int(self, level: float | None = None) -> Array:
         """Confidence intervals of the differences, one by one, (k, 2); at `confidence` where no level is given."""
@@ -138,10 +138,15 @@ class Comparison(FamilyWise):
         """What differs, in order of significance; then the notes."""
         order = self._ranked
         rest = len(self.names) - len(order)
-        at = family_wise(self.confidence, len(self.names))
-        last = f"The other {rest} do not differ {at}." if rest else f"All differ {at}."
+        confidence = family_wise(self.confidence, len(self.names))
+        last = f"The other {rest} do not differ {confidence}." if rest else f"All differ {confidence}."
         joint = self.joint.sentences if self.joint else ()
-        return (*map(self._sentence, order), last if order else f"No parameter differs {at}.", *joint, *self.notes)
+        return (
+            *map(self._sentence, order),
+            last if order else f"No parameter differs {confidence}.",
+            *joint,
+            *self.notes,
+        )
 
     def summary(self) -> str:
         """A text table with Holm's p-values and an asterisk for each significant difference; then the sentences."""
@@ -231,8 +236,8 @@ class Series(FamilyWise):
 
     def misfits(self, columns: Array) -> Array:
         """p-values of the lack of fit to a linear model in the columns, (n, c), each parameter by itself, (k,)."""
-        each = zip(self.value.T, self.se.T, self.dof.T, strict=True)
-        return np.array([misfit(*one, columns) for one in each])
+        tests = zip(self.value.T, self.se.T, self.dof.T, strict=True)
+        return np.array([misfit(*test, columns) for test in tests])
 
     @cached_property
     def detectable(self) -> Array:
@@ -271,11 +276,11 @@ class Series(FamilyWise):
     def sentences(self) -> tuple[str, ...]:
         """What differs, in order of significance; then the notes."""
         order = self._ranked
-        at = family_wise(self.confidence, len(self.names))
-        sentences = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
+        confidence = family_wise(self.confidence, len(self.names))
+        sentences = [self._sentence(k) for k in order] or [f"No parameter differs {confidence}."]
         rest = len(self.names) - len(order)
         joint = self.joint.sentences if self.joint else ()
-        last = [f"The other {rest} do not differ {at}."] if order and rest else []
+        last = [f"The other {rest} do not differ {confidence}."] if order and rest else []
         return (*sentences, *last, *joint, *self.notes)
 
     def _sentence(self, k: int) -> str:
@@ -306,12 +311,12 @@ def detectable(se: Array, dof: Array, confidence: float) -> Array:
 
 def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:
     """Names whose p-value is below 1 - confidence."""
-    return tuple(name for name, one in zip(names, p, strict=True) if one < 1 - confidence)
+    return tuple(name for name, probability in zip(names, p, strict=True) if probability < 1 - confidence)
 
 
-def family_wise(confidence: float, many: int) -> str:
+def family_wise(confidence: float, count: int) -> str:
     """A confidence level over all parameters, as sentences have it."""
-    return f"at {100 * confidence:g} % confidence for all {many} together"
+    return f"at {100 * confidence:g} % confidence for all {count} together"
 
 
 def confidence_text(p: float) -> str:

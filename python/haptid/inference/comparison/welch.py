@@ -82,12 +82,15 @@ def compare(
     called = _labels(estimates, labels or pair)
     shared = _shared_rows(estimates, independent)
     names = common_parameters(estimates)
-    picked = [one.unconstrained.pick([one.unconstrained.names.index(name) for name in names]) for one in estimates]
+    picked = [
+        estimate.unconstrained.pick([estimate.unconstrained.names.index(name) for name in names])
+        for estimate in estimates
+    ]
     notes = list(_notes(estimates, called, names))
-    scores = [_scores(one) if joint else None for one in estimates]
+    scores = [_scores(estimate) if joint else None for estimate in estimates]
     widened = [
-        _with_misfit(one.unconstrained, own, quantities)
-        for one, own, quantities in zip(estimates, scores, picked, strict=True)
+        _with_misfit(estimate.unconstrained, own, quantities)
+        for estimate, own, quantities in zip(estimates, scores, picked, strict=True)
     ]
     for label, before, after in zip(called, picked, widened, strict=True):
         notes += _misfit_note(label, before, after)
@@ -96,22 +99,22 @@ def compare(
     if known:
         first = estimates[0]
         assert isinstance(first, Clustered)
-        tests = joint_tests(first.model, [one.unconstrained.values for one in estimates], known, confidence)
+        tests = joint_tests(first.model, [estimate.unconstrained.values for estimate in estimates], known, confidence)
     if shared:
         notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
-    made = Series(
+    series = Series(
         labels=called,
         names=names,
         units=picked[0].units,
-        value=np.array([one.values for one in widened]),
-        se=np.array([one.se for one in widened]),
-        dof=np.array([one.dof for one in widened]),
-        covariance=np.array([one.covariance for one in widened]),
+        value=np.array([estimate.values for estimate in widened]),
+        se=np.array([estimate.se for estimate in widened]),
+        dof=np.array([estimate.dof for estimate in widened]),
+        covariance=np.array([estimate.covariance for estimate in widened]),
         confidence=confidence,
         notes=tuple(notes),
         joint=tests,
     )
-    return made.pair(*pair) if pair else made
+    return series.pair(*pair) if pair else series
 
 
 def _check_settings(estimates: Sequence[Comparable], confidence: float) -> None:
@@ -158,7 +161,10 @@ def _shared_rows(estimates: Sequence[Comparable], independent: bool) -> bool:
         SharedRowsError: they were, and have to be independent.
     """
     shared = [
-        block for k, one in enumerate(estimates) for other in estimates[:k] if (block := shared_block(other, one))
+        block
+        for k, estimate in enumerate(estimates)
+        for other in estimates[:k]
+        if (block := shared_block(other, estimate))
     ]
     if shared and independent:
         block = shared[0]
@@ -208,19 +214,21 @@ def _misfit_note(label: str, before: Quantities, after: Quantities) -> Iterator[
 
 def _comparable(estimates: Sequence[Comparable], scores: Sequence[Clusters | None], names: tuple[str, ...]) -> bool:
     """Whether all have scores and the same base parameters, each of them excited in more than one block."""
-    same = all(one.unconstrained.names == names and not one.unconstrained.unbounded for one in estimates)
-    return same and all(own is not None and own.root.any(axis=1).all() for own in scores)
+    comparable = all(
+        estimate.unconstrained.names == names and not estimate.unconstrained.unbounded for estimate in estimates
+    )
+    return comparable and all(own is not None and own.root.any(axis=1).all() for own in scores)
 
 
 def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> Iterator[str]:
     """What could not be compared, and which standard errors cannot be estimated."""
-    alone = dict.fromkeys(name for one in estimates for name in one.unconstrained.names if name not in names)
+    alone = dict.fromkeys(name for estimate in estimates for name in estimate.unconstrained.names if name not in names)
     if alone:
         yield f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."
-    for one, label in zip(estimates, labels, strict=True):
-        if one.constrained:
+    for estimate, label in zip(estimates, labels, strict=True):
+        if estimate.constrained:
             yield f"Constraints are active in {label}: its unconstrained fit is compared."
-        unbounded = [one.unconstrained.names[k] for k in one.unconstrained.unbounded]
+        unbounded = [estimate.unconstrained.names[k] for k in estimate.unconstrained.unbounded]
         if shown := [name for name in names if name in unbounded]:
             yield (
                 f"{', '.join(shown)} excited in a single time block of {label}: the standard error cannot be "

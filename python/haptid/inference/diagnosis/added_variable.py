@@ -92,7 +92,7 @@ class AugmentedRows:
     _picked: dict[tuple[str, bytes], MotorRows] = field(default_factory=dict, init=False, repr=False)
 
     def test(
-        self, which: Sequence[int], excluded: Sequence[int] = (), motor: int | None = None
+        self, candidates: Sequence[int], excluded: Sequence[int] = (), motor: int | None = None
     ) -> AddedVariableTest | None:
         """A fit that includes some candidates; None where their columns are collinear with the model's.
 
@@ -104,40 +104,40 @@ class AugmentedRows:
         chosen = slice(None) if motor is None else slice(motor, motor + 1)
         rows, weights = self.observation.motors[chosen], self.estimate.weights[chosen]
         reached = np.unique(np.concatenate([own.columns for own in rows]))
-        new = [self.first[e] + j for e in which for j in range(self.candidates[e].count)]
+        new = [self.first[e] + j for e in candidates for j in range(self.candidates[e].count)]
         left_out = {*excluded, *self.estimate.zero}
-        kept = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
-        motors = tuple(self._pick(own, kept) for own in rows)
-        whole = triangle(stacked(motors, weights, len(kept)))
-        R, z, k = whole[:-1, :-1], whole[:-1, -1], len(new)
+        columns = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
+        motors = tuple(self._pick(own, columns) for own in rows)
+        factor = triangle(stacked(motors, weights, len(columns)))
+        R, z, k = factor[:-1, :-1], factor[:-1, -1], len(new)
         lengths = np.linalg.norm(R, axis=0)
         if (np.abs(np.diag(R))[-k:] <= INDEPENDENT * lengths[-k:]).any() or (np.diag(R) == 0).any():
             return None
         beta = linalg.solve_triangular(R, z)
         shift = -linalg.solve_triangular(R[:-k, :-k], R[:-k, -k:] @ beta[-k:])
-        dof = int(sum(own.rows.sum() for own in motors)) - len(kept)
+        dof = int(sum(own.rows.sum() for own in motors)) - len(columns)
         root = linalg.solve_triangular(R, np.eye(len(R)))
-        solution = Solution(beta, R, root, abs(float(whole[-1, -1])), dof)
+        solution = Solution(beta, R, root, abs(float(factor[-1, -1])), dof)
         observation = replace(self.observation, motors=motors)
-        made = clustered(observation, weights, solution, np.eye(len(kept))[-k:])
+        spread = clustered(observation, weights, solution, np.eye(len(columns))[-k:])
         before = [own.residual(self.estimate.beta) for own in self.estimate.observation.motors[chosen]]
         after = [own.residual(beta) for own in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return AddedVariableTest(beta[-k:], made.covariance, float(made.dof.min()), explained, shift)
+        return AddedVariableTest(beta[-k:], spread.covariance, float(spread.dof.min()), explained, shift)
 
-    def each(self, which: Sequence[int], labels: Sequence[str]) -> list[tuple[str, AddedVariableTest]]:
+    def each(self, candidates: Sequence[int], labels: Sequence[str]) -> list[tuple[str, AddedVariableTest]]:
         """Tests of single candidates, one of each motor, with its label; without those that are collinear."""
-        tests = [(label, self.test([e])) for label, e in zip(labels, which, strict=True)]
-        return [(label, one) for label, one in tests if one is not None]
+        tests = [(label, self.test([e])) for label, e in zip(labels, candidates, strict=True)]
+        return [(label, test) for label, test in tests if test is not None]
 
-    def _pick(self, motor: MotorRows, kept: np.ndarray) -> MotorRows:
-        """Some columns only, renumbered by their places in `kept`; most candidates are of one motor."""
+    def _pick(self, motor: MotorRows, columns: np.ndarray) -> MotorRows:
+        """Some columns only, renumbered by their places in `columns`; most candidates are of one motor."""
         place = {int(column): k for k, column in enumerate(motor.columns)}
-        own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
-        at = np.array([place[int(kept[k])] for k in own] + [len(motor.columns)])
-        key = (motor.name, np.concatenate([own, at]).tobytes())
+        own = np.array([k for k, column in enumerate(columns) if int(column) in place], dtype=int)
+        positions = np.array([place[int(columns[k])] for k in own] + [len(motor.columns)])
+        key = (motor.name, np.concatenate([own, positions]).tobytes())
         if key not in self._picked:
-            triangles = np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r"))
+            triangles = np.asarray(np.linalg.qr(motor.triangles[:, :, positions], mode="r"))
             self._picked[key] = replace(motor, columns=own, triangles=triangles)
         return self._picked[key]
 
@@ -149,12 +149,12 @@ def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> Augme
         estimate: whose observation holds the motions.
         candidates: all columns that will be tested.
     """
-    first = len(estimate.beta) + np.cumsum([0, *(one.count for one in candidates)])
+    first = len(estimate.beta) + np.cumsum([0, *(candidate.count for candidate in candidates)])
     parts = [_observed(estimate, motion, candidates) for motion in estimate.observation.motions]
     blocks = tuple(block for part, _ in parts for block in part)
-    kept = _groups(len(blocks))
-    motors = tuple(_merged([motors[m] for _, motors in parts], kept) for m in range(len(parts[0][1])))
-    ends = tuple(replace(blocks[group[0]], stop=blocks[group[-1]].stop) for group in kept)
+    groups = _groups(len(blocks))
+    motors = tuple(_merged([motors[m] for _, motors in parts], groups) for m in range(len(parts[0][1])))
+    ends = tuple(replace(blocks[group[0]], stop=blocks[group[-1]].stop) for group in groups)
     observation = replace(estimate.observation, motors=motors, blocks=ends)
     return AugmentedRows(estimate, observation, tuple(int(k) for k in first[:-1]), tuple(candidates))
 
@@ -183,7 +183,7 @@ def _groups(blocks: int) -> list[np.ndarray]:
 def _merged(parts: Sequence[MotorRows], groups: Sequence[np.ndarray]) -> MotorRows:
     """One motor's rows of all motions, group by group."""
     T = np.concatenate([part.triangles for part in parts])
-    many = np.concatenate([part.rows for part in parts])
+    counts = np.concatenate([part.rows for part in parts])
     size = T.shape[-1]
     triangles = np.stack([triangle(T[group].reshape(-1, size)) for group in groups])
-    return replace(parts[0], triangles=triangles, rows=np.array([many[group].sum() for group in groups]))
+    return replace(parts[0], triangles=triangles, rows=np.array([counts[group].sum() for group in groups]))

@@ -100,26 +100,26 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
         )
     part = subsample(estimate)
     # A long log is not simulated as a whole.
-    by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
+    instruments = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
     left = residuals(part)
     ranges = frequency_ranges(part, left)
-    on_rows = (*_on_rows(part, by, left), rigid_range(ranges))
+    on_rows = (*_on_rows(part, instruments, left), rigid_range(ranges))
     findings = (*motion, torque_faults(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, by)), ranges)
+    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, instruments)), ranges)
 
 
-def _on_rows(estimate: Estimate, by: Instruments, left: Residuals) -> Iterator[Finding]:
+def _on_rows(estimate: Estimate, instruments: Instruments, left: Residuals) -> Iterator[Finding]:
     """Findings on single rows."""
     rows = device_rows(estimate)
     yield whiteness(estimate, left)
     yield normality(left)
     yield heteroscedasticity(left, left.velocity[rows])
-    yield from _added_variables(estimate, left, by)
+    yield from _added_variables(estimate, left, instruments)
     yield lack_of_fit.ripple(lack_of_fit.friction_coordinates(estimate.model, rows), left, rows)
 
 
-def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> Iterator[Finding]:
+def _added_variables(estimate: Estimate, left: Residuals, instruments: Instruments) -> Iterator[Finding]:
     """Findings of fits with candidate columns, which are all computed in one pass over the samples."""
     model, chi = estimate.model, raw_parameters(estimate.model, estimate.beta)
     rows, labels, terms = device_rows(estimate), left.labels, lack_of_fit.CANDIDATES
@@ -132,26 +132,30 @@ def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> It
     if _has_accelerations(estimate):
         groups["delay"] = torque_rates(model, rows)
         groups["bodies"] = plausibility.prior_torque(model, rows, bodies) if bodies else ()
-    if (pairs := by.pairs(estimate.observation.motions)) is not None:
+    if (pairs := instruments.pairs(estimate.observation.motions)) is not None:
         groups["errors"] = exogeneity.unexplained_columns(model, rows, chi, pairs)
-    augmented, which = _augmented(estimate, groups)
-    every = {(term.name, k): which[f"{term.name} {k}"] for k in range(len(places)) for term in terms}
-    found, tests = lack_of_fit.term_tests(augmented, every), []
+    augmented, candidates_of = _augmented(estimate, groups)
+    every = {(term.name, k): candidates_of[f"{term.name} {k}"] for k in range(len(places)) for term in terms}
+    alternatives, tests = lack_of_fit.term_tests(augmented, every), []
     for k in range(len(places)):
-        own = {term.name: found[term.name, k] for term in terms}
+        own = {term.name: alternatives[term.name, k] for term in terms}
         tests.append(lack_of_fit.mark_redundant(augmented, own))
     for term in terms:
-        yield lack_of_fit.missing_term(term, places, [at[term.name] for at in tests])
+        yield lack_of_fit.missing_term(term, places, [by_term[term.name] for by_term in tests])
     if "delay" in groups:
-        yield delay_test.time_delay(augmented, which["delay"], labels)
+        yield delay_test.time_delay(augmented, candidates_of["delay"], labels)
     if "errors" in groups:
-        yield exogeneity.exogeneity(augmented, which["errors"], labels, by)
+        yield exogeneity.exogeneity(augmented, candidates_of["errors"], labels, instruments)
     known = bodies and groups.get("bodies")
-    outside = plausibility.moved_from_outside(augmented, which["bodies"], bodies, labels) if bodies and known else None
+    outside = (
+        plausibility.moved_from_outside(augmented, candidates_of["bodies"], bodies, labels)
+        if bodies and known
+        else None
+    )
     if outside:
         yield outside
     compared = bodies if known and not outside else None
-    scales = plausibility.torque_scales(augmented, which["bodies"], compared, labels) if compared else ()
+    scales = plausibility.torque_scales(augmented, candidates_of["bodies"], compared, labels) if compared else ()
     yield plausibility.units_and_signs(estimate, scales)
 
 
@@ -160,11 +164,11 @@ def _augmented(
 ) -> tuple[AugmentedRows, dict[str, list[int]]]:
     """The rows with all candidates, and which of these belong to which group."""
     every: list[CandidateColumns] = []
-    which: dict[str, list[int]] = {}
+    candidates_of: dict[str, list[int]] = {}
     for name, candidates in groups.items():
-        which[name] = list(range(len(every), len(every) + len(candidates)))
+        candidates_of[name] = list(range(len(every), len(every) + len(candidates)))
         every += candidates
-    return augment(estimate, every), which
+    return augment(estimate, every), candidates_of
 
 
 def _has_accelerations(estimate: Estimate) -> bool:
@@ -172,9 +176,9 @@ def _has_accelerations(estimate: Estimate) -> bool:
     return not any(motion.treatment.momentum for motion in estimate.observation.motions)
 
 
-def _left_out(estimate: Estimate, by: Instruments) -> Iterator[str]:
+def _left_out(estimate: Estimate, instruments: Instruments) -> Iterator[str]:
     """Diagnostics that these rows do not permit."""
     if not _has_accelerations(estimate):
         yield "Not tested, since there are no accelerations: the torque's delay, its size relative to the prior bodies."
-    if None in by.motions:
+    if None in instruments.motions:
         yield "Not tested: errors in W, since there is no log, or its position filter is as narrow as its motion."

@@ -55,41 +55,41 @@ def dependencies(R: Array) -> Dependencies:
     return Dependencies(singular[0] / singular, directions, parts / parts.sum(axis=0))
 
 
-def torque_shares(made: Estimate) -> Array:
+def torque_shares(fitted: Estimate) -> Array:
     """Largest ratio over the motors of the norm of a base parameter's torque to that of the motor's, (p,)."""
-    found = np.zeros(len(made.beta))
-    for motor in made.observation.motors:
+    shares = np.zeros(len(fitted.beta))
+    for motor in fitted.observation.motors:
         if motor.norm > 0:
-            carried = np.linalg.norm(motor.whole[:, :-1], axis=0) * np.abs(made.beta[motor.columns]) / motor.norm
-            np.maximum.at(found, motor.columns, carried)
-    return found
+            carried = np.linalg.norm(motor.whole[:, :-1], axis=0) * np.abs(fitted.beta[motor.columns]) / motor.norm
+            np.maximum.at(shares, motor.columns, carried)
+    return shares
 
 
-def advice(made: Estimate, k: int) -> str:
+def advice(fitted: Estimate, k: int) -> str:
     """Motion that excites a base parameter."""
-    parameters = made.model.device.parameters
-    own = made.base.independent_columns[k]
+    parameters = fitted.model.device.parameters
+    own = fitted.base.independent_columns[k]
     kind, link = parameters.kinds[own], parameters.links[own]
-    on = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
+    place = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
     words = [text for kinds, text in _MOTION.items() if kind in kinds.split()]
-    return (words[0] if words else "move {} through its whole range and speed").format(on)
+    return (words[0] if words else "move {} through its whole range and speed").format(place)
 
 
-def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
+def _table(fitted: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
     """Belsley's table of the parameters that were not eliminated, and their names."""
-    kept = list(made.free_parameters)
-    R = triangle(made.observation.stack(made.weights)[:-1, kept])
-    return dependencies(R), tuple(made.base.names[k] for k in kept)
+    free = list(fitted.free_parameters)
+    R = triangle(fitted.observation.stack(fitted.weights)[:-1, free])
+    return dependencies(R), tuple(fitted.base.names[k] for k in free)
 
 
-def excitation(made: Estimate) -> Finding:
+def excitation(fitted: Estimate) -> Finding:
     """Which parameters are not significantly different from zero, and what motion would excite them."""
-    carried, half = torque_shares(made), np.diff(made.conf_int(), axis=1)[:, 0] / 2
-    poor = [int(k) for k in np.argsort(carried) if k in made.free_parameters and not half[k] < abs(made.beta[k])]
-    table, names = _table(made)
+    carried, half = torque_shares(fitted), np.diff(fitted.conf_int(), axis=1)[:, 0] / 2
+    poor = [int(k) for k in np.argsort(carried) if k in fitted.free_parameters and not half[k] < abs(fitted.beta[k])]
+    table, names = _table(fitted)
     weakest = table.directions[-1]
     parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > _NAMED]
-    figures = {f"share {name}": share for name, share in zip(made.base.names, carried, strict=True)}
+    figures = {f"share {name}": share for name, share in zip(fitted.base.names, carried, strict=True)}
     figures |= {"not_significant": len(poor), "weakest": 1.0 / table.index[-1]}
     least = f"{1 / table.index[-1]:.1e} of the best"
     direction = f"the least excited direction is {' '.join(parts)} (scaled), {least}"
@@ -97,10 +97,10 @@ def excitation(made: Estimate) -> Finding:
         return Finding(
             "excitation", "ok", figures, f"Every parameter is significantly different from zero; {direction}."
         )
-    hopeless = [k for k in poor if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
+    hopeless = [k for k in poor if np.isinf(half[k]) or _beyond_prior(fitted, k, float(half[k]))]
     status: Status = "bad" if hopeless or 2 * len(poor) > len(names) else "doubt"
-    shown = joined_names([made.base.names[k] for k in poor])
-    advised = "; ".join(dict.fromkeys(advice(made, k) for k in poor[:3]))
+    shown = joined_names([fitted.base.names[k] for k in poor])
+    advised = "; ".join(dict.fromkeys(advice(fitted, k) for k in poor[:3]))
     text = (
         f"Not significantly different from zero: {shown} ({len(poor)} of {len(names)} parameters, 95 % intervals); "
         f"{direction}. To excite them: {advised}."
@@ -108,15 +108,15 @@ def excitation(made: Estimate) -> Finding:
     return Finding("excitation", status, figures, text)
 
 
-def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
+def _beyond_prior(fitted: Estimate, k: int, half: float) -> bool:
     """Whether the interval is wider than the prior value is large."""
-    prior = made.model.base_prior[k]
+    prior = fitted.model.base_prior[k]
     return prior is not None and prior[0] != 0 and half > abs(prior[0])
 
 
-def collinearity(made: Estimate) -> Finding:
+def collinearity(fitted: Estimate) -> Finding:
     """Which parameters have nearly collinear columns."""
-    table, every = _table(made)
+    table, every = _table(fitted)
     strong = table.index > _STRONG
     involved = np.flatnonzero(table.proportions[strong].sum(axis=0) > SHARED)
     largest = float(table.index[-1])
@@ -129,6 +129,6 @@ def collinearity(made: Estimate) -> Finding:
     text = (
         f"{names} are nearly collinear ({int(strong.sum())} condition indices above {_STRONG:g}, the largest "
         f"{largest:.3g}; above {WELL_CONDITIONED:g} no single one is reliable): their joint torque is reliable; to "
-        f"separate them, {advice(made, made.free_parameters[int(involved[0])])}."
+        f"separate them, {advice(fitted, fitted.free_parameters[int(involved[0])])}."
     )
     return Finding("collinearity", status, figures, text)

@@ -54,8 +54,8 @@ class Instruments:
 
     def pairs(self, motions: Sequence[Motion]) -> list[tuple[Motion, Motion]] | None:
         """Every motion with its instrument; None where one has none."""
-        made = [(motion, own) for motion, own in zip(motions, self.motions, strict=True) if own is not None]
-        return made if len(made) == len(motions) else None
+        pairs = [(motion, own) for motion, own in zip(motions, self.motions, strict=True) if own is not None]
+        return pairs if len(pairs) == len(motions) else None
 
 
 def instruments(estimate: Estimate, controller: PID | None = None) -> Instruments:
@@ -67,9 +67,11 @@ def instruments(estimate: Estimate, controller: PID | None = None) -> Instrument
     """
     motions = estimate.observation.motions
     law = controller or controller_of(estimate.method)
-    made = simulated(estimate, law) if law is not None and not any(m.treatment.momentum for m in motions) else None
-    if made is not None:
-        return Instruments(made, "the part of W that the simulated closed loop does not explain")
+    simulation = (
+        simulated(estimate, law) if law is not None and not any(m.treatment.momentum for m in motions) else None
+    )
+    if simulation is not None:
+        return Instruments(simulation, "the part of W that the simulated closed loop does not explain")
     return filtered_columns(estimate)
 
 
@@ -87,9 +89,9 @@ def controller_of(method: Method) -> PID | None:
 
 def simulated(estimate: Estimate, law: PID) -> tuple[Motion, ...] | None:
     """Simulated motions of the estimate, with the same treatment; None where it cannot be simulated."""
-    loop, model, seen = IV(controller=law), estimate.model, estimate.observation
+    loop, model, observation = IV(controller=law), estimate.model, estimate.observation
     try:
-        courses = loop.courses(seen, smooth(model, seen.motions, loop.friction), estimate.beta)
+        courses = loop.courses(observation, smooth(model, observation.motions, loop.friction), estimate.beta)
     except (SimulationError, SettingError, MissingAccelerationError):
         return None
     return tuple(treated_as(model, course) for course in courses)
@@ -120,12 +122,12 @@ def unexplained_columns(
         chi: the estimate's parameters of the core's columns, (r,), SI.
         pairs: every motion with its instrument.
     """
-    of = {id(motion): own for motion, own in pairs}
+    instrument_of = {id(motion): own for motion, own in pairs}
     parts = [part for part in (rigid(model, chi), chi - rigid(model, chi)) if part.any()]
 
     @lru_cache(maxsize=1)  # torque is computed for all rows at once
     def differences(context: ResidualContext) -> Array:
-        own = coordinates(model.device, of[id(context.plan.motion)], context.low, context.high)
+        own = coordinates(model.device, instrument_of[id(context.plan.motion)], context.low, context.high)
         return np.array([context.torque(part) - torque_of(model, part, *own, context.history) for part in parts])
 
     units = np.eye(len(model.device.active))
@@ -135,20 +137,22 @@ def unexplained_columns(
     )
 
 
-def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[str], by: Instruments) -> Finding:
+def exogeneity(
+    augmented: AugmentedRows, candidates: Sequence[int], labels: Sequence[str], instruments: Instruments
+) -> Finding:
     """Are errors in W correlated with the residual, motor by motor, and how large is the bias of the parameters?"""
-    made = augmented.estimate
-    found = augmented.each(which, labels)
-    if not found:
+    fitted = augmented.estimate
+    tests = augmented.each(candidates, labels)
+    if not tests:
         return Finding("errors in W", "ok", {}, "The instruments explain all of W.")
-    p = together(np.array([one.p for _, one in found]))
+    p = together(np.array([test_here.p for _, test_here in tests]))
     first = int(np.argmin(p))
-    label, test = found[first]
-    explained, kept = float(test.explained.max()), list(made.free_parameters)
-    bias = np.abs(test.shift) / np.maximum(made.se[kept], _TINY)
-    worst, most = made.base.names[kept[int(np.argmax(bias))]], float(bias.max())
+    label, test = tests[first]
+    explained, free = float(test.explained.max()), list(fitted.free_parameters)
+    bias = np.abs(test.shift) / np.maximum(fitted.se[free], _TINY)
+    worst, most = fitted.base.names[free[int(np.argmax(bias))]], float(bias.max())
     figures = {"p": float(p[first]), "explained": explained, "bias": most}
-    figures |= {f"p {name}": one.p for name, one in found}
+    figures |= {f"p {name}": test_here.p for name, test_here in tests}
     if p[first] < SIGNIFICANCE and most <= HARMLESS:
         text = (
             f"Position noise (errors in variables) is significant in the residual of {label} (Durbin-Wu-Hausman, "
@@ -158,13 +162,13 @@ def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
         return Finding("errors in W", "ok", figures, text)
     if p[first] >= SIGNIFICANCE:
         text = (
-            f"No sign of errors in variables: {by.left} is not significant in the residual (Durbin-Wu-Hausman, "
-            f"p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
+            f"No sign of errors in variables: {instruments.left} is not significant in the residual "
+            f"(Durbin-Wu-Hausman, p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
         )
         return Finding("errors in W", "ok", figures, text)
     text = (
-        f"Position noise (errors in variables) biases the estimate: {by.left} explains {100 * explained:.1f} % of the "
-        f"residual power of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}), and the bias of "
-        f"{worst} is {most:.2g} standard errors (limit {HARMLESS:g})."
+        f"Position noise (errors in variables) biases the estimate: {instruments.left} explains {100 * explained:.1f} "
+        f"% of the residual power of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}), and the "
+        f"bias of {worst} is {most:.2g} standard errors (limit {HARMLESS:g})."
     )
     return Finding("errors in W", "bad" if most > BIASED else "doubt", figures, text)

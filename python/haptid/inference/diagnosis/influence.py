@@ -58,13 +58,13 @@ def _others(values: Array) -> Array:
     return np.asarray(np.maximum(values.sum(axis=0) - values, _TINY))
 
 
-def deletions(made: Estimate) -> Deletions:
+def deletions(fitted: Estimate) -> Deletions:
     """Delete each block of all motors (Belsley, Kuh and Welsch 1980, section 2.1, for blocks of rows)."""
-    observation = made.observation
-    solution = solve(observation, made.weights, made.zero)
+    observation = fitted.observation
+    solution = solve(observation, fitted.weights, fitted.zero)
     k, blocks = len(solution.R), len(observation.blocks)
     A, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
-    for motor, weight in zip(observation.motors, made.weights, strict=True):
+    for motor, weight in zip(observation.motors, fitted.weights, strict=True):
         T = motor.triangles * weight
         U = T[:, :, :-1] @ solution.root[motor.columns]
         e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
@@ -78,61 +78,60 @@ def deletions(made: Estimate) -> Deletions:
     return Deletions(-np.einsum("bij,bj->bi", shape, moved), np.einsum("bij,bj->bi", shape**2, values / (1.0 - values)))
 
 
-def influence(made: Estimate) -> Finding:
+def influence(fitted: Estimate) -> Finding:
     """The block whose deletion shifts an estimate more than the other blocks explain."""
-    without = deletions(made)
+    without = deletions(fitted)
     ratio, p = without.ratio, np.minimum(without.p * without.p.size, 1.0)
     odd = (p < SIGNIFICANCE) & (ratio > LOOK)
     b, k = (int(i) for i in np.unravel_index(int(np.argmax(np.where(odd, ratio, ratio * 1e-9))), ratio.shape))
-    block, most, name = made.observation.blocks[b], float(ratio[b, k]), made.base.names[k]
+    block, most, name = fitted.observation.blocks[b], float(ratio[b, k]), fitted.base.names[k]
     figures = {"standard_errors": most, "p": p[b, k], "start": block.start, "stop": block.stop}
-    where = f"{block.start:.1f} to {block.stop:.1f} s"
+    block_times = f"{block.start:.1f} to {block.stop:.1f} s"
     if not odd.any():
         text = (
-            f"No single influential block: the largest shift is {most:.2g} standard errors of {name}, {where} (limit "
-            f"{LOOK:g}; p = {p[b, k]:.2g}, limit {SIGNIFICANCE:g})."
+            f"No single influential block: the largest shift is {most:.2g} standard errors of {name}, {block_times} "
+            f"(limit {LOOK:g}; p = {p[b, k]:.2g}, limit {SIGNIFICANCE:g})."
         )
         return Finding("influence", "ok", figures, text)
     text = (
-        f"Influential block: without {where}, {name} shifts by {most:.1f} standard errors due to all other blocks "
-        f"(limit {LOOK:g}; p = {p[b, k]:.1e}, limit {SIGNIFICANCE:g}). Look at the log there for a contact, an end "
-        f"stop or a jump, and cut it out; if nothing is wrong, record more such motion."
+        f"Influential block: without {block_times}, {name} shifts by {most:.1f} standard errors due to all other "
+        f"blocks (limit {LOOK:g}; p = {p[b, k]:.1e}, limit {SIGNIFICANCE:g}). Look at the log there for a contact, an "
+        f"end stop or a jump, and cut it out; if nothing is wrong, record more such motion."
     )
     return Finding("influence", "bad" if most > DECIDES else "doubt", figures, text)
 
 
-def parameter_drift(made: Estimate) -> Finding:
+def parameter_drift(fitted: Estimate) -> Finding:
     """Do the parameters of the first and last half differ (Welch's test, Holm's correction)?"""
-    blocks = len(made.observation.blocks)
+    blocks = len(fitted.observation.blocks)
     if blocks < 2 * _FEWEST_BLOCKS:
         return Finding("drift", "ok", {"blocks": blocks}, f"{blocks} blocks are too few for a test of drift.")
     index = np.arange(blocks)
-    halves = [made.observation.pick(index[index * 2 // blocks == half]) for half in (0, 1)]
-    method = WLS() if isinstance(made.method, Restricted) else made.method
+    halves = [fitted.observation.pick(index[index * 2 // blocks == half]) for half in (0, 1)]
+    method = WLS() if isinstance(fitted.method, Restricted) else fitted.method
     try:
         first, last = (estimate(half, method) for half in halves)
         # A comparison needs the tests of missing terms from this room.
         from haptid.inference.comparison import compare
 
-        found = compare(first, last, confidence=1 - SIGNIFICANCE, joint=False)
+        comparison = compare(first, last, confidence=1 - SIGNIFICANCE, joint=False)
     except EstimationError:
         return Finding("drift", "ok", {}, "The parameters are not identifiable from half of the log: no test of drift.")
-    least = float(found.holm.min())
-    if not found.differs:
-        text = (
-            f"First and last half agree in all {len(found.names)} parameters (p = {least:.2g}, limit {SIGNIFICANCE:g})."
-        )
+    least = float(comparison.holm.min())
+    if not comparison.differs:
+        count = len(comparison.names)
+        text = f"First and last half agree in all {count} parameters (p = {least:.2g}, limit {SIGNIFICANCE:g})."
         return Finding("drift", "ok", {"p": least}, text)
-    k = int(np.argmin(found.p))
-    share = float(np.abs(found.difference[k]) / max(abs(found.first[k]), abs(found.second[k])))
-    figures = {"p": least, "first": found.first[k], "second": found.second[k], "share": share}
+    k = int(np.argmin(comparison.p))
+    share = float(np.abs(comparison.difference[k]) / max(abs(comparison.first[k]), abs(comparison.second[k])))
+    figures = {"p": least, "first": comparison.first[k], "second": comparison.second[k], "share": share}
     if share < SMALL:
         changed = f"{100 * share:.1g} % only (limit {100 * SMALL:g} %)"
-        text = f"{joined_names(found.differs)} changed along the log, but by {changed}."
+        text = f"{joined_names(comparison.differs)} changed along the log, but by {changed}."
         return Finding("drift", "ok", figures, text)
     text = (
-        f"{joined_names(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.4g} to "
-        f"{found.second[k]:.4g} {found.units[k]} (p = {least:.1e}, limit {SIGNIFICANCE:g}). Warm the device up, check "
-        f"that nothing slipped, and identify warm and cold separately."
+        f"{joined_names(comparison.differs)} changed along the log: {comparison.names[k]} from "
+        f"{comparison.first[k]:.4g} to {comparison.second[k]:.4g} {comparison.units[k]} (p = {least:.1e}, limit "
+        f"{SIGNIFICANCE:g}). Warm the device up, check that nothing slipped, and identify warm and cold separately."
     )
     return Finding("drift", "bad" if share > MATTERS else "doubt", figures, text)

@@ -48,13 +48,13 @@ def friction_coordinates(model: DynamicModel, rows: Sequence[int]) -> tuple[Fric
 
     A joint whose rate depends on the pose has no coordinate of its own: that of its row is used.
     """
-    found: list[FrictionCoordinate] = []
+    coordinates: list[FrictionCoordinate] = []
     for row in rows:
         declared = [(term.on, term.weights) for term in model.coulomb_terms(row) if term.joint is None]
         for label, weights in declared or [(model.device.row_labels[row], np.eye(len(model.device.active))[row])]:
-            if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
-                found.append(FrictionCoordinate(label, weights))
-    return tuple(found)
+            if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in coordinates):
+                coordinates.append(FrictionCoordinate(label, weights))
+    return tuple(coordinates)
 
 
 def coupled_coordinates(
@@ -75,11 +75,11 @@ def coupled_coordinates(
         for drive, rate, varies in zip(device.drives, device.drive_rates, device.drive_varies, strict=True)
         if drive.motorised and not drive.sensor and not varies.any()
     ]
-    found = list(known)
+    coordinates = list(known)
     for label, weights in [*motors, *joints]:
-        if weights[list(rows)].any() and not any(_parallel(weights, one.weights) for one in found):
-            found.append(FrictionCoordinate(label, weights))
-    return tuple(found[len(known) :])
+        if weights[list(rows)].any() and not any(_parallel(weights, coordinate.weights) for coordinate in coordinates):
+            coordinates.append(FrictionCoordinate(label, weights))
+    return tuple(coordinates[len(known) :])
 
 
 def _parallel(a: Array, b: Array) -> bool:
@@ -122,9 +122,9 @@ def stribeck(share: float) -> Callable[[LocalMotion], Array]:
     return lambda at: (np.sign(at.v) * np.exp(-np.abs(at.v) / share))[None]
 
 
-def polynomials(at: LocalMotion) -> Array:
+def polynomials(motion: LocalMotion) -> Array:
     """Legendre polynomials of position, (DEGREES, samples); constant beyond the range."""
-    x = np.clip(at.x, -1.0, 1.0)
+    x = np.clip(motion.x, -1.0, 1.0)
     return np.asarray(np.polynomial.legendre.legvander(x, DEGREES).T[1:], dtype=np.float64)
 
 
@@ -177,8 +177,8 @@ def columns_at(term: CandidateTerm, place: FrictionCoordinate, left: Residuals) 
 
     def local(context: ResidualContext) -> LocalMotion:
         c, cd, _ = context.motion
-        at = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
-        return LocalMotion(place.weights @ cd / speed, at, np.abs(context.predicted[row]))
+        position = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
+        return LocalMotion(place.weights @ cd / speed, position, np.abs(context.predicted[row]))
 
     def values(columns: Callable[[LocalMotion], Array]) -> Callable[[ResidualContext], Array]:
         return lambda context: columns(local(context))
@@ -211,7 +211,7 @@ _TESTED: WeakKeyDictionary[Estimate, Mapping[tuple[str, int], TermTest]] = WeakK
 
 
 def term_tests(
-    augmented: AugmentedRows, which: Mapping[tuple[str, int], Sequence[int]]
+    augmented: AugmentedRows, candidates_of: Mapping[tuple[str, int], Sequence[int]]
 ) -> Mapping[tuple[str, int], TermTest]:
     """The most significant alternative of each term at each friction coordinate.
 
@@ -219,9 +219,9 @@ def term_tests(
         augmented: the rows of an estimate with the candidates.
         which: candidates of a term, by name, at a friction coordinate.
     """
-    made = {at: best_alternative(augmented, own) for at, own in which.items()}
-    _TESTED[augmented.estimate] = made
-    return made
+    tests = {name: best_alternative(augmented, own) for name, own in candidates_of.items()}
+    _TESTED[augmented.estimate] = tests
+    return tests
 
 
 def known_term_tests(estimate: Estimate) -> Mapping[tuple[str, int], TermTest] | None:
@@ -229,9 +229,9 @@ def known_term_tests(estimate: Estimate) -> Mapping[tuple[str, int], TermTest] |
     return _TESTED.get(estimate)
 
 
-def best_alternative(augmented: AugmentedRows, which: Sequence[int]) -> TermTest:
+def best_alternative(augmented: AugmentedRows, candidates: Sequence[int]) -> TermTest:
     """The most significant of some alternatives."""
-    tried = [(e, test) for e in which if (test := augmented.test([e])) is not None]
+    tried = [(e, test) for e in candidates if (test := augmented.test([e])) is not None]
     if not tried:
         return TermTest(1.0, 0.0)
     candidate, best = min(tried, key=lambda each: each[1].p)
@@ -240,30 +240,30 @@ def best_alternative(augmented: AugmentedRows, which: Sequence[int]) -> TermTest
 
 def mark_redundant(augmented: AugmentedRows, tests: Mapping[str, TermTest]) -> dict[str, TermTest]:
     """The tests at one coordinate, by term; those not significant given the most significant term are marked."""
-    seen = {name: one for name, one in tests.items() if one.p < SIGNIFICANCE}
-    made = dict(tests)
-    first = min(seen, key=lambda name: seen[name].p, default="")
-    for name in seen:
+    significant = {name: test for name, test in tests.items() if test.p < SIGNIFICANCE}
+    marked = dict(tests)
+    first = min(significant, key=lambda name: significant[name].p, default="")
+    for name in significant:
         if name != first:
             leading = tests[first].candidate
-            both = augmented.test([leading, tests[name].candidate])
+            joint = augmented.test([leading, tests[name].candidate])
             count = augmented.candidates[leading].count
-            if both is None or both.last(len(both.values) - count).p >= SIGNIFICANCE:
-                made[name] = replace(tests[name], redundant_to=first)
-    return made
+            if joint is None or joint.last(len(joint.values) - count).p >= SIGNIFICANCE:
+                marked[name] = replace(tests[name], redundant_to=first)
+    return marked
 
 
 def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], tests: Sequence[TermTest]) -> Finding:
     """The tests of one term at all friction coordinates, with Holm's correction."""
-    p = together(np.array([one.p for one in tests]))
-    candidates = [k for k, one in enumerate(tests) if not one.redundant_to]
+    p = together(np.array([test.p for test in tests]))
+    candidates = [k for k, test in enumerate(tests) if not test.redundant_to]
     first = min(candidates or range(len(tests)), key=lambda k: p[k])
     status = graded(float(p[first]), tests[first].explained) if candidates else "ok"
     figures = {"p": float(p[first]), "explained": tests[first].explained}
-    for place, one in zip(places, tests, strict=True):
-        figures |= {f"p {place.label}": one.p, f"explained {place.label}": one.explained}
-        if one.fit is not None and len(one.fit.values) == 1:
-            figures |= {f"size {place.label}": one.fit.values[0], f"se {place.label}": one.fit.se[0]}
+    for place, test in zip(places, tests, strict=True):
+        figures |= {f"p {place.label}": test.p, f"explained {place.label}": test.explained}
+        if test.fit is not None and len(test.fit.values) == 1:
+            figures |= {f"size {place.label}": test.fit.values[0], f"se {place.label}": test.fit.se[0]}
     if status == "ok" and candidates and p[first] < SIGNIFICANCE:
         text = (
             f"{term.meaning[0].upper()}{term.meaning[1:]} is significant in the residual of {places[first].label} "
@@ -273,12 +273,12 @@ def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], test
         return Finding(term.name, status, figures, text)
     if status == "ok":
         text = f"No sign of {term.meaning} (p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
-        if others := sorted({one.redundant_to for one in tests if one.redundant_to}):
+        if others := sorted({test.redundant_to for test in tests if test.redundant_to}):
             text = f"No sign of {term.meaning} in addition to {joined_names(others)}."
         return Finding(term.name, status, figures, text)
-    where = joined_names([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
+    labels = joined_names([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
     text = (
-        f"The residual of {where} shows {term.meaning}: it explains {100 * tests[first].explained:.1f} % of the "
+        f"The residual of {labels} shows {term.meaning}: it explains {100 * tests[first].explained:.1f} % of the "
         f"residual power of {places[first].label} (p = {p[first]:.1e}, limit {SIGNIFICANCE:g})."
     )
     return Finding(term.name, status, figures, text)
@@ -297,7 +297,7 @@ def fourier_sums(x: Array, e: Array, block: np.ndarray) -> tuple[Array, Array]:
     """
     span = float(x.max() - x.min())
     f = np.linspace(2.0, 1 / FINEST, _PERIODS) / span
-    parts = (np.flatnonzero(block == one) for one in np.unique(block))
+    parts = (np.flatnonzero(block == number) for number in np.unique(block))
     return f, np.array([e[part] @ np.exp(2j * np.pi * np.outer(x[part], f)) for part in parts])
 
 
@@ -330,10 +330,10 @@ def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: S
         if used.sum() < _PERIODS or x.max() == x.min():
             continue
         f, sums = fourier_sums(x, e, left.block[used])
-        each, at = wild_bootstrap(sums)
-        p.append(each)
-        explained.append(float(2 * np.abs(sums[:, at].sum()) ** 2 / (len(e) * (e @ e))))
-        period.append(float(1 / f[at]))
+        by_order, largest = wild_bootstrap(sums)
+        p.append(by_order)
+        explained.append(float(2 * np.abs(sums[:, largest].sum()) ** 2 / (len(e) * (e @ e))))
+        period.append(float(1 / f[largest]))
         names.append(place.label)
     corrected = together(np.array(p)) if p else np.ones(1)
     first = int(np.argmin(corrected))

@@ -111,16 +111,16 @@ class TorqueScale:
 
 
 def torque_scales(
-    augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
+    augmented: AugmentedRows, candidates: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
 ) -> tuple[TorqueScale, ...]:
     """Of every motor where it is identifiable; gravity, a rotor and the other terms are estimated jointly.
 
     Where a rotor's inertia cannot be distinguished from that of the bodies, it may explain a larger torque: the scale
     then counts where it is below one or beyond what rotors do, or where gravity has the same.
     """
-    made: list[TorqueScale] = []
+    scales: list[TorqueScale] = []
     for m, label in enumerate(labels):
-        motion, weight, rotor = which[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
+        motion, weight, rotor = candidates[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
         for tried in ((motion, weight, rotor), (motion, rotor), (motion, weight), (motion,)):
             test = augmented.test(tried, bodies.inertial, motor=m)
             if test is None:
@@ -128,15 +128,15 @@ def torque_scales(
             value, se = float(test.values[0]), float(test.se[0])
             if se >= IDENTIFIABLE * abs(value):
                 continue
-            same = weight in tried and abs(test.values[1] / value - 1) < _NAMED
-            if rotor in tried or value < GOOD or value > _NO_ROTOR or same:
-                made.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
+            confirms = weight in tried and abs(test.values[1] / value - 1) < _NAMED
+            if rotor in tried or value < GOOD or value > _NO_ROTOR or confirms:
+                scales.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
                 break
-    return tuple(made)
+    return tuple(scales)
 
 
 def moved_from_outside(
-    augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
+    augmented: AugmentedRows, candidates: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
 ) -> Finding | None:
     """Motors whose torque holds the weight of the prior bodies and does not accelerate them; None where there are none.
 
@@ -146,7 +146,7 @@ def moved_from_outside(
     figures: dict[str, float] = {}
     found: list[str] = []
     for m, label in enumerate(labels):
-        motion, weight, _ = which[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
+        motion, weight, _ = candidates[_OF_A_MOTOR * m : _OF_A_MOTOR * (m + 1)]
         test = augmented.test((motion, weight), bodies.inertial, motor=m)
         if test is None:
             continue
@@ -186,12 +186,12 @@ def gears_of(device: Device) -> list[float]:
     ]
 
 
-def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
+def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, and negative friction."""
-    figures = {f"factor {scale.motor}": scale.value for scale in found}
-    gears = gears_of(made.model.device)
+    figures = {f"factor {scale.motor}": scale.value for scale in scales}
+    gears = gears_of(fitted.model.device)
     bad, doubt = [], []
-    for scale in found:
+    for scale in scales:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times {BODIES}"
         words = unit_error(scale.value, gears)
         if scale.value < 0:
@@ -203,22 +203,22 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
                 f"{size} (limit {GOOD:g}): command unit, gear ratio, torque constant, or the bodies of the device file "
                 "differ."
             )
-    if negative := _negative(made):
+    if negative := _negative(fitted):
         doubt.append(f"{joined_names(negative)} {NEGATIVE}, which is impossible.")
     status: Status = "bad" if bad else "doubt" if doubt else "ok"
     if status != "ok":
         return Finding("units and signs", status, figures, " ".join([*bad, *doubt][:3]))
-    text = "Torques agree with the device file's bodies" if found else "No prior bodies to compare with"
+    text = "Torques agree with the device file's bodies" if scales else "No prior bodies to compare with"
     return Finding("units and signs", status, figures, f"{text}, and no friction is negative.")
 
 
-def _negative(made: Estimate) -> list[str]:
+def _negative(fitted: Estimate) -> list[str]:
     """Friction and rotor parameters that are significantly negative, with Bonferroni's correction."""
-    kinds = [made.model.device.parameters.kinds[k] for k in made.base.independent_columns]
+    kinds = [fitted.model.device.parameters.kinds[k] for k in fitted.base.independent_columns]
     names = []
     for k, kind in enumerate(kinds):
-        if kind in _POSITIVE and made.beta[k] < 0:
-            p = t_tail(-made.beta[k] / made.se[k], made.dof[k])
+        if kind in _POSITIVE and fitted.beta[k] < 0:
+            p = t_tail(-fitted.beta[k] / fitted.se[k], fitted.dof[k])
             if p * len(kinds) < SIGNIFICANCE:
-                names.append(made.base.names[k])
+                names.append(fitted.base.names[k])
     return names

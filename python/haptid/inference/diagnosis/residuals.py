@@ -79,7 +79,9 @@ def residuals(estimate: Estimate) -> Residuals:
     """Residuals of all blocks of an estimate, one after the other."""
     motions = estimate.observation.motions
     parts = [part for motion in motions for part in _of(estimate, motion)]
-    t, e, predicted, position, velocity, block = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    t, e, predicted, position, velocity, block = (
+        np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)
+    )
     rows = estimate.observation.motors
     return Residuals(
         labels=tuple(motor.label for motor in rows),
@@ -159,9 +161,9 @@ class SerialCorrelation:
 
 def serial_correlation(e: Array, stride: int, step: float) -> SerialCorrelation:
     """Serial correlation of one motor's residual, (rows,), NaN where a row is not used."""
-    apart = e[::stride]
-    Q, p = portmanteau(apart)
-    known = apart - np.nanmean(apart)
+    thinned_e = e[::stride]
+    Q, p = portmanteau(thinned_e)
+    known = thinned_e - np.nanmean(thinned_e)
     steps = np.diff(known)
     pairs = np.isfinite(steps)
     watson = float(np.mean(steps[pairs] ** 2) / np.nanmean(known**2)) if pairs.any() else np.nan
@@ -200,9 +202,9 @@ def autocorrelation_time(e: Array) -> float:
 def portmanteau(e: Array) -> tuple[float, float]:
     """Q of Ljung and Box and its p-value for a white series; missing values as in Stoffer and Toloi (1992)."""
     rho, pairs = autocorrelation(e, LAGS)
-    n, there = pairs[0], pairs[1:] > 0
-    Q = float(n * (n + 2) * np.sum(rho[1:][there] ** 2 / pairs[1:][there]))
-    return Q, float(chi2_tail(Q, max(int(there.sum()), 1)))
+    n, present = pairs[0], pairs[1:] > 0
+    Q = float(n * (n + 2) * np.sum(rho[1:][present] ** 2 / pairs[1:][present]))
+    return Q, float(chi2_tail(Q, max(int(present.sum()), 1)))
 
 
 def half_power(e: Array, step: float) -> float:
@@ -218,13 +220,13 @@ def half_power(e: Array, step: float) -> float:
 
 def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     """Are the residuals white, and shorter correlated than the blocks that are the clusters?"""
-    found = [serial_correlation(e, left.filter_stride, left.step) for e in left.e]
-    p = together(np.array([motor.p for motor in found]))
+    correlations = [serial_correlation(e, left.filter_stride, left.step) for e in left.e]
+    p = together(np.array([motor.p for motor in correlations]))
     block = float(np.median([b.stop - b.start for b in estimate.observation.blocks]))
-    longest = max(motor.time for motor in found) * left.step
+    longest = max(motor.time for motor in correlations) * left.step
     status: Status = "bad" if longest > _LONGEST * block else "ok" if p.min() >= SIGNIFICANCE else "doubt"
-    coloured = [label for label, each in zip(left.labels, p, strict=True) if each < SIGNIFICANCE]
-    rows, effective = sum(m.rows for m in found), sum(m.effective for m in found)
+    coloured = [label for label, probability in zip(left.labels, p, strict=True) if probability < SIGNIFICANCE]
+    rows, effective = sum(m.rows for m in correlations), sum(m.effective for m in correlations)
     sentence = (
         f"The {rows} rows are equivalent to {effective:.0f} independent ones: the residuals are serially correlated "
         f"over up to {longest:.2g} s"
@@ -251,7 +253,7 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
         "block": block,
         "p": float(p.min()),
     }
-    for label, motor in zip(left.labels, found, strict=True):
+    for label, motor in zip(left.labels, correlations, strict=True):
         figures |= {
             f"ljung_box {label}": motor.ljung_box,
             f"durbin_watson {label}": motor.durbin_watson,
@@ -271,8 +273,8 @@ def standardised(e: Array) -> Array:
 
 def thinned(e: Array, stride: int) -> Array:
     """Rows of a residual so far apart that they are nearly uncorrelated."""
-    kept = e[:: max(stride, int(np.ceil(autocorrelation_time(e))))]
-    return np.asarray(kept[np.isfinite(kept)])
+    rows = e[:: max(stride, int(np.ceil(autocorrelation_time(e))))]
+    return np.asarray(rows[np.isfinite(rows)])
 
 
 def outliers(e: Array, rows: float) -> np.ndarray:
@@ -284,33 +286,35 @@ def outliers(e: Array, rows: float) -> np.ndarray:
 
 def normality(left: Residuals) -> Finding:
     """Are the residuals normal (D'Agostino and Pearson 1973, Biometrika 60), and are there outliers?"""
-    p, many, power = [], 0, 0.0
+    p, outlier_counts, power = [], 0, 0.0
     figures: dict[str, float] = {}
     for label, e in zip(left.labels, left.e, strict=True):
-        apart = thinned(e, left.filter_stride)
-        skewness, kurtosis, alone = dagostino_pearson(apart)
-        p.append(alone if len(apart) >= _FEWEST else 1.0)
-        out = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
-        many += int(out.sum())
-        power = max(power, float(np.sum(e[out] ** 2) / np.nansum(e**2)))
+        independent = thinned(e, left.filter_stride)
+        skewness, kurtosis, alone = dagostino_pearson(independent)
+        p.append(alone if len(independent) >= _FEWEST else 1.0)
+        is_outlier = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
+        outlier_counts += int(is_outlier.sum())
+        power = max(power, float(np.sum(e[is_outlier] ** 2) / np.nansum(e**2)))
         figures |= {f"skewness {label}": skewness, f"excess_kurtosis {label}": kurtosis}
     corrected = together(np.array(p))
     least = float(corrected.min())
     status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
-    figures |= {"p": least, "outliers": many, "outlier_power": power}
-    which = joined_names([label for label, each in zip(left.labels, corrected, strict=True) if each < SIGNIFICANCE])
+    figures |= {"p": least, "outliers": outlier_counts, "outlier_power": power}
+    labels = joined_names(
+        [label for label, probability in zip(left.labels, corrected, strict=True) if probability < SIGNIFICANCE]
+    )
     if status == "ok":
         sentence = f"No significant departure from normality (p = {least:.2g}, limit {SIGNIFICANCE:g})."
     elif status == "doubt":
         sentence = (
-            f"The residuals of {which} are not normal (p = {least:.1e}, limit {SIGNIFICANCE:g}): intervals are still "
+            f"The residuals of {labels} are not normal (p = {least:.1e}, limit {SIGNIFICANCE:g}): intervals are still "
             f"valid for a long log, but look for a missing term."
         )
     else:
         sentence = (
-            f"The residuals of {which} have {many} outliers with {100 * power:.0f} % of a motor's residual power "
-            f"(limit {100 * OUTLIER_POWER:.0f} %): look at the log there for contacts, end stops and lost samples, and "
-            f"cut them."
+            f"The residuals of {labels} have {outlier_counts} outliers with {100 * power:.0f} % of a motor's residual "
+            f"power (limit {100 * OUTLIER_POWER:.0f} %): look at the log there for contacts, end stops and lost "
+            f"samples, and cut them."
         )
     return Finding("normality", status, figures, sentence)
 
@@ -339,20 +343,20 @@ def block_jackknife(X: Array, y: Array, block: np.ndarray) -> Regression | None:
         block: of each row, (rows,).
     """
     names, place = np.unique(block, return_inverse=True)
-    k, many = X.shape[1], len(names)
-    A, b = np.zeros((many, k, k)), np.zeros((many, k))
+    k, count = X.shape[1], len(names)
+    A, b = np.zeros((count, k, k)), np.zeros((count, k))
     np.add.at(A, place, X[:, :, None] * X[:, None, :])
     np.add.at(b, place, X * y[:, None])
-    whole = A.sum(axis=0)
-    if many <= k + 2 or np.linalg.matrix_rank(whole) < k:
+    normal_matrix = A.sum(axis=0)
+    if count <= k + 2 or np.linalg.matrix_rank(normal_matrix) < k:
         return None
-    inverse = np.linalg.inv(whole)
+    inverse = np.linalg.inv(normal_matrix)
     values = inverse @ b.sum(axis=0)
-    without = np.linalg.pinv(whole - A) @ (b.sum(axis=0) - b)[:, :, None]
+    without = np.linalg.pinv(normal_matrix - A) @ (b.sum(axis=0) - b)[:, :, None]
     shift = without[:, :, 0] - values
     leverage = np.einsum("ki,bij,jk->bk", inverse, A, inverse)
     dof = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1.0
-    return Regression(values, np.sqrt((many - 1) / many * (shift**2).sum(axis=0)), np.maximum(dof, 2.0))
+    return Regression(values, np.sqrt((count - 1) / count * (shift**2).sum(axis=0)), np.maximum(dof, 2.0))
 
 
 def heteroscedasticity(left: Residuals, velocity: Array) -> Finding:
@@ -370,13 +374,13 @@ def heteroscedasticity(left: Residuals, velocity: Array) -> Finding:
         sizes = np.array([np.abs(velocity[m, used]), np.abs(left.predicted[m, used])])
         typical = sizes.mean(axis=1, keepdims=True)
         X = np.vstack([np.ones(used.sum()), sizes / np.where(typical > 0, typical, 1.0) - 1.0]).T
-        if (found := block_jackknife(X, left.e[m, used] ** 2, left.block[used])) is None:
+        if (test := block_jackknife(X, left.e[m, used] ** 2, left.block[used])) is None:
             continue
-        for k, what in ((1, "speed"), (2, "torque")):
-            t = found.values[k] / found.se[k] if found.se[k] > 0 else 0.0
-            p.append(float(2 * t_tail(abs(t), found.dof[k])))
-            growth.append(float(1.0 + found.values[k] / found.values[0]))
-            names.append(f"{label} with {what}")
+        for k, cause in ((1, "speed"), (2, "torque")):
+            t = test.values[k] / test.se[k] if test.se[k] > 0 else 0.0
+            p.append(float(2 * t_tail(abs(t), test.dof[k])))
+            growth.append(float(1.0 + test.values[k] / test.values[0]))
+            names.append(f"{label} with {cause}")
     if not p:
         return Finding("even spread", "ok", {}, "There are too few blocks for a test of heteroscedasticity.")
     corrected = together(np.array(p))

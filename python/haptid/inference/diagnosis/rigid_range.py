@@ -109,14 +109,14 @@ def frequency_ranges(estimate: Estimate, left: Residuals) -> tuple[FrequencyRang
         return ()
     pieces, window, f = np.add.outer(starts, np.arange(length)), np.hanning(length), _frequencies(length, left.step)
     edges = _edges(f, min(_highest(motion) for motion in motions))
-    seen = [spectra(motion.log) if motion.log else () for motion in motions]
-    made = []
+    spectra_of = [spectra(motion.log) if motion.log else () for motion in motions]
+    ranges = []
     for k, (label, row) in enumerate(zip(left.labels, device_rows(estimate), strict=True)):
         x, e = left.predicted[k][pieces], np.nan_to_num(left.e[k])[pieces]
         X, E = (np.fft.rfft(window * (s - s.mean(axis=1, keepdims=True)), axis=1) for s in (x, e))
-        clean = [_clean(motion, own, row, edges) for motion, own in zip(motions, seen, strict=True)]
-        made.append(_of(label, f, edges, X, E, np.all(clean, axis=0)))
-    return tuple(made) if len(edges) > 1 else ()
+        clean = [_clean(motion, own, row, edges) for motion, own in zip(motions, spectra_of, strict=True)]
+        ranges.append(_of(label, f, edges, X, E, np.all(clean, axis=0)))
+    return tuple(ranges) if len(edges) > 1 else ()
 
 
 def _spans(left: Residuals) -> list[tuple[int, int]]:
@@ -148,7 +148,7 @@ def _highest(motion: Motion) -> float:
     return min(rate, motion.treatment.parallel(motion.dt) or rate)
 
 
-def _clean(motion: Motion, seen: Sequence[Spectrum], row: int, edges: Sequence[float]) -> np.ndarray:
+def _clean(motion: Motion, spectra: Sequence[Spectrum], row: int, edges: Sequence[float]) -> np.ndarray:
     """Whether neither the position filter nor the encoder of a row spoils each band, (bands,).
 
     Args:
@@ -161,12 +161,12 @@ def _clean(motion: Motion, seen: Sequence[Spectrum], row: int, edges: Sequence[f
     if motion.treatment.cutoff_hz is not None:
         every = np.atleast_1d(np.asarray(motion.treatment.cutoff_hz, dtype=float))
         clean &= passed(np.array(edges[1:]), float(every[min(row, len(every) - 1)])) >= _PASSED
-    if seen:
-        spectrum = seen[min(row, len(seen) - 1)]
+    if spectra:
+        spectrum = spectra[min(row, len(spectra) - 1)]
         for k, (low, high) in enumerate(pairwise(edges)):
             inside = (spectrum.f >= low) & (spectrum.f <= high)
-            whole = float((spectrum.noise + spectrum.motion)[inside].sum())
-            clean[k] &= bool(spectrum.noise[inside].sum() <= _NOISE * whole)
+            power = float((spectrum.noise + spectrum.motion)[inside].sum())
+            clean[k] &= bool(spectrum.noise[inside].sum() <= _NOISE * power)
     return clean
 
 
@@ -185,10 +185,10 @@ def _of(
         dof = 1 / max(float((share**2).sum()), np.finfo(float).tiny) - 1
         figures.append((1 + d, float(np.sqrt((score**2).sum())) / total, dof))
     ratio, se, freedom = np.array(figures).reshape(-1, 3).T
-    there = (freedom > _LEAST_DOF) & (se > 0)
-    safe, known = np.where(there, se, 1.0), np.maximum(freedom, 1.0)
+    usable = (freedom > _LEAST_DOF) & (se > 0)
+    safe, known = np.where(usable, se, 1.0), np.maximum(freedom, 1.0)
     p = np.array([2 * float(t_tail(t, v)) for t, v in zip(np.abs(ratio - 1) / safe, known, strict=True)])
-    informative = there & (half_width(safe, known) < INFORMATIVE) & clean
+    informative = usable & (half_width(safe, known) < INFORMATIVE) & clean
     low_edges, high_edges = np.array(edges[:-1]), np.array(edges[1:])
     return FrequencyRange(
         label, low_edges, high_edges, freeze(ratio), freeze(se), freeze(freedom), informative, freeze(p)
@@ -197,26 +197,31 @@ def _of(
 
 def rigid_range(ranges: Sequence[FrequencyRange]) -> Finding:
     """Up to which frequency does the rigid model explain the torque, and does it lack elasticity?"""
-    tests = sum(int(one.informative.sum()) for one in ranges)
+    tests = sum(int(frequency_range.informative.sum()) for frequency_range in ranges)
     if not tests:
         text = "No band of frequency is excited enough to know how far the rigid model holds."
         return Finding("rigid range", "ok", {}, text)
     figures: dict[str, float] = {}
     failed, elastic, held = [], [], []
-    for one in ranges:
-        if not one.informative.any():
+    for frequency_range in ranges:
+        if not frequency_range.informative.any():
             continue
-        fails, highest = one.fails(tests), float(one.high[one.informative][-1])
-        figures[f"{one.label}, Hz"] = end = float(one.low[fails][0]) if fails.any() else highest
+        fails, highest = frequency_range.fails(tests), float(frequency_range.high[frequency_range.informative][-1])
+        figures[f"{frequency_range.label}, Hz"] = end = float(frequency_range.low[fails][0]) if fails.any() else highest
         if not fails.any():
-            held.append((end, one.label))
+            held.append((end, frequency_range.label))
             continue
-        off = f"off by {100 * (float(one.ratio[fails][-1]) - 1):+.0f} % at {float(one.high[fails][-1]):.3g} Hz"
-        failed.append(f"{one.label} up to {end:.3g} Hz ({off})")
-        slope, p = one.growth()
-        if fails[one.informative][-1] and p * len(ranges) < FALSE_ALARMS and abs(slope) * highest**2 > FAILS:
-            figures[f"{one.label}, resonance, Hz"] = resonance = abs(slope) ** -0.5
-            elastic.append(f"{one.label}, about {resonance:.2g} Hz")
+        percent = 100 * (float(frequency_range.ratio[fails][-1]) - 1)
+        deviation = f"off by {percent:+.0f} % at {float(frequency_range.high[fails][-1]):.3g} Hz"
+        failed.append(f"{frequency_range.label} up to {end:.3g} Hz ({deviation})")
+        slope, p = frequency_range.growth()
+        if (
+            fails[frequency_range.informative][-1]
+            and p * len(ranges) < FALSE_ALARMS
+            and abs(slope) * highest**2 > FAILS
+        ):
+            figures[f"{frequency_range.label}, resonance, Hz"] = resonance = abs(slope) ** -0.5
+            elastic.append(f"{frequency_range.label}, about {resonance:.2g} Hz")
     return Finding("rigid range", "doubt" if failed else "ok", figures, " ".join(_sentences(held, failed, elastic)))
 
 
@@ -224,9 +229,9 @@ def _sentences(held: Sequence[tuple[float, str]], failed: Sequence[str], elastic
     """How far the model holds, and what the difference beyond looks like."""
     within = f"within {100 * FAILS:.0f} %"
     if held:
-        which = f" of {joined_names([label for _, label in held])}" if failed else ""
+        motors = f" of {joined_names([label for _, label in held])}" if failed else ""
         least = min(held)[0]
-        yield f"The rigid model explains the torque{which} {within} up to at least {least:.3g} Hz."
+        yield f"The rigid model explains the torque{motors} {within} up to at least {least:.3g} Hz."
     if failed:
         yield f"It explains the torque {within} of {joined_names(failed)}."
     if elastic:

@@ -26,13 +26,13 @@ GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 def subsample(estimate: Estimate) -> Estimate:
     """The same estimate with the blocks of the subsample only, and their motions; itself if the log is short."""
-    seen = estimate.observation
-    kept = evenly_spaced(len(seen.blocks), samples(estimate))
-    if len(kept) == len(seen.blocks):
+    observation = estimate.observation
+    indices = evenly_spaced(len(observation.blocks), samples(estimate))
+    if len(indices) == len(observation.blocks):
         return estimate
-    some = seen.pick(kept)
+    some = observation.pick(indices)
     names = {block.log for block in some.blocks}
-    motions = tuple(motion for motion in seen.motions if log_name(motion) in names)
+    motions = tuple(motion for motion in observation.motions if log_name(motion) in names)
     return replace(estimate, observation=replace(some, motions=motions))
 
 
@@ -46,18 +46,18 @@ def evenly_spaced(blocks: int, samples: int) -> np.ndarray:
     wanted = max(MOST_SAMPLES * blocks // max(samples, 1), FEWEST_BLOCKS)
     if wanted >= blocks:
         return np.arange(blocks)
-    each = -(-wanted // RANGES)
-    many = wanted // each
-    edges = np.arange(many + 1) * blocks // many
-    room = np.diff(edges) - each
-    starts = edges[:-1] + (np.arange(many) * GOLDEN % 1.0 * (room + 1)).astype(int)
-    return np.asarray((starts[:, None] + np.arange(each)).ravel())
+    length = -(-wanted // RANGES)
+    ranges = wanted // length
+    edges = np.arange(ranges + 1) * blocks // ranges
+    room = np.diff(edges) - length
+    starts = edges[:-1] + (np.arange(ranges) * GOLDEN % 1.0 * (room + 1)).astype(int)
+    return np.asarray((starts[:, None] + np.arange(length)).ravel())
 
 
 def samples(estimate: Estimate) -> int:
     """Samples in all blocks."""
-    seen = estimate.observation
-    return round(sum(block.stop - block.start for block in seen.blocks) / seen.motions[0].dt)
+    observation = estimate.observation
+    return round(sum(block.stop - block.start for block in observation.blocks) / observation.motions[0].dt)
 
 
 def log_name(motion: Motion) -> str:
@@ -67,10 +67,10 @@ def log_name(motion: Motion) -> str:
 
 def row_ranges(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
     """Rows start..stop of the wanted blocks of a motion, neighbours together as far as memory allows."""
-    there = np.isin(np.arange(-(-plan.rows // plan.block)), [k for k, _ in block_numbers(plan, wanted)])
+    wanted_blocks = np.isin(np.arange(-(-plan.rows // plan.block)), [k for k, _ in block_numbers(plan, wanted)])
     for start, stop in plan.segments():
         first = start // plan.block
-        inside = there[first : -(-stop // plan.block)].astype(int)
+        inside = wanted_blocks[first : -(-stop // plan.block)].astype(int)
         for a, b in np.flatnonzero(np.diff(inside, prepend=0, append=0)).reshape(-1, 2) + first:
             yield int(a) * plan.block, min(int(b) * plan.block, stop)
 
@@ -83,10 +83,10 @@ def block_numbers(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, in
             yield k, index[block]
 
 
-def sentence(whole: Estimate, part: Estimate) -> str:
+def sentence(full: Estimate, part: Estimate) -> str:
     """The size of the subsample, in words."""
     return (
         f"The log is long: tests of the residual use {len(part.observation.blocks)} of "
-        f"{len(whole.observation.blocks)} blocks, {samples(part)} of {samples(whole)} samples, spread evenly; "
+        f"{len(full.observation.blocks)} blocks, {samples(part)} of {samples(full)} samples, spread evenly; "
         f"excitation, influence and drift use all of it."
     )

@@ -58,12 +58,12 @@ def torque_faults(estimate: Estimate) -> Finding:
 def clipped(tau: Array) -> np.ndarray:
     """Samples in which a torque, (n,), stays at its extreme; none where values next to it are about as frequent."""
     values, count = np.unique(tau, return_counts=True)
-    made = np.zeros(len(tau), dtype=bool)
+    at_limit = np.zeros(len(tau), dtype=bool)
     if len(values) <= CLIPPED_RUN:
-        return made
+        return at_limit
     for extreme in (values[0], values[-1]):
-        made |= runs(tau == extreme, CLIPPED_RUN)
-    return made if made.sum() > _RARER * (count[1] + count[-2]) else np.zeros_like(made)
+        at_limit |= runs(tau == extreme, CLIPPED_RUN)
+    return at_limit if at_limit.sum() > _RARER * (count[1] + count[-2]) else np.zeros_like(at_limit)
 
 
 def chatter(tau: Array, motion: Motion) -> float:
@@ -83,8 +83,8 @@ def chatter(tau: Array, motion: Motion) -> float:
 def runs(true: np.ndarray, least: int) -> np.ndarray:
     """Samples within runs of True of at least `least`."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]]))).reshape(-1, 2)
-    made = np.zeros(len(true), dtype=bool)
+    in_run = np.zeros(len(true), dtype=bool)
     for start, stop in edges:
         if stop - start >= least:
-            made[start:stop] = True
-    return made
+            in_run[start:stop] = True
+    return in_run

@@ -93,14 +93,14 @@ def mild(reasons: Sequence[Reason]) -> list[Reason]:
     return [reason if reason.status == "ok" else replace(reason, status="doubt") for reason in reasons]
 
 
-def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> Verdict:
+def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -> Verdict:
     """The verdict on an estimate with these errors and findings."""
     by_name = {finding.name: finding for finding in findings}
 
     def of(names: Sequence[str]) -> list[Reason]:
         return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
-    size, precise, friction = _size(errors), _precision(made), of(COMPENSATION)
+    size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
     torque = [size, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
@@ -138,9 +138,9 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
     if grade == "ok":
         return f"{text}: {measured.words}." if measured else f"{text}."
     grave = [reason for reason in reasons if reason.status == grade]
-    words, more = [reason.words for reason in grave[:MOST]], len(grave) - MOST
-    if more > 0:
-        words.append(f"{more} more {'reason' if more == 1 else 'reasons'}")
+    words, others = [reason.words for reason in grave[:MOST]], len(grave) - MOST
+    if others > 0:
+        words.append(f"{others} more {'reason' if others == 1 else 'reasons'}")
     text = f"{text}, because {joined_names(words)}"
     if measured is None or measured in grave:
         return f"{text}."
@@ -162,13 +162,13 @@ def _size(errors: Validation) -> Reason:
     return Reason(size, f"the torque error of {largest.label} is {per_cent(largest.relative)} ({kind}; {limits})")
 
 
-def _precision(made: Estimate) -> Reason:
+def _precision(fitted: Estimate) -> Reason:
     """How many parameters have a small standard error."""
-    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.free_parameters)
-    if len(good) == many:
-        return Reason("ok", f"all {many} have standard errors below {QUOTABLE:g} %")
+    good, count = [p.name for p in fitted.parameters if p.relative_se < QUOTABLE], len(fitted.free_parameters)
+    if len(good) == count:
+        return Reason("ok", f"all {count} have standard errors below {QUOTABLE:g} %")
     if not good:
-        return Reason("doubt", f"none of {many} has a standard error below {QUOTABLE:g} %")
+        return Reason("doubt", f"none of {count} has a standard error below {QUOTABLE:g} %")
     return Reason(
-        "doubt", f"only {len(good)} of {many} have standard errors below {QUOTABLE:g} % ({joined_names(good)})"
+        "doubt", f"only {len(good)} of {count} have standard errors below {QUOTABLE:g} % ({joined_names(good)})"
     )

@@ -147,16 +147,16 @@ def nearest_body(
         raise PhysicalConsistencyError(
             "no rigid body has what is known of this payload.", advice="Check its mass and its centre of mass."
         ) from error
-    found = offset + basis @ (D * v)
+    parameters = offset + basis @ (D * v)
     extra = float(np.linalg.norm(metric @ (v - free)))
     if extra < _SAME:  # a rigid body has what is determined; the rest of the free estimate was arbitrary
-        return ConsistentPayload(False, figures, pseudo_inertia(found), 0.0)
+        return ConsistentPayload(False, figures, pseudo_inertia(parameters), 0.0)
     worse = 100 * (np.hypot(fit.solution.rest, extra) / fit.solution.rest - 1) if fit.solution.rest else float("inf")
     body = (
-        np.where(determined, body_figures(joint, found), np.nan)
-        if found[9] > _PSD_ROUNDING * mass
+        np.where(determined, body_figures(joint, parameters), np.nan)
+        if parameters[9] > _PSD_ROUNDING * mass
         else np.full(10, np.nan)
     )
-    if found[9] <= _PSD_ROUNDING * mass:
-        body[0] = max(found[9], 0.0)
-    return ConsistentPayload(True, body, pseudo_inertia(found), float(worse))
+    if parameters[9] <= _PSD_ROUNDING * mass:
+        body[0] = max(parameters[9], 0.0)
+    return ConsistentPayload(True, body, pseudo_inertia(parameters), float(worse))

@@ -106,11 +106,13 @@ class DriveGains:
 
     def summary(self) -> str:
         """A line for each motor."""
-        found = self.quantities
+        quantities = self.quantities
         lines = [
             f"{label}: {with_digits(value, se)} of the file's gain, "
             f"95 % interval {with_digits(low, se)} .. {with_digits(high, se)}"
-            for label, value, se, (low, high) in zip(found.names, found.values, found.se, found.conf_int(), strict=True)
+            for label, value, se, (low, high) in zip(
+                quantities.names, quantities.values, quantities.se, quantities.conf_int(), strict=True
+            )
         ]
         return "\n".join([*lines, *self.left_out])
 
@@ -147,13 +149,15 @@ class PayloadIdentification:
 
     def table(self) -> list[list[str | float]]:
         """Rows of a table: payload or motor, figure, unit, value, standard error, 95 % interval; a header first."""
-        made: list[list[str | float]] = [["of", "name", "unit", "value", "se", "low95", "high95"]]
-        groups = [(one.name, one.body) for one in self.payloads] + [(one.name, one.parameters) for one in self.payloads]
+        rows: list[list[str | float]] = [["of", "name", "unit", "value", "se", "low95", "high95"]]
+        groups = [(payload.name, payload.body) for payload in self.payloads] + [
+            (payload.name, payload.parameters) for payload in self.payloads
+        ]
         groups += [] if self.gains is None else [("gain", self.gains.quantities)]
-        for of, q in groups:
+        for owner, q in groups:
             numbers = zip(q.names, q.units, q.values, q.se, q.conf_int(), strict=True)
-            made += [[of, name, unit, float(x), float(se), *map(float, ends)] for name, unit, x, se, ends in numbers]
-        return made
+            rows += [[owner, name, unit, float(x), float(se), *map(float, ends)] for name, unit, x, se, ends in numbers]
+        return rows
 
     def to_json(self) -> dict[str, Any]:
         """As JSON values."""

@@ -173,14 +173,14 @@ def rank_revealing(rows: Sequence[MotorRows], weights: Array, size: int) -> tupl
         wide[:, np.append(motor.columns, size)] = weight * motor.whole
         stack.append(wide)
     both = np.concatenate(stack)
-    whole = triangle(np.pad(both, ((0, max(size + 1 - len(both), 0)), (0, 0))))
-    R, z = whole[:-1, :-1], whole[:-1, -1]
+    factor = triangle(np.pad(both, ((0, max(size + 1 - len(both), 0)), (0, 0))))
+    R, z = factor[:-1, :-1], factor[:-1, -1]
     lengths = np.linalg.norm(R, axis=0)
     scale = np.where(lengths > 0, lengths, 1.0)
     u, s, vt = np.linalg.svd(R / scale)
-    kept = s > RANK_TOLERANCE * s[0]
-    root = (vt[kept].T / s[kept]) / scale[:, None]
-    along = u[:, kept].T @ z
-    rest = float(np.hypot(whole[-1, -1], np.linalg.norm(z - u[:, kept] @ along)))
-    dof = int(sum(motor.rows.sum() for motor in rows)) - int(kept.sum())
-    return Solution(root @ along, R, root, rest, dof), vt[~kept].T, scale
+    significant = s > RANK_TOLERANCE * s[0]
+    root = (vt[significant].T / s[significant]) / scale[:, None]
+    projection = u[:, significant].T @ z
+    rest = float(np.hypot(factor[-1, -1], np.linalg.norm(z - u[:, significant] @ projection)))
+    dof = int(sum(motor.rows.sum() for motor in rows)) - int(significant.sum())
+    return Solution(root @ projection, R, root, rest, dof), vt[~significant].T, scale

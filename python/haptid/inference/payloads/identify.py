@@ -85,7 +85,7 @@ def identify_payloads(
     bare_data, load_data = _many(bare), [(body, _many(data)) for body, data in loaded]
     bodies = [body for body, _ in load_data]
     _check(model, bare_data, load_data, gains)
-    static = any(isinstance(one, Poses) for one in bare_data)
+    static = any(isinstance(recording, Poses) for recording in bare_data)
     own = static_model(model) if static else model
     wide = payload_model(model, sorted({body.link for body in bodies}, key=model.device.joint_names.index))
     wide = static_model(wide) if static else wide
@@ -95,14 +95,14 @@ def identify_payloads(
     layout = Layout.of(own, wide, to_wide, bodies, shared_friction)
     rows = [LoadedRows(o, *layout.affine(k)) for k, o in enumerate(observations)]
     fit, left_out = _fitted(rows, observations[0], gains)
-    found = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
+    payloads = [_payload(wide, body, fit, layout.columns(k), static) for k, body in enumerate(bodies)]
     labels = [observations[0].motors[k].label for k in fit.motors]
     size = [motor.rows.sum() for motor in fit.rows.motors]
     unknowns = np.append(fit.x, np.zeros(len(fit.gains)))
     rms = [m.residual(unknowns) / np.sqrt(max(n, 1)) for m, n in zip(fit.rows.motors, size, strict=True)]
     return PayloadIdentification(
         model=model,
-        payloads=tuple(found),
+        payloads=tuple(payloads),
         gains=_gains(fit, observations[0], left_out) if gains else None,
         base=_base(own, fit, layout),
         residual={label: float(value) for label, value in zip(labels, rms, strict=True)},
@@ -134,7 +134,7 @@ def _check(
             raise unknown_name(message, body.link, model.device.joint_names, "link")
         if names.count(body.name) > 1:
             raise SettingError(f"two payloads have the name {body.name!r}.", where=body.name, advice="Rename one.")
-    kinds = {isinstance(one, Poses) for data in (bare, *(data for _, data in loaded)) for one in data}
+    kinds = {isinstance(recording, Poses) for data in (bare, *(data for _, data in loaded)) for recording in data}
     if len(kinds) > 1:
         raise SettingError(
             "motions and poses are mixed: the base parameters of poses are not those of motions.",
@@ -150,17 +150,17 @@ def _check(
 
 
 def _observed(model: DynamicModel, data: Sequence[Recorded]) -> Observation:
-    motions = [one for one in data if isinstance(one, Motion)]
+    motions = [recording for recording in data if isinstance(recording, Motion)]
     if motions:
         return observe(model, *motions)
     assert isinstance(model, StaticModel)
-    return reduce(add, [observe_poses(model, one) for one in data if isinstance(one, Poses)])
+    return reduce(add, [observe_poses(model, recording) for recording in data if isinstance(recording, Poses)])
 
 
 def _check_shared(observations: Sequence[Observation]) -> None:
-    for k, one in enumerate(observations):
+    for k, observation in enumerate(observations):
         for other in observations[:k]:
-            block = one.shares_rows_with(other)
+            block = observation.shares_rows_with(other)
             if block is not None:
                 raise SharedRowsError(
                     f"{block.start:.3f} to {block.stop:.3f} s of log {block.log[:12]} are given for two loads.",
@@ -207,27 +207,27 @@ def _least_loaded(rows: Sequence[LoadedRows], motors: Sequence[int]) -> int:
     """Position in `motors` of the one whose torque the known part of the payloads changes least."""
     shares = []
     for k in motors:
-        known = whole = 0.0
+        known = total = 0.0
         for load in rows:
             motor = load.observation.motors[k]
             known += float(np.linalg.norm(motor.whole[:, :-1] @ load.m[motor.columns]) ** 2)
-            whole += motor.norm**2
-        shares.append(known / whole)
+            total += motor.norm**2
+        shares.append(known / total)
     return int(np.argmin(shares))
 
 
 def _gains(fit: JointFit, like: Observation, left_out: tuple[str, ...]) -> DriveGains:
     labels = tuple(like.motors[k].label for k in fit.gains)
-    made, factor = fit.spread(fit.of_gains()), np.exp(fit.theta)
-    made = replace(made, covariance=made.covariance * np.outer(factor, factor))
-    return DriveGains(made.quantities(labels, ("1",) * len(labels), factor), left_out)
+    quantities, factor = fit.spread(fit.of_gains()), np.exp(fit.theta)
+    quantities = replace(quantities, covariance=quantities.covariance * np.outer(factor, factor))
+    return DriveGains(quantities.quantities(labels, ("1",) * len(labels), factor), left_out)
 
 
 def _padded(rows: Array, fit: JointFit, columns: np.ndarray) -> Array:
     """Combinations of a payload's unknowns as combinations of all, (q, unknowns + gains)."""
-    made = np.zeros((len(rows), len(fit.scale)))
-    made[:, columns] = rows
-    return made
+    padded = np.zeros((len(rows), len(fit.scale)))
+    padded[:, columns] = rows
+    return padded
 
 
 def _base(own: DynamicModel, fit: JointFit, layout: Layout) -> Quantities:
@@ -235,7 +235,7 @@ def _base(own: DynamicModel, fit: JointFit, layout: Layout) -> Quantities:
     p = len(layout.varying)
     rows = np.eye(len(fit.scale))[:p]
     known = np.flatnonzero(fit.determined(rows))
-    names, units = ([of[k] for k in known] for of in (own.base.names, own.base.units))
+    names, units = ([labels[k] for k in known] for labels in (own.base.names, own.base.units))
     return fit.spread(rows[known]).quantities(names, units, fit.x[known])
 
 
@@ -282,11 +282,11 @@ def _figures(
     own = ways / fit.scale
     # Measured against the size of the parameters: differences leave rounding in the gradient.
     hidden = np.linalg.norm(own @ fit.null, axis=1)
-    whole = np.linalg.norm(np.abs(gradient) @ np.abs(basis) / fit.scale[columns], axis=1) if basis.size else 0.0
-    determined = np.asarray(hidden <= _BLIND * np.maximum(whole, 1e-300))
-    given = np.zeros(10, dtype=bool)
-    given[0], given[1:4], given[4:] = body.mass is not None, body.com is not None, body.inertia is not None
-    shown = np.flatnonzero(determined & ~given)
+    norms = np.linalg.norm(np.abs(gradient) @ np.abs(basis) / fit.scale[columns], axis=1) if basis.size else 0.0
+    determined = np.asarray(hidden <= _BLIND * np.maximum(norms, 1e-300))
+    is_given = np.zeros(10, dtype=bool)
+    is_given[0], is_given[1:4], is_given[4:] = body.mass is not None, body.com is not None, body.inertia is not None
+    shown = np.flatnonzero(determined & ~is_given)
     names, units = [FIGURES[k] for k in shown], [FIGURE_UNITS[k] for k in shown]
     return fit.spread(ways[shown]).quantities(names, units, body_figures(joint, phi)[shown]), determined
 
@@ -299,8 +299,8 @@ def _left_out(body: AttachedBody, known: np.ndarray, determined: np.ndarray, sta
     inertia = not known[:6].any()
     if static and inertia:
         rest = [name for name in lost if name[: len(name) - len(body.link)] in ("MX", "MY", "MZ", "M")]
-        more = f", nor {listed(rest)}" if rest else ""
-        return (f"Poses do not determine the inertia of {body.name}{more}: record motions for it.",)
+        others = f", nor {listed(rest)}" if rest else ""
+        return (f"Poses do not determine the inertia of {body.name}{others}: record motions for it.",)
     figures = [FIGURES[k] for k in np.flatnonzero(~determined)]
     shown = f", hence not {listed(figures)}" if figures else ""
     return (f"These recordings do not determine {listed(lost)} of {body.name}{shown}.",)

@@ -46,73 +46,75 @@ class ComparisonSection(Shown):
         Raises:
             ModelMismatchError: a result has no parameter in common with the first.
         """
-        made = [compare(found[0], other, confidence=CONFIDENCE, independent=False) for other in found[1:]]
-        pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
+        comparisons = [compare(found[0], other, confidence=CONFIDENCE, independent=False) for other in found[1:]]
+        pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], comparisons, strict=True)]
         results = [_result(name, r) for name, r in zip(names, found, strict=True)]
         return cls(
-            charts=(_chart(names, made),),
-            sentences=[_said(results[0], other, c) for other, c in zip(results[1:], made, strict=True)],
+            charts=(_chart(names, comparisons),),
+            sentences=[_said(results[0], other, c) for other, c in zip(results[1:], comparisons, strict=True)],
             results=results,
             motors=list(found[0].model.device.row_labels),
             pairs=pairs,
         )
 
 
-def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
+def _pair(first: str, second: str, comparison: Comparison) -> dict[str, Any]:
     rows = [
         {
             "name": name,
-            "unit": made.units[k],
-            "first": float(made.first[k]),
-            "second": float(made.second[k]),
-            "difference": float(made.difference[k]),
+            "unit": comparison.units[k],
+            "first": float(comparison.first[k]),
+            "second": float(comparison.second[k]),
+            "difference": float(comparison.difference[k]),
             "low": float(low),
             "high": float(high),
-            "p": float(made.holm[k]),
-            "differs": name in made.differs,
+            "p": float(comparison.holm[k]),
+            "differs": name in comparison.differs,
         }
-        for k, (name, (low, high)) in enumerate(zip(made.names, made.conf_int(), strict=True))
+        for k, (name, (low, high)) in enumerate(zip(comparison.names, comparison.conf_int(), strict=True))
     ]
-    return {"first": first, "second": second, "sentences": list(made.sentences), "rows": rows}
+    return {"first": first, "second": second, "sentences": list(comparison.sentences), "rows": rows}
 
 
-def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) -> str:
+def _said(first: Mapping[str, Any], other: Mapping[str, Any], comparison: Comparison) -> str:
     """Summary of a pair, in a sentence."""
-    what = f"{joined_names(made.differs)}; " if made.differs else ""
+    changed = f"{joined_names(comparison.differs)}; " if comparison.differs else ""
     kinds = ["unseen rows" if r["unseen"] else "the rows of the fit" for r in (first, other)]
     before, after = f"{first['relative']:.2f} % on {kinds[0]}", f"{other['relative']:.2f} % on {kinds[1]}"
     return (
-        f"{other['name']} compared with {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ "
-        f"({what}{100 * made.confidence:g} % joint confidence). The error changes from {before} to {after}."
+        f"{other['name']} compared with {first['name']}: {len(comparison.differs)} of {len(comparison.names)} "
+        f"parameters differ ({changed}{100 * comparison.confidence:g} % joint confidence). The error changes from "
+        f"{before} to {after}."
     )
 
 
-def _result(name: str, found: Result) -> dict[str, Any]:
-    validations = found.unseen or found.fit_errors
+def _result(name: str, result: Result) -> dict[str, Any]:
+    validations = result.unseen or result.fit_errors
     return {
         "name": name,
-        "study": found.study,
-        "device": found.model.device.name,
-        "version": found.haptid,
-        "method": found.estimate.method,
-        "status": found.estimate.status,
-        "met": found.criteria.met,
-        "unseen": bool(found.unseen),
+        "study": result.study,
+        "device": result.model.device.name,
+        "version": result.haptid,
+        "method": result.estimate.method,
+        "status": result.estimate.status,
+        "met": result.criteria.met,
+        "unseen": bool(result.unseen),
         "relative": max((v.comparable.relative for v in validations), default=float("nan")),
         "each": [max(v.comparable.motors[k].relative for v in validations) for k in range(len(validations[0].motors))],
-        "logs": [{"path": log.path, "role": log.role, "sha256": log.sha256} for log in found.logs],
+        "logs": [{"path": log.path, "role": log.role, "sha256": log.sha256} for log in result.logs],
     }
 
 
-def _chart(names: Sequence[str], made: Sequence[Comparison]) -> Chart:
+def _chart(names: Sequence[str], comparisons: Sequence[Comparison]) -> Chart:
     """Changes in per cent of the first value, with the interval of each change."""
-    rows = list(dict.fromkeys(name for c in made for name in c.names))
+    rows = list(dict.fromkeys(name for c in comparisons for name in c.names))
     sets = [
         {"name": name, "colour": COLOURS[1 + k % (len(COLOURS) - 1)], **_changes(c, rows)}
-        for k, (name, c) in enumerate(zip(names[1:], made, strict=True))
+        for k, (name, c) in enumerate(zip(names[1:], comparisons, strict=True))
     ]
     text = "; ".join(
-        f"{name}: {len(c.differs)} of {len(c.names)} parameters differ" for name, c in zip(names[1:], made, strict=True)
+        f"{name}: {len(c.differs)} of {len(c.names)} parameters differ"
+        for name, c in zip(names[1:], comparisons, strict=True)
     )
     drawing = {"kind": "intervals", "rows": rows, "sets": sets, "unit": f"% of {names[0]}", "widest": WIDEST}
     caption = f"{text}. Bars: 95 % interval of each change, clipped at {figure(WIDEST)} %; filled marks: significant."
@@ -120,17 +122,17 @@ def _chart(names: Sequence[str], made: Sequence[Comparison]) -> Chart:
     return Chart("changes", "Changes", alt, caption, drawing)
 
 
-def _changes(made: Comparison, rows: Sequence[str]) -> dict[str, Any]:
+def _changes(comparison: Comparison, rows: Sequence[str]) -> dict[str, Any]:
     """Change and interval of each row, NaN where the result does not have it."""
-    size = np.where(made.first == 0, np.nan, np.abs(made.first)) / 100
-    at = [made.names.index(name) if name in made.names else -1 for name in rows]
+    size = np.where(comparison.first == 0, np.nan, np.abs(comparison.first)) / 100
+    places = [comparison.names.index(name) if name in comparison.names else -1 for name in rows]
 
     def spread(values: Array) -> Array:
-        return np.array([values[k] if k >= 0 else np.nan for k in at])
+        return np.array([values[k] if k >= 0 else np.nan for k in places])
 
     return {
-        "value": packed(spread(made.difference / size)),
-        "low": packed(spread(made.conf_int()[:, 0] / size)),
-        "high": packed(spread(made.conf_int()[:, 1] / size)),
-        "differs": [name in made.differs for name in rows],
+        "value": packed(spread(comparison.difference / size)),
+        "low": packed(spread(comparison.conf_int()[:, 0] / size)),
+        "high": packed(spread(comparison.conf_int()[:, 1] / size)),
+        "differs": [name in comparison.differs for name in rows],
     }

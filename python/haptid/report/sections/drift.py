@@ -10,22 +10,22 @@ from haptid.report.document import DocumentSection, TextTable
 from haptid.uncertainty.quantities import half_width
 
 
-def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
+def drift_section(drift: Drift, dates: Sequence[str]) -> DocumentSection:
     """The section of a drift.
 
     Args:
         found: the drift.
         dates: of the results, as they were given.
     """
-    series, days = found.series, found.times - found.times.min()
+    series, days = drift.series, drift.times - drift.times.min()
     half = half_width(series.se, series.dof, series.confidence)
-    low, high = found.conf_int().T
+    low, high = drift.conf_int().T
     margin = 0.03 * float(days.max())
-    units = [f"{unit}/{found.unit}" for unit in series.units]
+    units = [f"{unit}/{drift.unit}" for unit in series.units]
     share = f"{100 * series.confidence:g} %"
     rows = [
-        (name, figure(slope), f"{figure(a)} to {figure(b)}", unit, figure(p, 2), "yes" if name in found.drifts else "")
-        for name, slope, a, b, unit, p in zip(found.names, found.slope, low, high, units, found.holm, strict=True)
+        (name, figure(slope), f"{figure(a)} to {figure(b)}", unit, figure(p, 2), "yes" if name in drift.drifts else "")
+        for name, slope, a, b, unit, p in zip(drift.names, drift.slope, low, high, units, drift.holm, strict=True)
     ]
     head = ("parameter", "slope", f"{share} interval", "unit", "p, Holm", "drifts")
     charts = [
@@ -33,15 +33,15 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
             f"drift-{k}",
             name,
             f"{name} at {len(days)} dates with {share} intervals.",
-            f"Slope {figure(found.slope[k])} {units[k]}, {figure(low[k])} to {figure(high[k])}.",
+            f"Slope {figure(drift.slope[k])} {units[k]}, {figure(low[k])} to {figure(high[k])}.",
             plot(
-                axis(f"time since {min(dates)}", found.unit, low=-margin, high=days.max() + margin),
+                axis(f"time since {min(dates)}", drift.unit, low=-margin, high=days.max() + margin),
                 axis(name, series.units[k]),
                 [
                     chart_series(
                         name,
                         "interval",
-                        "vermillion" if name in found.drifts else "blue",
+                        "vermillion" if name in drift.drifts else "blue",
                         x=packed(days),
                         y=packed(series.value[:, k]),
                         low=packed(series.value[:, k] - half[:, k]),
@@ -51,9 +51,9 @@ def drift_section(found: Drift, dates: Sequence[str]) -> DocumentSection:
                 height=170,
             ),
         )
-        for k, name in enumerate(found.names)
+        for k, name in enumerate(drift.names)
     ]
     joint = series.joint.sentences if series.joint else ()
     return DocumentSection(
-        "drift", "Drift", (*found.sentences, *joint), (TextTable("Slopes", (head, *rows)),), tuple(charts)
+        "drift", "Drift", (*drift.sentences, *joint), (TextTable("Slopes", (head, *rows)),), tuple(charts)
     )

@@ -38,53 +38,54 @@ class ExcitationSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> ExcitationSection:
-        made = source.estimate
-        by_motor, by_block = information(made)
-        names = [made.base.names[k] for k in made.free_parameters]
-        motors = [motor.label for motor in made.observation.motors]
+        estimate = source.estimate
+        by_motor, by_block = information(estimate)
+        names = [estimate.base.names[k] for k in estimate.free_parameters]
+        motors = [motor.label for motor in estimate.observation.motors]
         charts = [_bars("motor", names, motors, by_motor)] if len(motors) > 1 else []
         runs = [run for run in source.identification.runs if run.fit_errors is not None]
         logs = [run.entry.path for run in runs]
-        of = _log_of(made, [run.observation.blocks for run in runs])
+        log_of = _log_of(estimate, [run.observation.blocks for run in runs])
         if len(logs) > 1:
-            by_log = np.array([by_block[:, of == k].sum(axis=1) for k in range(len(logs))]).T
+            by_log = np.array([by_block[:, log_of == k].sum(axis=1) for k in range(len(logs))]).T
             charts.append(_bars("log", names, logs, by_log))
         charts += [
-            _map(made, names, by_block[:, of == k], log, k, np.flatnonzero(of == k)) for k, log in enumerate(logs)
+            _map(estimate, names, by_block[:, log_of == k], log, k, np.flatnonzero(log_of == k))
+            for k, log in enumerate(logs)
         ]
-        return cls(charts=tuple(charts), weakest=_weakest(made))
+        return cls(charts=tuple(charts), weakest=_weakest(estimate))
 
 
-def information(made: Estimate) -> tuple[Array, Array]:
+def information(estimate: Estimate) -> tuple[Array, Array]:
     """Shares of each free parameter's information by motor, (kept, motors), and by block, (kept, blocks)."""
-    kept = list(made.free_parameters)
-    R = made.observation.stack(made.weights)[:-1, kept]
+    free = list(estimate.free_parameters)
+    R = estimate.observation.stack(estimate.weights)[:-1, free]
     inverse = np.linalg.inv(R.T @ R)
-    U = np.zeros((len(made.beta), len(kept)))
-    U[kept] = inverse / np.diag(inverse)
+    U = np.zeros((len(estimate.beta), len(free)))
+    U[free] = inverse / np.diag(inverse)
     parts = []
-    for weight, motor in zip(made.weights, made.observation.motors, strict=True):
+    for weight, motor in zip(estimate.weights, estimate.observation.motors, strict=True):
         carried = motor.triangles[:, :, :-1] @ U[motor.columns]
         parts.append(weight**2 * (carried**2).sum(axis=1))
-    found = np.array(parts)  # (motors, blocks, kept)
-    found /= found.sum(axis=(0, 1))
-    return found.sum(axis=1).T, found.sum(axis=0).T
+    information = np.array(parts)  # (motors, blocks, kept)
+    information /= information.sum(axis=(0, 1))
+    return information.sum(axis=1).T, information.sum(axis=0).T
 
 
-def _log_of(made: Estimate, blocks: list[Any]) -> np.ndarray:
+def _log_of(estimate: Estimate, blocks: list[Any]) -> np.ndarray:
     """Index of the log that each of the estimate's blocks is from, (blocks,)."""
-    of = {block: k for k, some in enumerate(blocks) for block in some}
-    return np.array([of[block] for block in made.observation.blocks])
+    log_index = {block: k for k, some in enumerate(blocks) for block in some}
+    return np.array([log_index[block] for block in estimate.observation.blocks])
 
 
-def _bars(what: str, names: list[str], sources: list[str], shares: Array) -> Chart:
+def _bars(title: str, names: list[str], sources: list[str], shares: Array) -> Chart:
     """One bar for each parameter, stacked by source."""
-    one = int(np.argmax(shares.max(axis=1)))
+    largest = int(np.argmax(shares.max(axis=1)))
     only = [name for name, row in zip(names, shares, strict=True) if row.max() > 0.99]
     caption = (
-        f"{len(only)} of {len(names)} parameters have over 99 % of their information from one {what}. "
-        f"{names[one]} depends most on one: {100 * float(shares[one].max()):.0f} % from "
-        f"{sources[int(np.argmax(shares[one]))]}."
+        f"{len(only)} of {len(names)} parameters have over 99 % of their information from one {title}. "
+        f"{names[largest]} depends most on one: {100 * float(shares[largest].max()):.0f} % from "
+        f"{sources[int(np.argmax(shares[largest]))]}."
     )
     drawing = {
         "kind": "bars",
@@ -93,18 +94,18 @@ def _bars(what: str, names: list[str], sources: list[str], shares: Array) -> Cha
         "values": packed(100 * shares),
         "unit": "%",
     }
-    alt = f"Share of each parameter's information by {what}, a bar for each parameter."
-    return Chart(f"information-{what}", f"By {what}", alt, caption, drawing)
+    alt = f"Share of each parameter's information by {title}, a bar for each parameter."
+    return Chart(f"information-{title}", f"By {title}", alt, caption, drawing)
 
 
-def _map(made: Estimate, names: list[str], shares: Array, log: str, k: int, at: np.ndarray) -> Chart:
+def _map(estimate: Estimate, names: list[str], shares: Array, log: str, k: int, members: np.ndarray) -> Chart:
     """Information over the time of one log, relative to an even distribution."""
-    blocks = [made.observation.blocks[int(b)] for b in at]
-    each = -(-len(blocks) // COLUMNS)
-    starts = np.arange(0, len(blocks), each)
+    blocks = [estimate.observation.blocks[int(b)] for b in members]
+    width = -(-len(blocks) // COLUMNS)
+    starts = np.arange(0, len(blocks), width)
     even = np.diff(np.append(starts, len(blocks))) / len(blocks)
-    whole = shares.sum(axis=1, keepdims=True)
-    density = np.add.reduceat(shares, starts, axis=1) / np.where(whole > 0, whole, 1.0) / even
+    totals = shares.sum(axis=1, keepdims=True)
+    density = np.add.reduceat(shares, starts, axis=1) / np.where(totals > 0, totals, 1.0) / even
     row, column = np.unravel_index(int(np.argmax(density)), density.shape)
     high = float(density.max())
     caption = (
@@ -132,10 +133,11 @@ def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
     return float(blocks[last].stop)
 
 
-def _weakest(made: Estimate) -> list[dict[str, str]]:
+def _weakest(estimate: Estimate) -> list[dict[str, str]]:
     """Up to five parameters whose standard errors are too large to quote, and motions that would excite them better."""
-    relative = [(made.parameters[k].relative_se, k) for k in made.free_parameters]
+    relative = [(estimate.parameters[k].relative_se, k) for k in estimate.free_parameters]
     ranked = sorted((pair for pair in relative if pair[0] >= QUOTABLE), reverse=True)[:5]
     return [
-        {"name": made.base.names[k], "deviation": per_cent(value), "advice": advice(made, k)} for value, k in ranked
+        {"name": estimate.base.names[k], "deviation": per_cent(value), "advice": advice(estimate, k)}
+        for value, k in ranked
     ]

@@ -87,10 +87,10 @@ def _chart(
     return Chart(f"friction-{motor}", label, alt, caption, drawing)
 
 
-def _points(found: list[JointFriction]) -> dict[str, object]:
+def _points(frictions: list[JointFriction]) -> dict[str, object]:
     """Friction at constant velocities with 95 % intervals."""
-    x, y = (np.concatenate([getattr(joint, name) for joint in found]) for name in ("velocity", "torque"))
-    ends = np.concatenate([joint.conf_int() for joint in found])
+    x, y = (np.concatenate([getattr(joint, name) for joint in frictions]) for name in ("velocity", "torque"))
+    ends = np.concatenate([joint.conf_int() for joint in frictions])
     return chart_series(
         "constant velocity",
         "interval",
@@ -104,7 +104,7 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
 
 def model_curve(source: ReportSource, motor: int, fastest: float) -> tuple[Array, Array]:
     """Velocity of one motor's coordinate, the others at rest, and its friction at mid-log, (n,) each."""
-    model, made = source.estimate.model, source.estimate
+    model, estimate = source.estimate.model, source.estimate
     row = int(np.flatnonzero(model.device.measured)[motor])
     # An even number of points excludes zero, where friction is discontinuous.
     speed = np.linspace(-fastest, fastest, _POINTS - 1)
@@ -113,12 +113,12 @@ def model_curve(source: ReportSource, motor: int, fastest: float) -> tuple[Array
     cd = np.zeros_like(c)
     cd[row] = speed
     still = np.zeros_like(c)
-    chi, own = friction_only(model, raw_parameters(model, made.beta)), external(model, c, cd, still)
+    chi, own = friction_only(model, raw_parameters(model, estimate.beta)), external(model, c, cd, still)
     return speed, core_torque(model, chi, c, cd, still, own)[row]
 
 
 def friction_only(model: DynamicModel, chi: Array) -> Array:
     """The friction parameters, all others zero, (r,)."""
     links = 10 * len(model.device.joints)
-    kept = [False] * links + [term.resists for term in model.terms]
-    return np.where(kept, chi, 0.0)
+    is_friction = [False] * links + [term.resists for term in model.terms]
+    return np.where(is_friction, chi, 0.0)

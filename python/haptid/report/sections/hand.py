@@ -47,9 +47,9 @@ def _chart(hand: HandForceData, k: int, component: int) -> Chart:
     curves = [envelope("estimated", PREDICTED, float(t[0]), step, y, _BINS)]
     caption = f"Estimated: RMS {figure(_rms(y))} N."
     if hand.conf_int is not None:
-        each = -(-len(t) // BAND)
-        low, high = (hand.conf_int[::each, component, end] for end in (0, 1))
-        times = even(float(t[0]), each * step, len(low))
+        width = -(-len(t) // BAND)
+        low, high = (hand.conf_int[::width, component, end] for end in (0, 1))
+        times = even(float(t[0]), width * step, len(low))
         curves.insert(0, chart_series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
         caption += f" Half-width of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
     if hand.measured is not None:

@@ -90,9 +90,9 @@ class Slices:
             RedundancyError: the figure is not determined at the handle.
         """
         made = []
-        for found, closes in zip(self.known, self.closes, strict=True):
+        for characterisation, closes in zip(self.known, self.closes, strict=True):
             values = np.full(CELLS**2, np.nan)
-            values[closes] = pick(found)
+            values[closes] = pick(characterisation)
             made.append(values)
         return made
 
@@ -113,7 +113,10 @@ def slices_of(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) ->
     closes = [np.asarray(identified.model.device.closure.closes(qa)) for qa in grids]
     known = [characterise(identified, qa[:, ok]) for qa, ok in zip(grids, closes, strict=True)]
     rest = [f"{sliders[k]['name']} = {sliders[k]['start']:.3g} {sliders[k]['unit']}" for k in sorted(order[3:])]
-    usable, poses = sum(int(found.handle.usable.sum()) for found in known), sum(len(qa.T) for qa in grids)
+    usable, poses = (
+        sum(int(characterisation.handle.usable.sum()) for characterisation in known),
+        sum(len(qa.T) for qa in grids),
+    )
     return Slices(
         labels=(f"joint {x['name']}, {x['unit']}", f"joint {y['name']}, {y['unit']}"),
         x=axes[0],
@@ -143,8 +146,8 @@ def ranked(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> li
 def _grid(sliders: Sequence[dict[str, Any]], order: Sequence[int], axes: list[Array], depth: float) -> Array:
     """Poses of one slice, the upward joint's position changing slowest, (active, CELLS^2)."""
     qa = np.repeat(np.array([s["start"] for s in sliders])[:, None], CELLS**2, axis=1)
-    up, across = np.meshgrid(axes[1], axes[0], indexing="ij")
-    qa[order[0]], qa[order[1]] = up.ravel(), across.ravel()
+    vertical, across = np.meshgrid(axes[1], axes[0], indexing="ij")
+    qa[order[0]], qa[order[1]] = vertical.ravel(), across.ravel()
     if len(order) > 2:
         qa[order[2]] = depth
     return qa

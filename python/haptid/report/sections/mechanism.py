@@ -57,9 +57,9 @@ class MechanismSection(Section):
         """
         joints = [model.device.joints[k] for k in model.device.active]
         closure = model.device.closure
-        at = closure.at if isinstance(closure, NewtonClosure) else np.zeros(len(joints))
+        start = closure.at if isinstance(closure, NewtonClosure) else np.zeros(len(joints))
         qa = np.empty((len(joints), 3))
-        for row, joint, middle in zip(qa, joints, at, strict=True):
+        for row, joint, middle in zip(qa, joints, start, strict=True):
             reach = 0.2 if joint.prismatic else np.pi
             low, high = joint.position_limits or (middle - reach, middle + reach)
             row[:] = low, np.clip(middle, low, high), high

@@ -53,61 +53,61 @@ class ParametersSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> ParametersSection:
-        made, calibration = source.estimate, source.identification.calibration
-        exact = _exact(made)
-        found = exact if isinstance(exact, Regroupings) else None
-        formulas = groupings(made.base, found)
-        left, why = _left_out(made)
+        estimate, calibration = source.estimate, source.identification.calibration
+        exact = _exact(estimate)
+        regroupings = exact if isinstance(exact, Regroupings) else None
+        formulas = groupings(estimate.base, regroupings)
+        left, why = _left_out(estimate)
         rows = [
             _row(p, formula, None if left is None else k not in left)
-            for k, (p, formula) in enumerate(zip(made.parameters, formulas, strict=True))
+            for k, (p, formula) in enumerate(zip(estimate.parameters, formulas, strict=True))
         ]
-        for row, latex in zip(rows, found.latex if found else [""] * len(rows), strict=True):
+        for row, latex in zip(rows, regroupings.latex if regroupings else [""] * len(rows), strict=True):
             row["latex"] = latex
         return cls(
-            charts=(correlation(made),),
+            charts=(correlation(estimate),),
             rows=rows,
-            targets=[_row(p, "", None) for p in targets(made).parameters] if made.model.device.targets else [],
+            targets=[_row(p, "", None) for p in targets(estimate).parameters] if estimate.model.device.targets else [],
             calibration=calibration_cells(calibration) if calibration else [],
-            between=_between(made),
+            between=_between(estimate),
             searched=_searched(source.identification.projection),
-            symbols=[f"{s.name} = {s.value:.6g}" for s in found.symbols] if found else [],
+            symbols=[f"{s.name} = {s.value:.6g}" for s in regroupings.symbols] if regroupings else [],
             about=[
-                *(calibration.sentences(made.model) if calibration else ()),
+                *(calibration.sentences(estimate.model) if calibration else ()),
                 *(gimbal.sentences if (gimbal := source.identification.gimbal) else ()),
-                *(made.between_logs.sentences if made.between_logs else ()),
+                *(estimate.between_logs.sentences if estimate.between_logs else ()),
                 why,
                 *([exact] if isinstance(exact, str) else []),
-                *_without_effect(made),
+                *_without_effect(estimate),
             ],
         )
 
 
-def _exact(made: Estimate) -> Regroupings | str:
+def _exact(estimate: Estimate) -> Regroupings | str:
     """Symbolic regroupings, or the reason why there are none."""
     try:
-        return made.model.regroupings
+        return estimate.model.regroupings
     except RegroupingError as error:
         return f"Regroupings are numeric: {error}"
 
 
-def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
+def _left_out(estimate: Estimate) -> tuple[tuple[int, ...] | None, str]:
     """Indices of the parameters that can be eliminated, and the rule; None where it was not computed."""
-    if made.zero:
-        return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
-    if made.constrained_fit or len(made.beta) > MOST_SEARCHED:
+    if estimate.zero:
+        return estimate.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
+    if estimate.constrained_fit or len(estimate.beta) > MOST_SEARCHED:
         return None, "Essential parameters were not computed; use `haptid.eliminate`."
     try:
-        found = search(made)
+        left_out = search(estimate)
     except HaptidError as error:
         return None, f"Essential parameters are unknown: {error}"
-    return found.reduced.zero, f"Parameters that are not essential can be eliminated. {found.reason}"
+    return left_out.reduced.zero, f"Parameters that are not essential can be eliminated. {left_out.reason}"
 
 
-def _between(made: Estimate) -> list[list[str]]:
+def _between(estimate: Estimate) -> list[list[str]]:
     """One row for each parameter; none with fewer than three logs."""
-    found = made.between_logs
-    return [between_cells(found, k) for k in range(len(made.beta))] if found else []
+    between_logs = estimate.between_logs
+    return [between_cells(between_logs, k) for k in range(len(estimate.beta))] if between_logs else []
 
 
 def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
@@ -125,8 +125,8 @@ def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
     ]
 
 
-def _without_effect(made: Estimate) -> list[str]:
-    hidden = made.base.no_effect
+def _without_effect(estimate: Estimate) -> list[str]:
+    hidden = estimate.base.no_effect
     return [f"Without effect on any motion: {', '.join(hidden)}."] if hidden else []
 
 
@@ -164,9 +164,9 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def correlation(made: Estimate) -> Chart:
+def correlation(estimate: Estimate) -> Chart:
     """Correlation of the errors of the parameters."""
-    names, R = made.base.names, made.correlation
+    names, R = estimate.base.names, estimate.correlation
     pairs = [(float(R[i, k]), names[i], names[k]) for i in range(len(R)) for k in range(i)]
     strong = sorted((pair for pair in pairs if abs(pair[0]) > _STRONG), key=lambda pair: -abs(pair[0]))
     largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)

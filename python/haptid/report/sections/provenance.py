@@ -41,19 +41,19 @@ class ProvenanceSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> ProvenanceSection:
-        found = source.identification
-        settings = {name: _text(value) for name, value in treatment(found.proposal.treatment).items()}
+        identification = source.identification
+        settings = {name: _text(value) for name, value in treatment(identification.proposal.treatment).items()}
         return cls(
             charts=(),
-            logs=[_log(run) for run in found.runs],
+            logs=[_log(run) for run in identification.runs],
             versions={
                 "haptid": __version__,
                 "Python": platform.python_version(),
                 **{name: version(name) for name in ("numpy", "scipy")},
             },
             settings={**settings, **_estimate(source)},
-            reasons=list(found.proposal.reasons),
-            study=found.study.path.read_text(encoding="utf-8") if found.study.path.is_file() else "",
+            reasons=list(identification.proposal.reasons),
+            study=identification.study.path.read_text(encoding="utf-8") if identification.study.path.is_file() else "",
             command=source.command,
             bibtex=bibtex(source),
         )
@@ -72,14 +72,14 @@ def _log(run: Any) -> dict[str, Any]:
 
 
 def _estimate(source: ReportSource) -> dict[str, str]:
-    made = source.estimate
-    raw, scaled = made.observation.condition
+    estimate = source.estimate
+    raw, scaled = estimate.observation.condition
     return {
-        "method": weighting(made.method).name,
-        "constraints": "physical" if isinstance(made.method, PhysicallyConsistent) else "none",
-        "rows": str(made.observation.rows),
+        "method": weighting(estimate.method).name,
+        "constraints": "physical" if isinstance(estimate.method, PhysicallyConsistent) else "none",
+        "rows": str(estimate.observation.rows),
         "condition": f"{raw:.4g} raw, {scaled:.4g} with unit columns",
-        "intervals": interval(made),
+        "intervals": interval(estimate),
     }
 
 

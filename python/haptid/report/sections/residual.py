@@ -42,12 +42,14 @@ class ResidualSection(Section):
         logs = []
         for k, track in enumerate(source.tracks):
             own = [chart for motor in track.motors_used for chart in _charts(track, k, motor)]
-            at = list(range(len(charts), len(charts) + len(own)))
-            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
+            numbers = list(range(len(charts), len(charts) + len(own)))
+            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": numbers})
             charts += own
-        informative = [one for one in source.diagnosis.ranges if one.informative.sum() > 1]  # a curve
+        informative = [
+            frequency_range for frequency_range in source.diagnosis.ranges if frequency_range.informative.sum() > 1
+        ]  # a curve
         ranges = list(range(len(charts), len(charts) + len(informative)))
-        charts += [frequency_response(one) for one in informative]
+        charts += [frequency_response(frequency_range) for frequency_range in informative]
         return cls(charts=tuple(charts), logs=logs, ranges=ranges)
 
 
@@ -60,7 +62,7 @@ def _charts(track: Track, k: int, motor: int) -> tuple[Chart, Chart, Chart]:
     )
 
 
-def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) -> Chart:
+def against(track: Track, k: int, motor: int, quantity: str, x: Array, unit: str) -> Chart:
     """The residual against a signal, and its mean in each bin."""
     label, known = track.labels[motor], track.used[motor]
     x, y = x[known], track.residual[motor][known]
@@ -77,9 +79,9 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
         f"{figure(float(centres[largest]))} {unit}; the residual's RMS is {figure(rms)}. "
         f"{_drawn(len(some), len(x))}; means are over all rows."
     )
-    alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {_BINS} bins."
-    drawing = plot(axis(what, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
-    return Chart(f"{what}-{k}-{motor}", f"{label}: against {what}", alt, caption, drawing)
+    alt = f"Residual of {label} against its {quantity}, {track.name}, with the mean of {_BINS} bins."
+    drawing = plot(axis(quantity, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
+    return Chart(f"{quantity}-{k}-{motor}", f"{label}: against {quantity}", alt, caption, drawing)
 
 
 def _drawn(some: int, rows: int) -> str:
@@ -91,9 +93,9 @@ def binned(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
     low, high = float(x.min()), float(x.max())
     width = (high - low) / bins or 1.0
     place = np.clip(((x - low) / width).astype(int), 0, bins - 1)
-    many = np.bincount(place, minlength=bins)
+    counts = np.bincount(place, minlength=bins)
     sums = np.bincount(place, weights=y, minlength=bins)
-    means = np.where(many >= min(_FEWEST, many.max()), sums / np.maximum(many, 1), np.nan)
+    means = np.where(counts >= min(_FEWEST, counts.max()), sums / np.maximum(counts, 1), np.nan)
     return np.asarray(low + width * (np.arange(bins) + 0.5)), np.asarray(means)
 
 
@@ -120,11 +122,14 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
     return Chart(f"spectrum-{k}-{motor}", f"{label}: spectrum", alt, caption, drawing)
 
 
-def frequency_response(one: FrequencyRange) -> Chart:
+def frequency_response(frequency_range: FrequencyRange) -> Chart:
     """Measured over predicted torque of a motor by frequency, with its 95 % band."""
-    informative = one.informative
-    f, interval = np.sqrt(one.low * one.high)[informative], one.conf_int[informative]
-    ratio = one.ratio[informative]
+    informative = frequency_range.informative
+    f, interval = (
+        np.sqrt(frequency_range.low * frequency_range.high)[informative],
+        frequency_range.conf_int[informative],
+    )
+    ratio = frequency_range.ratio[informative]
     curves = [
         chart_series("95 % band", "band", "sky", x=packed(f), low=packed(interval[:, 0]), high=packed(interval[:, 1])),
         chart_series("measured / predicted", "line", RESIDUAL, x=packed(f), y=packed(ratio), width=2.2),
@@ -135,9 +140,16 @@ def frequency_response(one: FrequencyRange) -> Chart:
         f"Farthest from one: {figure(float(ratio[worst]))} at {figure(float(f[worst]))} Hz. Bands that are "
         "not excited, or spoiled by encoder noise or the position filter, are not drawn."
     )
-    alt = f"Measured over predicted torque of {one.label} against frequency, rows of the fit, with its 95 % band."
+    quantity = f"Measured over predicted torque of {frequency_range.label}"
+    alt = f"{quantity} against frequency, rows of the fit, with its 95 % band."
     drawing = plot(axis("frequency", "Hz", log=True, low=float(f[0])), axis("ratio", ""), curves, height=200)
-    return Chart(f"ratio-{one.label.replace(' ', '-')}", f"{one.label}: frequency response", alt, caption, drawing)
+    return Chart(
+        f"ratio-{frequency_range.label.replace(' ', '-')}",
+        f"{frequency_range.label}: frequency response",
+        alt,
+        caption,
+        drawing,
+    )
 
 
 def density(y: Array, step: float) -> tuple[Array, Array]:

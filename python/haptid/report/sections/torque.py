@@ -51,12 +51,12 @@ class TorqueSection(Section):
 
 def _drawn(track: Track, bins: int) -> str:
     """Resolution of the curves, in a sentence."""
-    each = -(-track.rows // bins)
-    if each <= 2:
+    width = -(-track.rows // bins)
+    if width <= 2:
         return f"All {track.rows} treated rows are drawn."
     return (
-        f"Of {track.rows} treated rows the minimum and maximum of every {each} ({each * track.step:.3g} s) are drawn: "
-        f"no peak is lost."
+        f"Of {track.rows} treated rows the minimum and maximum of every {width} ({width * track.step:.3g} s) are "
+        f"drawn: no peak is lost."
     )
 
 
@@ -118,15 +118,15 @@ class ErrorsSection(Section):
         pairs = [(run.entry.path, v) for run in runs for v in (run.fit_errors, *run.unseen) if v is not None]
         labels = [motor.label for motor in runs[0].observation.motors]
         rows = [_errors(path, v) for path, v in pairs]
-        rows += [_errors(path, v.reference, whole=True) for path, v in pairs if v.reference is not None]
+        rows += [_errors(path, v.reference, reference=True) for path, v in pairs if v.reference is not None]
         return cls(charts=(), motors=labels, rows=rows)
 
 
-def _errors(path: str, validation: Validation, whole: bool = False) -> dict[str, Any]:
+def _errors(path: str, validation: Validation, reference: bool = False) -> dict[str, Any]:
     return {
         "log": path,
         "seen": validation.seen,
-        "all_rows": whole,
+        "all_rows": reference,
         "relative": validation.relative,
         "each": [_error(motor) for motor in validation.motors],
     }

@@ -33,66 +33,77 @@ class TorqueDecompositionSection(Section):
     def of(cls, source: ReportSource) -> TorqueDecompositionSection | None:
         charts: list[Chart] = []
         logs = []
-        for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
-            if found is None:
+        for k, (track, decomposition) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
+            if decomposition is None:
                 continue
-            own = [shares(found, k), *(_stacked(track, found, k, motor) for motor in range(len(found.motors)))]
-            at = list(range(len(charts), len(charts) + len(own)))
-            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
+            own = [
+                shares(decomposition, k),
+                *(_stacked(track, decomposition, k, motor) for motor in range(len(decomposition.motors))),
+            ]
+            numbers = list(range(len(charts), len(charts) + len(own)))
+            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": numbers})
             charts += own
         return cls(charts=tuple(charts), logs=logs) if logs else None
 
 
-def shares(found: TorqueDecomposition, k: int) -> Chart:
+def shares(decomposition: TorqueDecomposition, k: int) -> Chart:
     """RMS of each part as a share of the sum of all parts' RMS, by motor."""
-    whole = found.rms.sum(axis=0)
-    there = present(found)
-    parts = found.rms / np.where(whole > 0, whole, 1.0)
-    largest = [found.parts[int(j)] for j in np.argmax(found.rms, axis=0)]
+    totals = decomposition.rms.sum(axis=0)
+    terms = present(decomposition)
+    parts = decomposition.rms / np.where(totals > 0, totals, 1.0)
+    largest = [decomposition.parts[int(j)] for j in np.argmax(decomposition.rms, axis=0)]
     first = ", ".join(
-        f"{motor}: {part} {100 * float(parts[found.parts.index(part), m]):.0f} %"
-        for m, (motor, part) in enumerate(zip(found.motors, largest, strict=True))
+        f"{motor}: {part} {100 * float(parts[decomposition.parts.index(part), m]):.0f} %"
+        for m, (motor, part) in enumerate(zip(decomposition.motors, largest, strict=True))
     )
     caption = f"RMS of each part over the sum of all parts' RMS. Largest part: {first}."
     drawing = {
         "kind": "bars",
-        "rows": list(found.motors),
-        "parts": [{"name": found.parts[j], "colour": _colour(j)} for j in there],
-        "values": packed(100 * parts[there].T),
+        "rows": list(decomposition.motors),
+        "parts": [{"name": decomposition.parts[j], "colour": _colour(j)} for j in terms],
+        "values": packed(100 * parts[terms].T),
         "unit": "%",
     }
     return Chart(f"shares-{k}", "Shares", "Shares of the parts of the torque, a bar for each motor.", caption, drawing)
 
 
-def _stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Chart:
+def _stacked(track: Track, decomposition: TorqueDecomposition, k: int, motor: int) -> Chart:
     """The parts of one motor's torque over time, positive ones stacked upwards and negative ones downwards."""
-    label, unit = found.motors[motor], found.units[motor]
-    each = -(-len(found.t) // INSTANTS)
-    t0 = track.t0 + 0.5 * (each - 1) * track.step
-    total = averaged(found.total[motor], each)
-    times = even(t0, each * track.step, len(total))
+    label, unit = decomposition.motors[motor], decomposition.units[motor]
+    width = -(-len(decomposition.t) // INSTANTS)
+    t0 = track.t0 + 0.5 * (width - 1) * track.step
+    total = averaged(decomposition.total[motor], width)
+    times = even(t0, width * track.step, len(total))
     curves = [
-        chart_series(found.parts[j], "stack", _colour(j), x=times, y=quantised(averaged(found.torque[j, motor], each)))
-        for j in present(found)
+        chart_series(
+            decomposition.parts[j],
+            "stack",
+            _colour(j),
+            x=times,
+            y=quantised(averaged(decomposition.torque[j, motor], width)),
+        )
+        for j in present(decomposition)
     ]
     curves.append(chart_series("model", "line", "black", x=times, y=quantised(total), width=1))
-    text = ", ".join(f"{found.parts[j]} {float(found.rms[j, motor]):.3g}" for j in present(found))
-    drawn = f"Means over {each} rows are drawn ({each * track.step:.3g} s)." if each > 1 else "Every row is drawn."
+    text = ", ".join(
+        f"{decomposition.parts[j]} {float(decomposition.rms[j, motor]):.3g}" for j in present(decomposition)
+    )
+    drawn = f"Means over {width} rows are drawn ({width * track.step:.3g} s)." if width > 1 else "Every row is drawn."
     caption = f"RMS in {unit}: {text}. {drawn}"
     alt = f"Parts of the torque of {label} stacked against time, {track.name}."
     drawing = plot(axis("time", "s"), axis("torque", unit), curves, group=f"parts-{k}", height=220, zoom=True)
     return Chart(f"parts-{k}-{motor}", label, alt, caption, drawing)
 
 
-def averaged(y: Array, each: int) -> Array:
-    """Means of every `each` values, the last bin shorter, (bins,)."""
-    starts = np.arange(0, len(y), each)
+def averaged(y: Array, width: int) -> Array:
+    """Means of every `width` values, the last bin shorter, (bins,)."""
+    starts = np.arange(0, len(y), width)
     return np.asarray(np.add.reduceat(y, starts) / np.diff(np.append(starts, len(y))))
 
 
-def present(found: TorqueDecomposition) -> list[int]:
+def present(decomposition: TorqueDecomposition) -> list[int]:
     """Parts that are not zero throughout on every motor."""
-    return [int(j) for j in np.flatnonzero(found.rms.any(axis=1))]
+    return [int(j) for j in np.flatnonzero(decomposition.rms.any(axis=1))]
 
 
 def _colour(part: int) -> str:

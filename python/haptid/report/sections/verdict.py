@@ -47,19 +47,19 @@ class VerdictSection(Section):
 
     @classmethod
     def of(cls, source: ReportSource) -> VerdictSection:
-        made, found = source.diagnosis, source.identification
-        statuses = [(name, getattr(made.verdict, of)) for name, of in USES]
+        diagnosis, identification = source.diagnosis, source.identification
+        statuses = [(name, getattr(diagnosis.verdict, attribute)) for name, attribute in USES]
         return cls(
             charts=(),
             criterion=criterion(source.identification),
-            met=found.meets_criteria,
+            met=identification.meets_criteria,
             uses=[{"name": name, "status": status, "word": _WORDS[status]} for name, status in statuses],
-            sentences=list(made.verdict.sentences[: len(USES)]),
-            next=[*made.verdict.sentences[len(USES) :], *source.advice.sentences],
-            looks=[list(names) for names in made.verdict.looks[: len(USES)]],
-            findings=[_plain(finding) for finding in sorted(made.findings, key=_rank)],
-            left_out=list(made.left_out),
-            notes=[found.use.reason, *source.estimate.notes],
+            sentences=list(diagnosis.verdict.sentences[: len(USES)]),
+            next=[*diagnosis.verdict.sentences[len(USES) :], *source.advice.sentences],
+            looks=[list(names) for names in diagnosis.verdict.looks[: len(USES)]],
+            findings=[_plain(finding) for finding in sorted(diagnosis.findings, key=_rank)],
+            left_out=list(diagnosis.left_out),
+            notes=[identification.use.reason, *source.estimate.notes],
         )
 
 
