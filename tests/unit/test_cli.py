@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid.cli import app
 from haptid.results.tables import treatment
-from haptid.uncertainty.figures import short_percent, with_digits
+from haptid.uncertainty.figures import relative_se_cell, with_digits
 
 
 def call(*arguments):
@@ -176,8 +176,6 @@ def test_digits_follow_the_deviation(value, se, shown):
     assert with_digits(value, se) == shown
 
 
-@pytest.mark.parametrize(
-    ("part", "whole", "shown"), [(1, 200, "0.50"), (1, 3, "33"), (2, 1, "> 100"), (1, 0, "> 1000")]
-)
-def test_percentages_are_short(part, whole, shown):
-    assert short_percent(part, whole) == shown
+@pytest.mark.parametrize(("se", "value", "shown"), [(1, 200, "0.50"), (1, 3, "33"), (2, 1, "> 100"), (1, 0, "> 1000")])
+def test_percentages_are_short(se, value, shown):
+    assert relative_se_cell(se, value) == shown

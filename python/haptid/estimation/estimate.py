@@ -26,7 +26,7 @@ from haptid.estimation.methods.wls import WLS
 from haptid.estimation.torque_uncertainty import torque_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
-from haptid.uncertainty.figures import short_percent, with_digits
+from haptid.uncertainty.figures import relative_se_cell, with_digits
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
@@ -335,7 +335,7 @@ class Estimate:
                 p.name,
                 with_digits(p.value, p.se),
                 " .. ".join(with_digits(end, p.se) for end in p.conf_int()),
-                short_percent(p.se, p.value),
+                relative_se_cell(p.se, p.value),
                 p.unit,
             ]
             for p in self.parameters

@@ -16,7 +16,7 @@ from haptid.report.model_tables import table
 from haptid.report.source import criterion
 from haptid.study.identify import Identification, Run
 from haptid.treatment_choice.calibration import Calibration
-from haptid.uncertainty.figures import short_percent, with_digits
+from haptid.uncertainty.figures import relative_se_cell, with_digits
 from haptid.validation.validation import Validation
 
 # Relative standard errors of parameters shown in grey, per cent.
@@ -166,8 +166,8 @@ def parameter_cells(p: Parameter) -> list[str]:
         p.name,
         f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
         f"{low} .. {high}",
-        "" if p.constrained_outside_ci else short_percent(p.se, p.value),
-        "" if p.constrained_outside_ci else short_percent(p.classical_se, p.value),
+        "" if p.constrained_outside_ci else relative_se_cell(p.se, p.value),
+        "" if p.constrained_outside_ci else relative_se_cell(p.classical_se, p.value),
         "" if p.prior is None else with_digits(p.prior[0], p.se),
         p.unit,
     ]

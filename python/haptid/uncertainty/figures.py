@@ -7,12 +7,6 @@ import math
 import numpy as np
 
 
-def short_percent(part: float, whole: float) -> str:
-    """A percentage to two digits; above 100 only its order of magnitude."""
-    percent = 100 * part / abs(whole) if whole else float("inf")
-    return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
-
-
 def per_cent(value: float, digits: int = 2) -> str:
     """A percentage rounded to `digits` significant digits, never with an exponent: 3.0 %, 0.38 %, 124 %."""
     if not np.isfinite(value):
@@ -20,6 +14,12 @@ def per_cent(value: float, digits: int = 2) -> str:
     rounded = float(f"{value:.{digits - 1}e}")
     places = digits - 1 - math.floor(math.log10(abs(rounded))) if rounded else 0
     return f"{value:.{max(places, 0)}f} %"
+
+
+def relative_se_cell(se: float, value: float) -> str:
+    """Relative standard error, per cent, for a table: as `per_cent` without its unit; above 100 only its order."""
+    percent = 100 * se / abs(value) if value else math.inf
+    return per_cent(percent).removesuffix(" %") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
 
 
 def with_digits(value: float, se: float) -> str:

@@ -18,7 +18,7 @@ from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
 from haptid.report.source import ReportSource
 from haptid.report.tables import between_cells, calibration_cells
-from haptid.uncertainty.figures import short_percent, with_digits
+from haptid.uncertainty.figures import relative_se_cell, with_digits
 
 # With more parameters backward elimination takes too long for a report.
 MOST_SEARCHED = 60
@@ -154,7 +154,7 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
             "value": f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
             "low": with_digits(p.conf_int()[0], p.se),
             "high": with_digits(p.conf_int()[1], p.se),
-            "relative": "" if p.constrained_outside_ci else short_percent(p.se, p.value),
+            "relative": "" if p.constrained_outside_ci else relative_se_cell(p.se, p.value),
             "prior": "" if p.prior is None else with_digits(p.prior[0], p.se),
         },
     }
