@@ -20,7 +20,7 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -88,19 +88,22 @@ def publishing_files(first: Path, *others: Path) -> Iterator[Path]:
                 raise OSError(f"{place} is not a regular file")
         with _scratch(target, target.parent) as scratch:
             yield scratch
-            moves = [(scratch / place.name, place) for place in places]
-            for staged, place in moves:
-                if staged.exists():
-                    _synced(staged)
-                    if place.exists():
-                        shutil.copymode(place, staged)
-            for _, place in moves[1:]:
-                place.unlink(missing_ok=True)
-            for staged, place in moves:
-                if staged.exists():
-                    os.replace(staged, place)
+            _move(scratch, places)
     except OSError as error:
         raise unwritable(first, _reason(error), "Choose another path.") from error
+
+
+def _move(scratch: Path, places: Sequence[Path]) -> None:
+    """Move the files of a scratch folder to their places, from which all but the first are removed before."""
+    staged = {place: file for place in places if (file := scratch / place.name).exists()}
+    for place, file in staged.items():
+        _synced(file)
+        if place.exists():
+            shutil.copymode(place, file)
+    for place in places[1:]:
+        place.unlink(missing_ok=True)
+    for place, file in staged.items():
+        os.replace(file, place)
 
 
 def write_file(path: Path, text: str) -> None:
@@ -200,12 +203,17 @@ def _sweep(target: Path, folder: Path, prefix: str) -> None:
         if not path.name.startswith(prefix):
             continue
         if path.name.endswith(_ASIDE):
-            with _locked(folder), suppress(OSError):
-                if not target.exists():
-                    os.rename(path, target)
+            _restore(path, target)
             shutil.rmtree(path, ignore_errors=True)
         elif path.name.endswith(_SCRATCH):
             _remove_unlocked(path)
+
+
+def _restore(aside: Path, target: Path) -> None:
+    """Rename a folder that was put aside back to the target, unless there is one."""
+    with _locked(aside.parent), suppress(OSError):
+        if not target.exists():
+            os.rename(aside, target)
 
 
 @contextmanager

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from haptid.cli.common import AsJson, Quiet, command, errors_shown, out, print_json
+
+if TYPE_CHECKING:
+    from haptid.dynamics.model import DynamicModel
+    from haptid.end_effector.characterisation import GivenParameters
 
 HELP = """\
 Write the data sheet of an identified device: workspace, forces, friction, mass, resolution, Z-width, with intervals.
@@ -52,27 +56,10 @@ def datasheet(
 ) -> None:
     from dataclasses import asdict
 
-    import numpy as np
-
     from haptid.cli.options import named, ranges, wrong_option
-    from haptid.device import read_device
-    from haptid.dynamics.model import DynamicModel
     from haptid.dynamics.workspace import workspace
-    from haptid.end_effector.characterisation import GivenParameters
-    from haptid.end_effector.datasheet import DataSheet, DeviceInstruments, data_sheet
+    from haptid.end_effector.datasheet import DeviceInstruments, data_sheet
     from haptid.report.datasheet import comparison, write_sheet
-    from haptid.results.result import Result
-
-    def made(device: str) -> DataSheet:
-        known: GivenParameters | DynamicModel
-        if Path(device).is_dir():
-            known = Result.load(Path(device)).identified
-            model = known.model
-        else:
-            model = DynamicModel(read_device(device))
-            chi = np.nan_to_num(model.device.chi_prior)
-            known = GivenParameters(model, model.base.of(chi)) if chi.any() else model
-        return data_sheet(known, workspace(model, ranges("--limit", limit or ())), tools, poses)
 
     with errors_shown():
         if page.suffix not in (".html", ".pdf"):
@@ -81,7 +68,9 @@ def datasheet(
         tools = DeviceInstruments(
             rate, delay, **{key: named(f"--{key}", value or ()) for key, value in settings.items()}
         )
-        sheets = [made(device) for device in devices]
+        given = [_model_and_parameters(device) for device in devices]
+        limits = ranges("--limit", limit or ())
+        sheets = [data_sheet(parameters, workspace(model, limits), tools, poses) for model, parameters in given]
         write_sheet(sheets, page)
     if as_json:
         print_json("datasheet", {sheet.model.device.name: [asdict(row) for row in sheet.rows] for sheet in sheets})
@@ -92,3 +81,20 @@ def datasheet(
         head, *body = comparison(sheets) if len(sheets) > 1 else sheet_cells(sheets[0])
         out.print(table("", head, [(row, False) for row in body], left=head[1:]))
         out.print(f"Data sheet in {page}", highlight=False)
+
+
+def _model_and_parameters(device: str) -> tuple[DynamicModel, GivenParameters | DynamicModel]:
+    """The model of a result or of a device file, and its parameters; the model itself where the file has no values."""
+    import numpy as np
+
+    from haptid.device import read_device
+    from haptid.dynamics.model import DynamicModel
+    from haptid.end_effector.characterisation import GivenParameters
+    from haptid.results.result import Result
+
+    if Path(device).is_dir():
+        identified = Result.load(Path(device)).identified
+        return identified.model, identified
+    model = DynamicModel(read_device(device))
+    chi = np.nan_to_num(model.device.chi_prior)
+    return model, GivenParameters(model, model.base.of(chi)) if chi.any() else model

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptid.cli import excite_options
 from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, out, print_json, progress_bars
-from haptid.cli.options import numbers, spread, wrong_option
+from haptid.cli.options import numbers
 
 if TYPE_CHECKING:
     from haptid._internal.arrays import Array
-    from haptid.device import Device
     from haptid.device.priors import PriorBody
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import Experiment
@@ -145,15 +145,15 @@ def excite(
     from haptid.experiment.excitation import CRITERIA, Search
 
     with errors_shown():
-        _check_criterion(criterion, after, count, accuracy)
-        _check_files(out_file, also or [], page_file, player)
-        _check_families(count, any((friction, poses, reversals)), after, payload)
+        excite_options.check_criterion(criterion, after, count, accuracy)
+        excite_options.check_files(out_file, also or [], page_file, player)
+        excite_options.check_families(count, any((friction, poses, reversals)), after, payload)
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         rates = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
         efforts = {"torque": torque, "rms_torque": rms_torque, "power": power}
         within = replace(
-            _limits(model.device, centre, stroke, rates, efforts),
+            excite_options.limit_options(model.device, centre, stroke, rates, efforts),
             torque_confidence=None if confidence is None else confidence / 100,
             handle_force=handle_force,
             clearance=1e-3 * clearance_mm,
@@ -161,14 +161,16 @@ def excite(
         )
         request = _Asked(
             model,
-            _family(model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)),
+            excite_options.family(
+                model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)
+            ),
             within,
             CRITERIA[criterion or "d-optimal"],
             tuple(keep) if keep else None,
             None if other is None else model.base.of(other.setup(model).chi),
             Search(tries=max_evaluations, seed=seed),
         )
-        load = None if payload is None else _payload(payload, model)
+        load = None if payload is None else excite_options.payload_option(payload, model)
         wanted = {"friction": friction, "poses": poses, "reversals": reversals}
         label = "largest relative interval" if after is not None or count > 1 else criterion or "d-optimal"
         with progress_bars(quiet or as_json) as bars:
@@ -296,40 +298,6 @@ def _searched(
     return further.motions, further
 
 
-def _check_criterion(criterion: str | None, after: Path | None, count: int, accuracy: float | None) -> None:
-    """Raise OptionError for a criterion that there is not, or where the largest interval is the criterion."""
-    from haptid.experiment.excitation import CRITERIA
-
-    if criterion is not None and criterion not in CRITERIA:
-        raise wrong_option("--criterion", criterion, f"one of {', '.join(CRITERIA)}")
-    if criterion is not None and (after is not None or count > 1):
-        other_one = "--after" if after is not None else "--motions"
-        raise wrong_option("--criterion", f"{criterion} with {other_one}", "no criterion: the largest interval counts")
-    if accuracy is not None and after is None:
-        raise wrong_option("--accuracy", f"{accuracy:g} without --after", "--after too: the noise is that of its logs")
-
-
-def _check_families(count: int, others: bool, after: Path | None, payload: str | None) -> None:
-    """Raise OptionError where there is no motion to plan, or none for what is asked of it."""
-    if not (count or others):
-        raise wrong_option("--motions", "0 alone", "--friction-test, --poses or --reversals too")
-    if not count and (after is not None or payload is not None):
-        raise wrong_option("--motions", "0 with --after or --payload", "1 or more")
-
-
-def _check_files(out_file: Path, also: list[Path], page_file: Path | None, player: Path | None) -> None:
-    """Raise OptionError for an ending that says no format."""
-    from haptid.experiment.excitation.samples import SAMPLE_FORMATS
-
-    for path in also:
-        if path.suffix not in SAMPLE_FORMATS:
-            raise wrong_option("--samples", str(path), f"a file whose name ends in one of {', '.join(SAMPLE_FORMATS)}")
-    names = {"--out": (out_file, ".toml"), "--page": (page_file, ".html"), "--player": (player, ".c")}
-    for option, (name, ending) in names.items():
-        if name is not None and name.suffix != ending:
-            raise wrong_option(option, str(name), f"a file whose name ends in {ending}")
-
-
 def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogInformation:
     """What the logs of a result say; without one, nothing but the prior values."""
     from haptid.experiment.excitation import LogInformation
@@ -342,23 +310,6 @@ def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogIn
 def _suffix(k: int, count: int) -> str:
     """What is added to the name of a motion's file: nothing for the only one, else -1, -2, .."""
     return "" if count == 1 else f"-{k + 1}"
-
-
-def _payload(text: str, model: DynamicModel) -> tuple[str, PriorBody]:
-    """A link and the point mass on it, from LINK=KG@X,Y,Z."""
-    import numpy as np
-
-    from haptid.device.priors import PriorBody
-
-    link, equals, body = text.partition("=")
-    mass, at, com = body.partition("@")
-    names = model.device.joint_names
-    if not equals or not at or link not in names:
-        raise wrong_option("--payload", text, f"LINK=KG@X,Y,Z, such as {names[-1]}=0.5@0,0,0.1; {names} are links")
-    (kg,) = numbers("--payload", mass, "the mass in kg", 1)
-    if kg <= 0:
-        raise wrong_option("--payload", text, "a mass above 0 kg")
-    return link, PriorBody(kg, np.array(numbers("--payload", com, "the centre of mass in m", 3)), None)
 
 
 def _others(
@@ -474,55 +425,6 @@ def _show_intervals(further: FurtherMotions) -> None:
 def _so_far(criterion: str, cost: float) -> str:
     """State of the search, for its progress bar."""
     return f"{criterion} {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
-
-
-def _limits(
-    device: Device,
-    centre: str | None,
-    stroke: str | None,
-    rates: dict[str, str | None],
-    efforts: dict[str, str | None],
-) -> Limits:
-    """Limits given by options, in place of the device file's: of active joints, and of torque rows."""
-    from haptid.experiment.excitation import Limits
-
-    names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
-    if (centre is None) != (stroke is None):
-        raise wrong_option("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
-    position = None
-    if centre is not None and stroke is not None:
-        middle = numbers("--centre", centre, f"positions of joints {names}", count)
-        reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
-        position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
-    rows, rows_count = ", ".join(device.row_labels), len(device.row_labels)
-    limits = {
-        option: spread(f"--{option.replace('_', '-')}", text, f"those of {owners}", size)
-        for options, owners, size in ((rates, names, count), (efforts, rows, rows_count))
-        for option, text in options.items()
-        if text is not None
-    }
-    return replace(Limits(position=position), **limits)  # type: ignore[arg-type]
-
-
-def _family(
-    device: Device, triangles: bool, seconds: float | None, start: str | None, buffer: tuple[int, float] | None
-) -> FourierSeries | TrianglesWithSines:
-    """The motions to search among; `buffer` has the most samples, and their rate, Hz."""
-    from haptid.experiment.excitation import FourierSeries, TrianglesWithSines, of_buffer
-
-    if buffer is not None and (triangles or seconds is not None):
-        raise wrong_option("--buffer", f"{buffer[0]} with --triangles or --seconds", "one of them")
-    family: FourierSeries | TrianglesWithSines
-    if triangles:
-        if start is not None:
-            raise wrong_option("--start", "--triangles with it", "one of them: triangles start at their centre")
-        family = TrianglesWithSines()
-    else:
-        names = ", ".join(device.joint_names[j] for j in device.active)
-        pose = None if start is None else numbers("--start", start, f"positions of joints {names}", len(device.active))
-        family = FourierSeries(start_pose=None if pose is None else tuple(pose))
-        family = family if buffer is None else of_buffer(family, *buffer)
-    return family if seconds is None else replace(family, seconds=seconds)
 
 
 def _values(motion: PlannedMotion, path: Path) -> dict[str, Any]:

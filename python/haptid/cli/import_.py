@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import EXIT_CRITERIA, EXIT_ERROR, AsJson, command, complain, errors_shown, out, print_json
+from haptid.cli.common import (
+    EXIT_CRITERIA,
+    EXIT_ERROR,
+    AsJson,
+    command,
+    complain,
+    errors_shown,
+    out,
+    print_json,
+    print_lines,
+)
+
+if TYPE_CHECKING:
+    from haptid.robot_files import ImportedRobot
 
 HELP = """\
 Read a robot description, and write it as a device file.
@@ -70,25 +83,25 @@ def import_(
     if as_json:
         print_json("import", imported.to_dict())
     else:
-        joints, active = len(imported.device.joints), len(imported.device.active)
-        joint_count = "1 joint" if joints == 1 else f"{joints} joints"
-        out.print(f"{to}: {joint_count}, {active} active", soft_wrap=True, highlight=False)
-        for note in imported.notes:
-            out.print(f"  {note}", soft_wrap=True, highlight=False)
-        others = "".join(f", from {name} {size:.1e}" for name, size in imported.check.others.items())
-        loops = f"; loops closed to {imported.check.gap:.1e} m" if imported.source.closing else ""
-        out.print(
-            f"Torques at {imported.check.states} random states differ from the description's by "
-            f"{imported.check.torque:.1e}{others} of the greatest{loops}.",
-            soft_wrap=True,
-            highlight=False,
-        )
-        if imported.snapped is not None:
-            said = f"Snapping angles changes torques by up to {imported.snapped:.1e} of the greatest."
-            out.print(said, soft_wrap=True, highlight=False)
+        print_lines(*_summary(imported, to))
         out.print(f"Next: haptid excite {to} plans a motion; haptid channels LOG --device {to} drafts a study.")
     if strict and not imported.is_exact:
         raise typer.Exit(EXIT_CRITERIA)
+
+
+def _summary(imported: ImportedRobot, to: Path) -> Iterator[str]:
+    """What the device file has, what was approximated, and how far its torques are from the description's."""
+    joints, check = len(imported.device.joints), imported.check
+    yield f"{to}: {joints} joint{'' if joints == 1 else 's'}, {len(imported.device.active)} active"
+    yield from (f"  {note}" for note in imported.notes)
+    others = "".join(f", from {name} {size:.1e}" for name, size in check.others.items())
+    loops = f"; loops closed to {check.gap:.1e} m" if imported.source.closing else ""
+    yield (
+        f"Torques at {check.states} random states differ from the description's by {check.torque:.1e}{others} of the "
+        f"greatest{loops}."
+    )
+    if imported.snapped is not None:
+        yield f"Snapping angles changes torques by up to {imported.snapped:.1e} of the greatest."
 
 
 def _pairs(option: str, texts: Sequence[str] | None) -> list[tuple[str, str]]:

@@ -48,13 +48,13 @@ class ProcessExecutor:
                 for k, item, result, error in crew.gather():
                     if error is not None:
                         raise error
-                    if result is None:  # its worker was lost
-                        losses[k] += 1
-                        if losses[k] == _LOSSES:
-                            raise lost_item(k, _LOSSES)
-                        waiting.appendleft((k, item))
-                    else:
+                    if result is not None:
                         yield k, result[0]
+                        continue
+                    losses[k] += 1  # its worker was lost
+                    if losses[k] == _LOSSES:
+                        raise lost_item(k, _LOSSES)
+                    waiting.appendleft((k, item))
         finally:
             crew.dismiss()
 

@@ -173,14 +173,13 @@ class Index:
     def _there(self) -> Iterator[tuple[str, tuple[IndexedKind, int, int]]]:
         """Path, kind, size and time of every file that counts; hidden ones do not."""
         for kind, folder in _FOLDERS.items():
+            visible: list[os.DirEntry[str]] = []
             with suppress(FileNotFoundError, NotADirectoryError), os.scandir(self._root / folder) as entries:
-                for entry in entries:
-                    if entry.name.startswith(".") or (kind not in ("log", "result") and not _is_toml(entry)):
-                        continue
-                    with suppress(OSError):
-                        path = os.path.join(entry.path, _RESULT) if kind == "result" else entry.path
-                        about = os.stat(path)
-                        yield f"{folder}/{entry.name}", (kind, about.st_size, about.st_mtime_ns)
+                visible = [entry for entry in entries if not entry.name.startswith(".")]
+            for entry in visible if kind in ("log", "result") else filter(_is_toml, visible):
+                with suppress(OSError):
+                    about = os.stat(os.path.join(entry.path, _RESULT) if kind == "result" else entry.path)
+                    yield f"{folder}/{entry.name}", (kind, about.st_size, about.st_mtime_ns)
 
     def _write(self, path: str, kind: IndexedKind, size: int, modified: int) -> None:
         place = self._root / path

@@ -151,21 +151,26 @@ def check_study(
     try:
         if study.poses is None and all(entry.body is None for entry in study.logs):
             check_kind(study)
-        read = [recording for _, recording in recordings]
-        motions = [one for one in read if isinstance(one, Log)]
-        fitted = [(one, entry) for one, entry in zip(motions, study.logs, strict=False) if entry.role == "identify"]
-        bare = [one for one, entry in fitted if entry.body is None] or [one for one, _ in fitted]
         if not problems and study.poses is None:
-            tell("choosing a treatment", 0.0)
-            proposal = propose(model, *bare, **study.treatment)
-            reasons = proposal.reasons
-            tell("choosing a treatment", 1.0)
-            steps = _steps(study, model, [treat(log, proposal.treatment) for log in motions])
+            read = [recording for _, recording in recordings if isinstance(recording, Log)]
+            reasons, steps = _treatment(study, model, read, tell)
         elif not problems:
             steps = (f"haptid poses {study.path.name}: gravity, springs and friction from the held poses.",)
     except HaptidError as error:
         problems.append(str(error))
     return StudyCheck(study.name, about, logs, reasons, steps, tuple(problems))
+
+
+def _treatment(
+    study: Study, model: DynamicModel, logs: Sequence[Log], tell: _Progress
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Reasons of the proposed treatment, and the commands that come next."""
+    fitted = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+    bare = [log for log, entry in fitted if entry.body is None] or [log for log, _ in fitted]
+    tell("choosing a treatment", 0.0)
+    proposal = propose(model, *bare, **study.treatment)
+    tell("choosing a treatment", 1.0)
+    return proposal.reasons, _steps(study, model, [treat(log, proposal.treatment) for log in logs])
 
 
 def _read(

@@ -180,22 +180,13 @@ def identify(
     runs = []
     for entry, observation, reference_rows in zip(study.logs, observations, all_rows, strict=True):
         if entry.role == "validate":
-            shares = motor_shares(use.estimate, observation.motions[0])
-            runs.append(
-                Run(
-                    entry,
-                    observation,
-                    None,
-                    (validate(use.estimate, observation, reference_rows),),
-                    reference_rows,
-                    shares,
-                )
-            )
+            errors, unseen = None, (validate(use.estimate, observation, reference_rows),)
         else:
             others = [o for o in fitted if o is not observation]
             unseen = held_out(study, as_filed, observation, others, reference_rows)
-            shares = motor_shares(use.estimate, observation.motions[0])
-            runs.append(Run(entry, observation, fit_errors(use.estimate, observation), unseen, reference_rows, shares))
+            errors = fit_errors(use.estimate, observation)
+        shares = motor_shares(use.estimate, observation.motions[0])
+        runs.append(Run(entry, observation, errors, unseen, reference_rows, shares))
     progress("estimating", 1.0)
     return Identification(
         study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)

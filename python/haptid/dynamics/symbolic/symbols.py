@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -100,10 +100,9 @@ class Symbols:
         """A length as a sum or difference of two registered ones, or as a symbol of its own."""
         lengths = [symbol for symbol in self.all if symbol.dimension == LENGTH]
         if not any(_same(abs(symbol.value), abs(value)) for symbol in lengths):
-            for a, b in combinations(lengths, 2):
-                for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-                    if _same(s * a.value + t * b.value, value):
-                        return Laurent.symbol(a.name).times(Fraction(s)) + Laurent.symbol(b.name).times(Fraction(t))
+            for (a, b), s, t in product(combinations(lengths, 2), (1, -1), (1, -1)):
+                if _same(s * a.value + t * b.value, value):
+                    return Laurent.symbol(a.name).times(Fraction(s)) + Laurent.symbol(b.name).times(Fraction(t))
         return self.quantity(value, name)
 
     def position(self, value: float, slides: bool, name: str) -> Laurent:

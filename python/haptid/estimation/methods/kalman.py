@@ -147,14 +147,21 @@ class Filtering(UnitVarianceRows, ABC):
                 state = initial_state(inputs, blocks[0][1], beta, root)
                 for block, start, stop in blocks:
                     before = state.information(p)
-                    for k in range(start, stop):
-                        state = self.predicted(forward, state, inputs, k)
-                        _check_speeds(model, motion, k, state)
-                        state = state.updated(inputs.c[:, k + 1], inputs.noise[0])
+                    state = self._filtered(forward, state, inputs, range(start, stop))
                     triangles[block] = information_rows(before, state.information(p))
                     counts[block] = (stop - start) * len(inputs.c)
                 beta, root = state.x[-p:], lower(state.S[-p:])
         return by_block(observation, self.name, triangles, counts)
+
+    def _filtered(
+        self, forward: ParametricForwardDynamics, state: FilterState, inputs: FilterInput, samples: range
+    ) -> FilterState:
+        """The state after some samples, each predicted and then updated by the measurement that follows it."""
+        for k in samples:
+            state = self.predicted(forward, state, inputs, k)
+            _check_speeds(forward.model, inputs.motion, k, state)
+            state = state.updated(inputs.c[:, k + 1], inputs.noise[0])
+        return state
 
     @abstractmethod
     def predicted(

@@ -82,16 +82,11 @@ def compare(
     called = _labels(estimates, labels or pair)
     shared = _shared_rows(estimates, independent)
     names = common_parameters(estimates)
-    picked = [
-        estimate.unconstrained.pick([estimate.unconstrained.names.index(name) for name in names])
-        for estimate in estimates
-    ]
+    free = [estimate.unconstrained for estimate in estimates]
+    picked = [quantities.pick([quantities.names.index(name) for name in names]) for quantities in free]
     notes = list(_notes(estimates, called, names))
     scores = [_scores(estimate) if joint else None for estimate in estimates]
-    widened = [
-        _with_misfit(estimate.unconstrained, own, quantities)
-        for estimate, own, quantities in zip(estimates, scores, picked, strict=True)
-    ]
+    widened = [_with_misfit(*own) for own in zip(free, scores, picked, strict=True)]
     for label, before, after in zip(called, picked, widened, strict=True):
         notes += _misfit_note(label, before, after)
     known = [own for own in scores if own is not None] if _comparable(estimates, scores, names) else []
@@ -99,17 +94,17 @@ def compare(
     if known:
         first = estimates[0]
         assert isinstance(first, Clustered)
-        tests = joint_tests(first.model, [estimate.unconstrained.values for estimate in estimates], known, confidence)
+        tests = joint_tests(first.model, [quantities.values for quantities in free], known, confidence)
     if shared:
         notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
     series = Series(
         labels=called,
         names=names,
         units=picked[0].units,
-        value=np.array([estimate.values for estimate in widened]),
-        se=np.array([estimate.se for estimate in widened]),
-        dof=np.array([estimate.dof for estimate in widened]),
-        covariance=np.array([estimate.covariance for estimate in widened]),
+        value=np.array([quantities.values for quantities in widened]),
+        se=np.array([quantities.se for quantities in widened]),
+        dof=np.array([quantities.dof for quantities in widened]),
+        covariance=np.array([quantities.covariance for quantities in widened]),
         confidence=confidence,
         notes=tuple(notes),
         joint=tests,
