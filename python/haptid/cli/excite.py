@@ -161,7 +161,7 @@ def excite(
         )
         request = _Asked(
             model,
-            excite_options.family(
+            excite_options.family_options(
                 model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)
             ),
             within,
