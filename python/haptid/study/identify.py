@@ -177,14 +177,16 @@ def identify(
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     fitted_rows = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
     use = model_for_use(final, reduce(add, fitted_rows), study.use)
-    runs, unseen = [], tuple[Validation, ...]()
+    runs = []
     for entry, observation, reference_rows in zip(study.logs, observations, all_rows, strict=True):
-        if entry.role == "validate":
-            errors, unseen = None, (validate(use.estimate, observation, reference_rows),)
-        else:
-            others = [o for o in fitted if o is not observation]
-            errors = fit_errors(use.estimate, observation)
-            unseen = held_out(study, as_filed, observation, others, reference_rows)
+        fits = entry.role == "identify"
+        others = [o for o in fitted if o is not observation]
+        unseen = (
+            held_out(study, as_filed, observation, others, reference_rows)
+            if fits
+            else (validate(use.estimate, observation, reference_rows),)
+        )
+        errors = fit_errors(use.estimate, observation) if fits else None
         shares = motor_shares(use.estimate, observation.motions[0])
         runs.append(Run(entry, observation, errors, unseen, reference_rows, shares))
     progress("estimating", 1.0)
