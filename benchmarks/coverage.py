@@ -71,7 +71,7 @@ class Bed:
     Attributes:
         observation: of the clean motion.
         beta: true parameters.
-        Q: by motor and block, (rows, columns); the triangles' R belongs to them.
+        Q: by motor and block, (rows, columns); the r_factors' R belongs to them.
         clean: torque of the clean rows, (motors, rows), and the deviation of each motor's.
         edges: first row of each block, and one past the last.
     """
@@ -105,12 +105,12 @@ class Bed:
         motors = []
         for k, motor in enumerate(self.observation.motors):
             parts = np.split(y[k], self.edges[1:-1])
-            T = np.zeros_like(motor.triangles)
+            T = np.zeros_like(motor.r_factors)
             T[:, :-1, :-1] = self.R[k]
             for block, (Q, part) in enumerate(zip(self.Q[k], parts, strict=True)):
                 z = Q.T @ part
                 T[block, :-1, -1], T[block, -1, -1] = z, np.sqrt(max(part @ part - z @ z, 0.0))
-            motors.append(replace(motor, triangles=T))
+            motors.append(replace(motor, r_factors=T))
         return replace(self.observation, motors=tuple(motors))
 
 

@@ -75,7 +75,7 @@ def test_segments_give_what_the_whole_gives(treatment, monkeypatch):
     monkeypatch.setattr(planning, "SEGMENT", 700)
     cut = haptid.observe(model, made)
     for a, b in zip(whole.motors, cut.motors, strict=True):
-        np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+        np.testing.assert_allclose(a.r_factors, b.r_factors, rtol=0, atol=1e-12 * np.abs(a.r_factors).max())
         np.testing.assert_array_equal(a.rows, b.rows)
     again = predict(haptid.estimate(whole, haptid.OLS()), made)
     np.testing.assert_allclose(again.predicted, prediction.predicted, rtol=0, atol=1e-12)

@@ -10,7 +10,7 @@ import pytest
 import haptid
 from haptid import _core, errors
 from haptid.device.loops.chain import compiled
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 EYE = np.eye(3)[None]
 # What the scripts below begin with: two links, and more samples than one thread takes.
@@ -35,7 +35,7 @@ def run(script: str) -> subprocess.CompletedProcess[str]:
 
 def test_what_is_no_number_does_not_become_one():
     rows = np.array([[1.0, 2.0], [np.nan, 3.0], [1.0, 1.0]])
-    assert np.isnan(triangle(rows)[0]).all()
+    assert np.isnan(r_factor(rows)[0]).all()
 
 
 def test_positions_in_another_unit_are_reported_at_once():

@@ -48,7 +48,7 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
     made = motion(model, truth(model), seconds=80.0, noise=0.1, treatment=treatment)
     (there,) = observe_all(model, [made], DaskExecutor(address))
     for a, b in zip(haptid.observe(model, made).motors, there.motors, strict=True):
-        np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+        np.testing.assert_allclose(a.r_factors, b.r_factors, rtol=0, atol=1e-12 * np.abs(a.r_factors).max())
 
 
 def test_the_command_shares_a_study(address: str, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from haptid.inference.diagnosis.residuals import (
     standardised,
     thinned,
 )
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 from motions import motion, truth
 from sampling import FAR, of_mean, of_share
 
@@ -37,7 +37,7 @@ def coloured(n, phi, rng):
 
 @given(st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=8))
 def test_holm_rejects_what_the_step_down_procedure_rejects(p):
-    corrected = together(np.array(p))
+    corrected = holm_adjusted(np.array(p))
     rejected = set()
     for step, k in enumerate(np.argsort(p, kind="stable")):
         if p[k] > 0.05 / (len(p) - step):

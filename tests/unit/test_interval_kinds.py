@@ -93,9 +93,9 @@ def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(
     shifts = []
     for m, motor in enumerate(made.motors):
         for b in range(len(motor.rows)):
-            triangles = np.array(motor.triangles)
-            triangles[b] = 0.0
-            less = replace(motor, triangles=triangles, rows=np.where(np.arange(len(motor.rows)) == b, 0, motor.rows))
+            r_factors = np.array(motor.r_factors)
+            r_factors[b] = 0.0
+            less = replace(motor, r_factors=r_factors, rows=np.where(np.arange(len(motor.rows)) == b, 0, motor.rows))
             motors = (*made.motors[:m], less, *made.motors[m + 1 :])
             shifts.append(solve(replace(made, motors=motors), found.weights, (), known).beta - found.beta)
     many = len(shifts)

@@ -86,8 +86,8 @@ def test_jackknife_is_what_refitting_without_each_block_gives(model, beta):
 
     def wide(a, b):
         motor = observation.motors[a]
-        R = np.zeros((motor.triangles.shape[1], p + 1))
-        R[:, [*motor.columns, p]] = motor.triangles[b]
+        R = np.zeros((motor.r_factors.shape[1], p + 1))
+        R[:, [*motor.columns, p]] = motor.r_factors[b]
         return R
 
     for left in blocks:
@@ -157,7 +157,7 @@ def test_validation_is_the_error_of_the_predicted_torque(model, beta):
 
 
 def test_prediction_passes_through_the_same_filter_as_the_rows(model, beta):
-    """Filtering W beta is filtering W: the residual of the plots has the norm that the triangles say."""
+    """Filtering W beta is filtering W: the residual of the plots has the norm that the r_factors say."""
     treatment = haptid.Treatment(cutoff_hz=None, decimation=7, reversal_speed=0.05)
     made = motion(model, beta, noise=0.1, treatment=treatment)
     found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
@@ -201,7 +201,7 @@ def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
     parts = haptid.observe(model, made)
     for a, b in zip(whole.motors, parts.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
-        np.testing.assert_allclose(a.triangles, b.triangles, atol=1e-13)
+        np.testing.assert_allclose(a.r_factors, b.r_factors, atol=1e-13)
 
 
 def test_several_motions_are_one_observation(model, beta):

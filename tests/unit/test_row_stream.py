@@ -66,7 +66,7 @@ def same(one: Observation, other: Observation) -> None:
     np.testing.assert_allclose(*times, rtol=0, atol=1e-9)
     for a, b in zip(one.motors, other.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
-        A, B = (np.einsum("bij,bik->bjk", x.triangles, x.triangles) for x in (a, b))
+        A, B = (np.einsum("bij,bik->bjk", x.r_factors, x.r_factors) for x in (a, b))
         assert np.abs(A - B).max() < 1e-10 * np.abs(A).max()
 
 

@@ -15,7 +15,7 @@ from haptid.cli import app
 from haptid.inference.comparison import Series, compare
 from haptid.inference.drift import drift
 from haptid.inference.targets import targets
-from haptid.uncertainty.multiple_testing import misfit
+from haptid.uncertainty.multiple_testing import johansen_p
 from json_outputs import valid
 from motions import motion
 from sampling import of_share
@@ -132,7 +132,7 @@ def test_slopes_have_their_interval_as_often_as_stated():
     assert level == pytest.approx(0.05, abs=close)
     ones = np.column_stack([np.ones(n), t])
     some = 1000
-    bent = np.mean([misfit(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(some)])
+    bent = np.mean([johansen_p(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(some)])
     assert bent == pytest.approx(0.05, abs=of_share(0.05, some) + 0.005)
 
 

@@ -1,4 +1,4 @@
-"""Rows that are made again are the rows of the triangles, and what is done to them reaches the triangles."""
+"""Rows that are made again are the rows of the r_factors, and what is done to them reaches the r_factors."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def same(a, b):
     """The same squares in every block of every motor."""
     for one, other in zip(a.motors, b.motors, strict=True):
         assert (one.rows == other.rows).all()
-        squares, others = (m.triangles.mT @ m.triangles for m in (one, other))
+        squares, others = (m.r_factors.mT @ m.r_factors for m in (one, other))
         np.testing.assert_allclose(others, squares, atol=1e-11 * np.abs(squares).max())
 
 

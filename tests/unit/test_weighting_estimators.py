@@ -364,11 +364,11 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
         for b in range(len(motor.rows)):
             keep = np.arange(len(motor.rows)) != b
             motors = list(observation.motors)
-            triangles = np.array(motor.triangles)
-            triangles[b] = 0.0
-            motors[m] = replace(motor, triangles=triangles, rows=motor.rows * keep)
+            r_factors = np.array(motor.r_factors)
+            r_factors[b] = 0.0
+            motors[m] = replace(motor, r_factors=r_factors, rows=motor.rows * keep)
             beta = solve(replace(observation, motors=tuple(motors)), weights, (), prior).beta
-            left = motor.triangles[b] @ np.append(-beta[motor.columns], 1.0) * weights[m]
+            left = motor.r_factors[b] @ np.append(-beta[motor.columns], 1.0) * weights[m]
             total += float(left @ left)
     assert prediction_error(observation, weights, prior) == pytest.approx(total, rel=1e-6)
     tried = [

@@ -72,7 +72,7 @@ def same(one: haptid.Observation, other: haptid.Observation) -> None:
     assert one.blocks == other.blocks
     for a, b in zip(one.motors, other.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
-        np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+        np.testing.assert_allclose(a.r_factors, b.r_factors, rtol=0, atol=1e-12 * np.abs(a.r_factors).max())
 
 
 def test_processes_give_the_observations_of_one(model: haptid.Device, motions: list[haptid.Motion]) -> None:
@@ -82,7 +82,7 @@ def test_processes_give_the_observations_of_one(model: haptid.Device, motions: l
     for one, other, made in zip(plain, shared, motions, strict=True):
         assert other.motions == (made,)
         for a, b in zip(one.motors, other.motors, strict=True):
-            np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+            np.testing.assert_allclose(a.r_factors, b.r_factors, rtol=0, atol=1e-12 * np.abs(a.r_factors).max())
         assert max(share for of, share in told if of is made) == 1.0
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from haptid.cli.options import numbers, spread, wrong_option
+from haptid.cli.options import numbers, one_or_each, wrong_option
 
 if TYPE_CHECKING:
     from haptid.device import Device
@@ -82,11 +82,11 @@ def limit_options(
     position = None
     if centre is not None and stroke is not None:
         middle = numbers("--centre", centre, f"positions of joints {names}", count)
-        reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
+        reach = one_or_each("--stroke", stroke, f"strokes of joints {names}", count)
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
     rows, rows_count = ", ".join(device.row_labels), len(device.row_labels)
     limits = {
-        option: spread(f"--{option.replace('_', '-')}", text, f"those of {owners}", size)
+        option: one_or_each(f"--{option.replace('_', '-')}", text, f"those of {owners}", size)
         for options, owners, size in ((rates, names, count), (efforts, rows, rows_count))
         for option, text in options.items()
         if text is not None

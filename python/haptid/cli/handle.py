@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from haptid._internal.arrays import Array
-from haptid.cli.options import named, numbers, ranges, spread, wrong_option
+from haptid.cli.options import named, numbers, one_or_each, ranges, wrong_option
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
@@ -80,7 +80,7 @@ def table_request(
     return TableRequest(
         along=numbers("--along", along, "x, y, z", 3) if along is not None else None,
         speed=speed,
-        stiffness=spread("--stiffness", stiffness, joints, len(device.active)) if stiffness is not None else None,
+        stiffness=one_or_each("--stiffness", stiffness, joints, len(device.active)) if stiffness is not None else None,
         torque=limits or None,
     )
 

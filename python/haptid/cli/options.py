@@ -36,8 +36,8 @@ def numbers(option: str, text: str, quantity: str, count: int) -> tuple[float, .
     return values
 
 
-def spread(option: str, text: str, quantity: str, count: int) -> tuple[float, ...]:
-    """One number for all, or one for each."""
+def one_or_each(option: str, text: str, quantity: str, count: int) -> tuple[float, ...]:
+    """Numbers of an option as a tuple of `count`: one for each, or one that counts for all."""
     return numbers(option, text, quantity, count) if "," in text else numbers(option, text, quantity, 1) * count
 
 

@@ -11,7 +11,7 @@ from scipy import linalg
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.errors import IdentifiabilityError, NoRowsError
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
 EXCITED = 1e-10
@@ -113,7 +113,7 @@ def solve(
     change = np.zeros((p + 1, free.shape[1] + 1))
     change[:p, :-1], change[:p, -1], change[p, -1] = free, -start, 1.0
     own = known.rows @ change
-    factor = triangle(np.concatenate([observation.stack(weights) @ change, own]))
+    factor = r_factor(np.concatenate([observation.stack(weights) @ change, own]))
     R, z, rest = factor[:-1, :-1], factor[:-1, -1], abs(float(factor[-1, -1]))
     check_excited([observation.base.names[int(np.argmax(np.abs(d)))] for d in free.T], R)
     inverse = linalg.solve_triangular(R, np.eye(len(R)))

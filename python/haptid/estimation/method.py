@@ -121,7 +121,7 @@ class Fit:
         for m, (motor, weight) in enumerate(zip(self.observation.motors, self.weights, strict=True)):
             filled = np.flatnonzero(motor.rows > 0)
             for blocks in np.array_split(filled, 1 + len(filled) // BATCH):
-                T = motor.triangles[blocks] * weight
+                T = motor.r_factors[blocks] * weight
                 U = T[:, :, :-1] @ solution.root[motor.columns]
                 e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
                 G, s = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)

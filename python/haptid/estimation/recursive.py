@@ -26,7 +26,7 @@ from haptid.estimation.method import expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import LEAST_BLOCKS, Block
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Part of a column, of unit length, that is not explained by others, below which it is not excited on its own.
 _EXCITED = 1e-7
@@ -86,7 +86,7 @@ class RecursiveIdentification:
         self.model, self.forgetting_s, self.most = model, forgetting_s, most
         self._span = 0.0 if forgetting_s is None else _SPANNED * forgetting_s / most
         self._blocks: list[Block] = []
-        self._stacks: list[tuple[Array, ...]] = []  # triangles of a cluster, by motor
+        self._stacks: list[tuple[Array, ...]] = []  # r_factors of a cluster, by motor
         self._rows: list[np.ndarray] = []  # of a cluster, by motor
         self._log_weights: list[float] = []  # of a cluster's information
         self._whole: tuple[Array, ...] = ()  # of all clusters with their weights, by motor
@@ -112,17 +112,17 @@ class RecursiveIdentification:
         self._like = self._like or observation
         for k, block in enumerate(observation.blocks):
             fade = 0.0 if self.forgetting_s is None else -(block.stop - block.start) / self.forgetting_s
-            new = tuple(motor.triangles[k] for motor in observation.motors)
+            new = tuple(motor.r_factors[k] for motor in observation.motors)
             self._log_weights = [weight + fade for weight in self._log_weights]
             old, factor = self._whole or tuple(np.zeros_like(T) for T in new), np.exp(0.5 * fade)
-            self._whole = tuple(triangle(np.concatenate([factor * R, T])) for R, T in zip(old, new, strict=True))
+            self._whole = tuple(r_factor(np.concatenate([factor * R, T])) for R, T in zip(old, new, strict=True))
             self._append(block, new, np.array([motor.rows[k] for motor in observation.motors]))
 
-    def _append(self, block: Block, triangles: tuple[Array, ...], rows: np.ndarray) -> None:
+    def _append(self, block: Block, r_factors: tuple[Array, ...], rows: np.ndarray) -> None:
         """A block as a cluster of its own, or into the last one while that is short."""
         last = self._blocks[-1] if self._blocks else None
         self._blocks.append(block)
-        self._stacks.append(triangles)
+        self._stacks.append(r_factors)
         self._rows.append(rows)
         self._log_weights.append(0.0)
         after = last is not None and last.log == block.log and last.stop <= block.start + 1e-9 * self._span
@@ -141,7 +141,7 @@ class RecursiveIdentification:
         """Two neighbouring clusters as one, in the weight of the later."""
         weight = np.exp(0.5 * (self._log_weights[k] - self._log_weights[k + 1]))
         pairs = zip(self._stacks[k], self._stacks[k + 1], strict=True)
-        self._stacks[k + 1] = tuple(triangle(np.concatenate([weight * a, b])) for a, b in pairs)
+        self._stacks[k + 1] = tuple(r_factor(np.concatenate([weight * a, b])) for a, b in pairs)
         self._rows[k + 1] = weight**2 * self._rows[k] + self._rows[k + 1]
         first, second = self._blocks[k], self._blocks[k + 1]
         self._blocks[k + 1] = replace(second, start=first.start if first.log == second.log else second.start)

@@ -119,7 +119,7 @@ class ModelAlarm:
 
     def _silence(self, motor: MotorRows, k: int) -> tuple[AlarmKind, float]:
         """Whether the torque of a block is missing, and the norm measured over that predicted."""
-        T, beta = motor.triangles[k], self.reference.beta[motor.columns]
+        T, beta = motor.r_factors[k], self.reference.beta[motor.columns]
         predicted, measured = np.linalg.norm(T[:, :-1] @ beta), np.linalg.norm(T[:, -1])
         rest = np.linalg.norm(T[:, -1] - T[:, :-1] @ beta)
         silent = rest > _MISSING * predicted and measured < _SILENT * predicted
@@ -168,7 +168,7 @@ def _levels(reference: Estimate, motors: tuple[MotorRows, ...], leverage: bool) 
     own = {motor.name: k for k, motor in enumerate(reference.fit.observation.motors)}
     for m, motor in enumerate(motors):
         weight = float(reference.weights[own[motor.name]])
-        T = motor.triangles
+        T = motor.r_factors
         e2 = ((T[:, :, -1] - T[:, :, :-1] @ reference.beta[motor.columns]) ** 2).sum(axis=1)
         if leverage:
             taken = ((weight * T[:, :, :-1] @ reference.fit.solution.root[motor.columns]) ** 2).sum(axis=(1, 2))

@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
-from haptid.uncertainty.multiple_testing import se_above_rounding, together, two_sided
+from haptid.uncertainty.multiple_testing import holm_adjusted, se_above_rounding, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
 
 
@@ -88,7 +88,7 @@ class Drift:
     @cached_property
     def holm(self) -> Array:
         """p-values with Holm's correction over all parameters, (k,)."""
-        return together(self.p)
+        return holm_adjusted(self.p)
 
     @property
     def drifts(self) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ class Drift:
     def bent(self) -> tuple[str, ...]:
         """Names of the parameters with a significant lack of fit to their line: the drift is not steady."""
         line = np.column_stack([np.ones(len(self.times)), self.times - self.times.mean()])
-        p = together(np.where(self._identifiable, self.series.misfits(line), 1.0))
+        p = holm_adjusted(np.where(self._identifiable, self.series.misfits(line), 1.0))
         return significant(self.names, p, self.series.confidence)
 
     @property

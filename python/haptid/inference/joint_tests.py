@@ -20,7 +20,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.uncertainty.distributions import f_quantile, f_tail, noncentral_f_tail
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Most directions of a joint test, as a share of the blocks of the shorter log; power at which a change is detectable.
 _MOST, DETECTION_POWER = 1 / 3, 0.8
@@ -74,7 +74,7 @@ class JointTests:
     @cached_property
     def holm(self) -> Array:
         """p-values with Holm's correction over all groups, (groups,)."""
-        return together(np.array([test.p for test in self.tests])) if self.tests else freeze(np.zeros(0))
+        return holm_adjusted(np.array([test.p for test in self.tests])) if self.tests else freeze(np.zeros(0))
 
     @property
     def differs(self) -> tuple[str, ...]:

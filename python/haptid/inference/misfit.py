@@ -29,7 +29,7 @@ from haptid.inference.diagnosis.lack_of_fit import (
 from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.observation.augmented import CandidateColumns
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Share of the measured torque below which a residual is rounding and is not tested.
 _EXACT = 1e-6
@@ -55,7 +55,9 @@ def _shifts(estimate: Estimate) -> Array:
         return none
     part = subsample(estimate)
     tests = known_term_tests(part) or _tested(part)
-    significant = dict(zip(tests, together(np.array([test.p for test in tests.values()])) < SIGNIFICANCE, strict=True))
+    significant = dict(
+        zip(tests, holm_adjusted(np.array([test.p for test in tests.values()])) < SIGNIFICANCE, strict=True)
+    )
     reached = np.unique(np.concatenate([own.columns for own in part.observation.motors]))
     fitted = [k for k in reached if k not in estimate.zero]
     shifts = []

@@ -59,7 +59,7 @@ class RFactorCache:
         """Write to a temporary file and rename it, so that a file is complete or absent."""
         stacks, rows = factors
         arrays = {f"columns{k}": columns for k, (columns, _) in enumerate(stacks)}
-        arrays |= {f"triangles{k}": triangles for k, (_, triangles) in enumerate(stacks)}
+        arrays |= {f"triangles{k}": r_factors for k, (_, r_factors) in enumerate(stacks)}
         buffer = io.BytesIO()
         np.savez(buffer, rows=rows, **arrays)  # type: ignore[arg-type]
         self.folder.mkdir(exist_ok=True)

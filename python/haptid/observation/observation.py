@@ -23,7 +23,7 @@ from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unkn
 from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
 from haptid.observation.plan import Block, Plan, RFactors
-from haptid.observation.r_factor import conditions, triangle
+from haptid.observation.r_factor import conditions, r_factor
 
 if TYPE_CHECKING:
     from haptid.observation.rows import Change
@@ -38,7 +38,7 @@ class MotorRows:
         label: for tables and figures, "motor 1" or "joint 5".
         unit: of its torque, N m or N.
         columns: indices of the base parameters that this motor's torque depends on, (p,).
-        triangles: R factor [R z; 0 rest] of each block, (blocks, p + 1, p + 1), SI.
+        r_factors: R factor [R z; 0 rest] of each block, (blocks, p + 1, p + 1), SI.
         rows: rows reduced into each block, (blocks,).
     """
 
@@ -46,21 +46,21 @@ class MotorRows:
     label: str
     unit: str
     columns: np.ndarray
-    triangles: Array
+    r_factors: Array
     rows: np.ndarray
 
     def __post_init__(self) -> None:
         size = len(self.columns) + 1
-        freeze_fields(self, triangles=(None, size, size))
+        freeze_fields(self, r_factors=(None, size, size))
         self.columns.flags.writeable = self.rows.flags.writeable = False
-        expect("rows", np.shape(self.rows), (len(self.triangles),))
+        expect("rows", np.shape(self.rows), (len(self.r_factors),))
 
     @cached_property
     def whole(self) -> Array:
         """R factor of all blocks together, (p + 1, p + 1)."""
-        if len(self.triangles) == 1:
-            return freeze(self.triangles[0])
-        return freeze(triangle(self.triangles.reshape(-1, self.triangles.shape[-1])))
+        if len(self.r_factors) == 1:
+            return freeze(self.r_factors[0])
+        return freeze(r_factor(self.r_factors.reshape(-1, self.r_factors.shape[-1])))
 
     def residual(self, beta: Array) -> float:
         """Norm of y - W beta over the motor's rows, for all base parameters beta, N m or N."""
@@ -73,7 +73,7 @@ class MotorRows:
 
     def pick(self, blocks: np.ndarray) -> MotorRows:
         """Some blocks, by index."""
-        return replace(self, triangles=self.triangles[blocks], rows=self.rows[blocks])
+        return replace(self, r_factors=self.r_factors[blocks], rows=self.rows[blocks])
 
 
 @displayed
@@ -127,7 +127,7 @@ class Observation:
                 advice="Leave one out.",
             )
         motors = tuple(
-            replace(a, triangles=freeze(np.concatenate([a.triangles, b.triangles])), rows=np.append(a.rows, b.rows))
+            replace(a, r_factors=freeze(np.concatenate([a.r_factors, b.r_factors])), rows=np.append(a.rows, b.rows))
             for a, b in zip(self.motors, other.motors, strict=True)
         )
         blocks, motions, notes = self.blocks + other.blocks, self.motions + other.motions, self.notes + other.notes
@@ -155,7 +155,7 @@ class Observation:
     def stack(self, weights: Array | None = None) -> Array:
         """R factor [R z; 0 rest] of all rows, each motor's rows multiplied by its weight, (p + 1, p + 1)."""
         w = np.ones(len(self.motors)) if weights is None else weights
-        return triangle(stacked(self.motors, w, len(self.base)))
+        return r_factor(stacked(self.motors, w, len(self.base)))
 
     @cached_property
     def condition(self) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from haptid.motion.channels import coordinate_torque, coordinates, position_map,
 from haptid.motion.filters import ParallelFilter, bad_setting
 from haptid.motion.motion import Motion, too_short
 from haptid.observation.own_instants import OwnColumn, along, own_columns, with_given
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Samples passed to the core at a time: enough for all its threads, little memory compared with a log.
 SEGMENT = 1 << 16
@@ -225,17 +225,17 @@ class Plan:
         """Whether the core's columns are those of the base parameters."""
         return np.array_equal(self.selection, np.eye(len(self.selection)))
 
-    def selected(self, reached: np.ndarray, triangles: Array) -> tuple[np.ndarray, Array]:
+    def selected(self, reached: np.ndarray, r_factors: Array) -> tuple[np.ndarray, Array]:
         """R factors over the core's columns as R factors over base parameters, which may be sums of several."""
         if self._one_to_one:
-            return reached, triangles
+            return reached, r_factors
         chosen = self.selection[reached]
         base = np.flatnonzero(chosen.any(axis=0))
         if chosen.shape == (len(base), len(base)) and (chosen[:, base] == np.eye(len(base))).all():
-            return base, triangles
+            return base, r_factors
         mix = np.zeros((len(reached) + 1, len(base) + 1))
         mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
-        return base, triangle(triangles @ mix)
+        return base, r_factor(r_factors @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
         """1 for a row that is used, (coordinates, rows); 0 for one near a reversal, at rest, or across a gap.

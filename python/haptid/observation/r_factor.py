@@ -10,7 +10,7 @@ from haptid import _core
 from haptid._internal.arrays import Array
 
 
-def triangle(rows: Array) -> Array:
+def r_factor(rows: Array) -> Array:
     """R factor: the square upper triangle R with R'R = rows'rows, (..., columns, columns), of (..., many, columns)."""
     *stacks, count, columns = rows.shape
     flat = np.ascontiguousarray(rows, dtype=float).reshape(math.prod(stacks), count, columns)

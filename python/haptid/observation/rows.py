@@ -20,7 +20,7 @@ from haptid.motion.motion import Motion
 from haptid.observation.filtering import decimate, treated_columns, treated_torque
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block, Plan, Signals
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Numbers (rows times columns) that `Rows` caches between passes; more are computed again in every pass.
 _CACHED = 1 << 26
@@ -206,17 +206,17 @@ class Rows:
         observation = self.observation
         reached = [motor.columns for motor in observation.motors] if columns is None else columns
         size = len(observation.blocks)
-        triangles = [np.zeros((size, len(own) + 1, len(own) + 1)) for own in reached]
+        r_factors = [np.zeros((size, len(own) + 1, len(own) + 1)) for own in reached]
         counts = np.zeros((len(reached), size), dtype=int)
         for chunk in self:
             changed = change(chunk)
             for k, (start, stop) in zip(changed.blocks, pairwise(changed.edges), strict=True):
                 counts[:, k] = changed.used[:, start:stop].sum(axis=1)
-                for T, own, W, y in zip(triangles, reached, changed.W, changed.y, strict=True):
-                    T[k] = triangle(np.column_stack([W[start:stop, own], y[start:stop]]))
+                for T, own, W, y in zip(r_factors, reached, changed.W, changed.y, strict=True):
+                    T[k] = r_factor(np.column_stack([W[start:stop, own], y[start:stop]]))
         motors = tuple(
             MotorRows(motor.name, motor.label, motor.unit, np.array(own), freeze(T), rows)
-            for motor, own, T, rows in zip(observation.motors, reached, triangles, counts, strict=True)
+            for motor, own, T, rows in zip(observation.motors, reached, r_factors, counts, strict=True)
         )
         before = observation.change
         return replace(observation, motors=motors, change=change if before is None else lambda s: change(before(s)))

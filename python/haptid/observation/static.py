@@ -11,7 +11,7 @@ from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 
 def observe_poses(model: StaticModel, poses: Poses) -> Observation:
@@ -41,7 +41,7 @@ def observe_poses(model: StaticModel, poses: Poses) -> Observation:
             members = np.flatnonzero((poses.configuration == k) & used[:, row])
             part = np.zeros((max(size, len(members)), size))
             part[: len(members), :-1], part[: len(members), -1] = Y[row][:, members].T, poses.tau[members, row]
-            stack[k], rows[k] = triangle(part), len(members)
+            stack[k], rows[k] = r_factor(part), len(members)
         label = model.device.row_labels[row]
         if lost := int((~used[:, row]).sum()):
             notes.append(f"{label} has not moved to {lost} of {len(poses)} poses; its torque there is not used.")

@@ -21,7 +21,7 @@ from haptid.observation.plan import Plan
 from haptid.study.identify import check_kind, read_entry
 from haptid.study.payloads import recorded_poses
 from haptid.study.read import read_study
-from haptid.study.study import LogEntry, Study
+from haptid.study.study import LogEntry, Study, silent
 from haptid.treatment_choice.propose import propose
 
 _Progress = Callable[[str, float], None]
@@ -123,7 +123,7 @@ def check_study(
         StudyFileError: the study file itself is wrong.
         OptionError: more plans than logs.
     """
-    tell = progress or (lambda _what, _share: None)
+    progress = progress or silent
     study = read_study(path)
     try:
         model = DynamicModel(read_device(study.device))
@@ -141,7 +141,7 @@ def check_study(
             f"{len(plans)} plans for {len(study.logs)} logs.", where="plans", found=len(plans), limit=len(study.logs)
         )
     recordings = [
-        _read(study, model, entry, Path(data or study.path.parent), tell, plan)
+        _read(study, model, entry, Path(data or study.path.parent), progress, plan)
         for entry, plan in zip_longest(study.logs, plans)
     ]
     logs = tuple(check for check, _ in recordings)
@@ -153,7 +153,7 @@ def check_study(
             check_kind(study)
         if not problems and study.poses is None:
             read = [recording for _, recording in recordings if isinstance(recording, Log)]
-            reasons, steps = _treatment(study, model, read, tell)
+            reasons, steps = _treatment(study, model, read, progress)
         elif not problems:
             steps = (f"haptid poses {study.path.name}: gravity, springs and friction from the held poses.",)
     except HaptidError as error:
@@ -162,26 +162,26 @@ def check_study(
 
 
 def _treatment(
-    study: Study, model: DynamicModel, logs: Sequence[Log], tell: _Progress
+    study: Study, model: DynamicModel, logs: Sequence[Log], progress: _Progress
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Reasons of the proposed treatment, and the commands that come next."""
     fitted = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
     bare = [log for log, entry in fitted if entry.body is None] or [log for log, _ in fitted]
-    tell("choosing a treatment", 0.0)
+    progress("choosing a treatment", 0.0)
     proposal = propose(model, *bare, **study.treatment)
-    tell("choosing a treatment", 1.0)
+    progress("choosing a treatment", 1.0)
     return proposal.reasons, _steps(study, model, [treat(log, proposal.treatment) for log in logs])
 
 
 def _read(
-    study: Study, model: DynamicModel, entry: LogEntry, data: Path, tell: _Progress, plan: str | Path | None
+    study: Study, model: DynamicModel, entry: LogEntry, data: Path, progress: _Progress, plan: str | Path | None
 ) -> tuple[LogCheck, Log | Poses | None]:
     """What was found in a log, and the log or its poses."""
     try:
         if study.poses is not None:
-            poses = recorded_poses(study, model, entry, data, tell)
+            poses = recorded_poses(study, model, entry, data, progress)
             return LogCheck(entry.path, entry.role, f"{len(poses)} held poses"), poses
-        log = read_entry(entry, data, tell)
+        log = read_entry(entry, data, progress)
         about = f"{log.t.size} samples, {log.rate_hz:.5g} Hz, {float(log.t[-1] - log.t[0]):.4g} s"
         parts = f", {len(log.segments)} segments" if len(log.segments) > 1 else ""
         check = LogCheck(entry.path, entry.role, f"{about}{parts}", log.notes)

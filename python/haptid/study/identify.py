@@ -32,6 +32,7 @@ from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.study.schema import fault
+from haptid.study.study import silent
 from haptid.treatment_choice.calibration import Calibration, find_calibration
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
@@ -145,7 +146,7 @@ def identify(
     Raises:
         HaptidError: any error of the steps.
     """
-    progress = progress or _silent
+    progress = progress or silent
     check_kind(study)
     as_filed = DynamicModel(read_device(study.device))
     _check_size(as_filed)
@@ -266,10 +267,6 @@ def check_kind(study: Study) -> None:
             )
 
 
-def _silent(_what: str, _share: float) -> None:
-    """No progress report."""
-
-
 def read_entry(entry: LogEntry, data: Path, progress: _Progress) -> Log:
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
@@ -289,7 +286,7 @@ def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Pr
     progress("finding stiffness", 0.0)
     fitting = [entry.role == "identify" for entry in study.logs]
     completed, stiffness_fit = complete_logs(model, logs, fitting, **study.treatment)
-    # Simulated links hold no noise but the motors', and tell no delay but that they were simulated with.
+    # Simulated links hold no noise but the motors', and determine no delay but that they were simulated with.
     treatment_used = stiffness_fit.observation.motions[0].treatment
     names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s")
     treatment = {**{name: getattr(treatment_used, name) for name in names}, **study.treatment}

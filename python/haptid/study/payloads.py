@@ -17,7 +17,7 @@ from haptid.log import read_log
 from haptid.motion.holds import Poses, find_poses, join_poses, read_poses
 from haptid.motion.motion import treat
 from haptid.study.schema import fault
-from haptid.study.study import LogEntry, Study
+from haptid.study.study import LogEntry, Study, silent
 from haptid.treatment_choice.propose import propose
 
 _Progress = Callable[[str, float], None]
@@ -46,11 +46,11 @@ def study_payloads(
         StudyFileError: there is no log without payload, or none with one; two logs of a payload differ.
         HaptidError: any error of the steps.
     """
-    tell = progress or (lambda _what, _share: None)
+    progress = progress or silent
     entries = [entry for entry in study.logs if entry.role == "identify"]
     bodies = _bodies(study, entries)
-    model, recorded = _recorded(study, entries, data, tell)
-    tell("identifying payloads", 0.0)
+    model, recorded = _recorded(study, entries, data, progress)
+    progress("identifying payloads", 0.0)
     bare = [recording for recording, entry in zip(recorded, entries, strict=True) if entry.body is None]
     loaded = [
         (
@@ -64,7 +64,7 @@ def study_payloads(
         for name, body in bodies.items()
     ]
     payloads = identify_payloads(model, bare, loaded, gains=gains, shared_friction=shared_friction)
-    tell("identifying payloads", 1.0)
+    progress("identifying payloads", 1.0)
     return payloads
 
 
@@ -92,44 +92,44 @@ def _agree(first: AttachedBody, second: AttachedBody) -> bool:
 
 
 def _recorded(
-    study: Study, entries: Sequence[LogEntry], data: str | Path | None, tell: _Progress
+    study: Study, entries: Sequence[LogEntry], data: str | Path | None, progress: _Progress
 ) -> tuple[DynamicModel, list[Recorded]]:
     """The model at its nonlinear constants, and poses or treated motions of the entries."""
     if study.calibration is not None:
         raise fault(study.path, "calibration", "only `haptid identify` calibrates logs", advice="Leave the table out.")
     model = DynamicModel(read_device(study.device))
     if study.poses is not None:
-        return model, [recorded_poses(study, model, entry, data, tell) for entry in entries]
+        return model, [recorded_poses(study, model, entry, data, progress) for entry in entries]
     folder = Path(data or study.path.parent)
     logs = []
     for entry in entries:
-        tell(f"reading {Path(entry.path).name}", 0.0)
+        progress(f"reading {Path(entry.path).name}", 0.0)
         logs.append(read_log(folder / entry.path, entry.channels, entry.time_range, entry.episodes))
-        tell(f"reading {Path(entry.path).name}", 1.0)
-    tell("choosing a treatment", 0.0)
+        progress(f"reading {Path(entry.path).name}", 1.0)
+    progress("choosing a treatment", 0.0)
     bare = [log for log, entry in zip(logs, entries, strict=True) if entry.body is None]
     treatment = propose(model, *bare, **study.treatment).treatment
-    tell("choosing a treatment", 1.0)
+    progress("choosing a treatment", 1.0)
     motions = [treat(log, treatment) for log in logs]
     without = [motion for motion, entry in zip(motions, entries, strict=True) if entry.body is None]
-    model, _ = fit_nonlinear_constants(model, without, WLS(), ClusterRobust(), tell)
+    model, _ = fit_nonlinear_constants(model, without, WLS(), ClusterRobust(), progress)
     return model, list(motions)
 
 
 def recorded_poses(
-    study: Study, model: DynamicModel, entry: LogEntry, data: str | Path | None, tell: _Progress
+    study: Study, model: DynamicModel, entry: LogEntry, data: str | Path | None, progress: _Progress
 ) -> Poses:
     """The poses of a log, or of a table."""
     assert study.poses is not None
     path = Path(data or study.path.parent) / entry.path
-    tell(f"reading {path.name}", 0.0)
+    progress(f"reading {path.name}", 0.0)
     if study.poses.table:
         assert entry.channels is not None  # the reader of studies has seen to it
         poses = read_poses(path, model.device, entry.channels, study.poses.approach)
     else:
         log = read_log(path, entry.channels, entry.time_range, entry.episodes)
         poses = find_poses(model.device, log, study.poses.detection)
-    tell(f"reading {path.name}", 1.0)
+    progress(f"reading {path.name}", 1.0)
     return poses
 
 
@@ -149,15 +149,15 @@ def study_poses(
         StudyFileError: the study has no `[poses]`, or no log without payload.
         HaptidError: any error of the steps.
     """
-    tell = progress or (lambda _what, _share: None)
+    progress = progress or silent
     if study.poses is None:
         advice = "Add the table [poses]; it may be empty. `haptid schema study` prints its keys."
         raise fault(study.path, "poses", "missing: its logs are motions", advice=advice)
     entries = [entry for entry in study.logs if entry.role == "identify" and entry.body is None]
     if not entries:
         raise fault(study.path, "logs", "every log has a payload", advice="`haptid payload` identifies payloads.")
-    model, poses = _recorded(study, entries, data, tell)
-    tell("identifying gravity", 0.0)
+    model, poses = _recorded(study, entries, data, progress)
+    progress("identifying gravity", 0.0)
     identified = identify_poses(model, join_poses(*(recording for recording in poses if isinstance(recording, Poses))))
-    tell("identifying gravity", 1.0)
+    progress("identifying gravity", 1.0)
     return identified

@@ -102,3 +102,7 @@ class Study:
         method: Any = self.method  # WLS, or constraints around it
         noise = TorqueNoise()
         return replace(self, method=replace(method, weighting=noise) if hasattr(method, "weighting") else noise)
+
+
+def silent(_step: str, _share: float) -> None:
+    """The progress callback that does nothing."""

@@ -141,15 +141,15 @@ def _joined(parts: Sequence[MotorRows]) -> MotorRows:
     """Rows of one motor along several motions, whose columns may differ, in the columns of all of them."""
     columns = np.unique(np.concatenate([part.columns for part in parts]))
     size = len(columns) + 1
-    triangles = []
+    r_factors = []
     for part in parts:
-        many, n = part.triangles.shape[:2]
+        many, n = part.r_factors.shape[:2]
         place = np.append(np.searchsorted(columns, part.columns), size - 1)
         made = np.zeros((many, n, size))
         for k, column in enumerate(place):
-            made[:, :, column] += part.triangles[:, :, k]
+            made[:, :, column] += part.r_factors[:, :, k]
         wide = np.zeros((many, size, size))
         wide[:, : min(n, size)] = made if n <= size else np.linalg.qr(made, mode="r")
-        triangles.append(wide)
+        r_factors.append(wide)
     rows = np.concatenate([part.rows for part in parts])
-    return replace(parts[0], columns=columns, triangles=np.concatenate(triangles), rows=rows)
+    return replace(parts[0], columns=columns, r_factors=np.concatenate(r_factors), rows=rows)

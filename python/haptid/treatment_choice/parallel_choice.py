@@ -83,7 +83,7 @@ def _losses(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, judg
             return None
         unseen = other % 2 != parity
         for motor in judged.motors:
-            T = motor.triangles[unseen]
+            T = motor.r_factors[unseen]
             e = T[:, :, -1] - T[:, :, :-1] @ beta[motor.columns]
             np.add.at(losses, other[unseen], (e**2).sum(axis=1) / max(motor.norm**2, np.finfo(float).tiny))
     return losses

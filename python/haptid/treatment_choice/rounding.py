@@ -165,9 +165,9 @@ class _Refit:
     def by_block(self, motors: Sequence[MotorRows], at: Array) -> Array:
         """Step from parameters and delays to their least squares, the part of each block, (blocks, p + delays), SI."""
         root = solve_excited(motors, self.weights, self.known).root
-        scores = np.zeros((len(motors[0].triangles), len(at)))
+        scores = np.zeros((len(motors[0].r_factors), len(at)))
         for motor, weight in zip(motors, self.weights, strict=True):
-            W, y = motor.triangles[:, :, :-1], motor.triangles[:, :, -1]
+            W, y = motor.r_factors[:, :, :-1], motor.r_factors[:, :, -1]
             left = y - W @ at[motor.columns]
             scores[:, motor.columns] += weight**2 * np.einsum("bij,bi->bj", W, left)
         return np.asarray(scores @ root @ root.T)

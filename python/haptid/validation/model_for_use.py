@@ -36,7 +36,7 @@ from haptid.estimation.methods.regularised import (
     strengthened,
 )
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Folds of the cross-validation: each block is in one, neighbours in different ones. Of few blocks there are fewer
 # folds, with two blocks each.
@@ -286,7 +286,7 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
     for fold in range(folds):
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(fitted.fit.weights / scale)
         if prior is not None:
-            T = triangle(np.concatenate([T, prior]))
+            T = r_factor(np.concatenate([T, prior]))
         mine = np.flatnonzero(held == fold)
         if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
             return None
@@ -337,7 +337,7 @@ class _Measure:
         total = np.zeros((len(betas), len(blocks)))
         for factor, motor in zip(self.factors, rows.motors, strict=True):
             v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
-            total += factor * np.einsum("bis,bis->sb", *[motor.triangles[blocks] @ v.T] * 2)
+            total += factor * np.einsum("bis,bis->sb", *[motor.r_factors[blocks] @ v.T] * 2)
         return total
 
 
@@ -352,7 +352,7 @@ def _fits(model: DynamicModel, name: str, T: Array) -> Iterator[Array]:
     elif name == RIDGE:
         prior = Ridge().prior(model)
         for strength in STRENGTHS[RIDGE]:
-            own = triangle(np.concatenate([T, strengthened(prior, strength or 0.0).rows]))
+            own = r_factor(np.concatenate([T, strengthened(prior, strength or 0.0).rows]))
             yield np.asarray(np.linalg.lstsq(own[:-1, :-1], own[:-1, -1], rcond=None)[0])
     else:
         penalty = EntropicPenalty.of(model, free)

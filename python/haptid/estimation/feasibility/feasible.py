@@ -15,7 +15,7 @@ from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, Settin
 from haptid.estimation.feasibility.cone import Cone, ConeBlock, ConePart, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
 from haptid.estimation.least_squares import weakest_direction
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # A margin this little below zero is rounding.
 _ROUNDING = 1e-7
@@ -132,7 +132,7 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
     beta = check_beta(model, beta)
     check_metric(model, R)
     nearest = feasible_parameters(model, beta)
-    return nearest if nearest.ok else nearest_feasible(model, beta, triangle(R))[0]
+    return nearest if nearest.ok else nearest_feasible(model, beta, r_factor(R))[0]
 
 
 def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[ConeBlock, ...]]:

@@ -17,7 +17,7 @@ from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.estimation.intervals.covariance import with_prior_variance
 from haptid.estimation.method import BlockMoments, Fit
 from haptid.uncertainty.distributions import f_tail
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Fewest logs from which their scatter is estimated, and fewest that must have information on a parameter: the sum of
@@ -125,7 +125,7 @@ class BetweenLogs:
 
     def differs(self, confidence: float = LEVEL) -> tuple[str, ...]:
         """Names of the parameters that scatter between logs beyond noise, Holm's correction over all of them."""
-        adjusted = together(self.p) < 1 - confidence
+        adjusted = holm_adjusted(self.p) < 1 - confidence
         return tuple(name for name, far in zip(self.across.names, adjusted, strict=True) if far)
 
     def conf_int(self, level: float = LEVEL) -> Array:

@@ -17,7 +17,7 @@ from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import state
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # States of the reference motion, and their seed.
 _STATES, _SEED = 200, 0
@@ -86,7 +86,7 @@ def reference_torque(observation: Observation) -> Array:
     level = np.array([motor.norm / np.sqrt(max(int(motor.rows.sum()), 1)) for motor in observation.motors])
     level = np.where(level > 0, level, level.max())
     W = (Y / level[:, None, None]).transpose(0, 2, 1).reshape(-1, len(columns)) @ selection / np.sqrt(_STATES)
-    return np.asarray(triangle(np.column_stack([W, np.zeros(len(W))]))[:-1, :-1])
+    return np.asarray(r_factor(np.column_stack([W, np.zeros(len(W))]))[:-1, :-1])
 
 
 def open_parameters(observation: Observation, A: Array, *covariances: Array) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from haptid.estimation.method import Fit, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion, treat
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 from haptid.observation.rows import Rows, chunks_of
 
 # Largest share of noise in the information on a direction; with more, the corrected equations are ill-conditioned.
@@ -84,7 +84,7 @@ def smallest_generalised_eigenvalue(stack: Array, noisy: np.ndarray, C: Array) -
     Exact columns are eliminated by QR (Golub, Hoffman and Stewart 1987, Linear Algebra and its Applications 88/89).
     """
     order = np.concatenate([np.flatnonzero(~noisy), np.flatnonzero(noisy)])
-    R = triangle(stack[:, order])
+    R = r_factor(stack[:, order])
     first = int((~noisy).sum())
     root = linalg.cholesky(C[np.ix_(noisy, noisy)])
     scaled = linalg.solve_triangular(root.T, R[first:, first:].T, lower=True)
@@ -119,7 +119,7 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
     root = plain.root @ (vectors / np.sqrt(1.0 - shares))
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])
     rest = float(np.linalg.norm(observation.stack(weights) @ np.append(-beta, 1.0)))
-    R = triangle((np.sqrt(1.0 - shares) * vectors).T @ plain.R)
+    R = r_factor((np.sqrt(1.0 - shares) * vectors).T @ plain.R)
     return Fit(observation, weights, Solution(beta, R, root, rest, plain.dof), False, tuple(noise))
 
 

@@ -244,7 +244,7 @@ def prediction_errors(observation: Observation, weights: Array, whitened: Observ
     np.add.at(s, moments.block, moments.s)
     beta = solution.beta - BlockMoments(G, s, np.arange(len(sums))).leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
-        T = motor.triangles * weight
+        T = motor.r_factors * weight
         errors = T[:, :, -1] - np.einsum("bij,bj->bi", T[:, :, :-1], beta[:, motor.columns])
         sums += (errors**2).sum(axis=1)
     return sums

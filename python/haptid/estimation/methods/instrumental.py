@@ -11,7 +11,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import check_excited
 from haptid.estimation.methods.simulation_based import ClosedLoop, simulate_along, treated_as
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 from haptid.observation.rows import Chunk, Rows
 
 
@@ -56,7 +56,7 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
     for chunk in rows:
         z = Z[chunk.blocks].W * chunk.used[:, :, None]
         parts = np.concatenate([z, chunk.W, chunk.y[:, :, None]], axis=2) * weights[:, None, None]
-        corner = triangle(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
+        corner = r_factor(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
     RZ, QW, Qy = corner[:p, :p], corner[:p, p : 2 * p], corner[:p, -1]
     for corner in (RZ, QW):
         check_excited(observation.base.names, corner)

@@ -139,7 +139,7 @@ class Filtering(UnitVarianceRows, ABC):
         smoothed = smooth(model, observation.motions, self.friction)
         forward = ParametricForwardDynamics(smoothed, base_columns(model))
         p, size = len(observation.base), len(observation.blocks)
-        triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
+        r_factors, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         beta, root = first.beta, np.diag(self.widen * first.se)
         for motion in observation.motions:
             inputs = self._input(first, motion)
@@ -148,10 +148,10 @@ class Filtering(UnitVarianceRows, ABC):
                 for block, start, stop in blocks:
                     before = state.information(p)
                     state = self._filtered(forward, state, inputs, range(start, stop))
-                    triangles[block] = information_rows(before, state.information(p))
+                    r_factors[block] = information_rows(before, state.information(p))
                     counts[block] = (stop - start) * len(inputs.c)
                 beta, root = state.x[-p:], lower(state.S[-p:])
-        return by_block(observation, self.name, triangles, counts)
+        return by_block(observation, self.name, r_factors, counts)
 
     def _filtered(
         self, forward: ParametricForwardDynamics, state: FilterState, inputs: FilterInput, samples: range

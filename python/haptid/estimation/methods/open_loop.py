@@ -13,7 +13,7 @@ from haptid.estimation.methods.simulation_based import SimulationBased, base_col
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 from haptid.simulation import Segments, measured_state, open_loop, sensitivity
 
 # Least standard deviation of position noise, relative to that of the positions.
@@ -42,7 +42,7 @@ class OutputErrorMethod(SimulationBased):
     def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of position, each coordinate's in units of its noise."""
         p, size = len(observation.base), len(observation.blocks)
-        triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
+        r_factors, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
             segments = Segments.of(
                 len(motion.unbroken("a method that simulates")), max(2, round(self.segment / motion.dt)), 0
@@ -52,10 +52,10 @@ class OutputErrorMethod(SimulationBased):
                 if block is not None:
                     rows = np.column_stack([J[..., k].reshape(-1, J.shape[2]), error[..., k].ravel()])
                     first = J.shape[2] - p  # initial states, eliminated
-                    left = triangle(np.column_stack([rows[:, p:-1], rows[:, :p], rows[:, -1] + rows[:, :p] @ beta]))
-                    triangles[block] = triangle(np.concatenate([triangles[block], left[first:, first:]]))
+                    left = r_factor(np.column_stack([rows[:, p:-1], rows[:, :p], rows[:, -1] + rows[:, :p] @ beta]))
+                    r_factors[block] = r_factor(np.concatenate([r_factors[block], left[first:, first:]]))
                     counts[block] += len(rows) - first
-        return by_block(observation, self.name, triangles, counts)
+        return by_block(observation, self.name, r_factors, counts)
 
 
 def multiple_shooting(

@@ -145,7 +145,7 @@ def prediction_error(observation: Observation, weights: Array, known: Knowledge)
     moments, first, total = Fit(observation, weights, solution, True).moments, 0, 0.0
     shifts = moments.leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
-        T = motor.triangles[motor.rows > 0] * weight
+        T = motor.r_factors[motor.rows > 0] * weight
         beta = (solution.beta - shifts[first : first + len(T)])[:, motor.columns]
         errors = T[:, :, -1] - np.einsum("bij,bj->bi", T[:, :, :-1], beta)
         total, first = total + float((errors**2).sum()), first + len(T)

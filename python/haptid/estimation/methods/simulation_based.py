@@ -337,13 +337,13 @@ def _block_rows(observation: Observation, part: Linearised) -> Iterator[tuple[in
             yield index[block], (J.transpose(0, 2, 1), decimate(part.error[own, low:high], plan.taps, d))
 
 
-def by_block(observation: Observation, method: str, triangles: Array, rows: np.ndarray) -> Observation:
+def by_block(observation: Observation, method: str, r_factors: Array, rows: np.ndarray) -> Observation:
     """Rows of a method that treats all motors as one and stores R factors only.
 
     Args:
         observation: whose blocks they are of.
         method: its name.
-        triangles: R factor of every block, (blocks, p + 1, p + 1), of rows of unit variance.
+        r_factors: R factor of every block, (blocks, p + 1, p + 1), of rows of unit variance.
         rows: in each, (blocks,).
     """
 
@@ -355,5 +355,5 @@ def by_block(observation: Observation, method: str, triangles: Array, rows: np.n
         )
 
     name = observation.motors[0].name  # a known one, so that a request for its rows gets as far as `refuse`
-    motor = MotorRows(name, method, "1", np.arange(triangles.shape[1] - 1), freeze(triangles), rows)
+    motor = MotorRows(name, method, "1", np.arange(r_factors.shape[1] - 1), freeze(r_factors), rows)
     return replace(observation, motors=(motor,), change=refuse)

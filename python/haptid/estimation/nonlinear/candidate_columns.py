@@ -17,7 +17,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, observe
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class CandidateRows:
         """Combinations (p, k) of all columns, and the torque, projected off the model's own columns."""
         stack = self.observation.stack(weights)
         p = self.own
-        R = triangle(np.column_stack([stack[:, :p], stack[:, :-1] @ columns, stack[:, -1]]))
+        R = r_factor(np.column_stack([stack[:, :p], stack[:, :-1] @ columns, stack[:, -1]]))
         return R[p:, p:-1], R[p:, -1]
 
 

@@ -17,7 +17,7 @@ from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
 from haptid.inference.joint_tests import DETECTION_POWER, JointTests
 from haptid.uncertainty.distributions import t_quantile
-from haptid.uncertainty.multiple_testing import misfit, se_above_rounding, together, two_sided
+from haptid.uncertainty.multiple_testing import holm_adjusted, johansen_p, se_above_rounding, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
 
 
@@ -35,7 +35,7 @@ class FamilyWise(ABC):
     @cached_property
     def holm(self) -> Array:
         """p-values with Holm's correction over all parameters, (k,)."""
-        return together(self.p)
+        return holm_adjusted(self.p)
 
     @cached_property
     def differs(self) -> tuple[str, ...]:
@@ -237,7 +237,7 @@ class Series(FamilyWise):
     def misfits(self, columns: Array) -> Array:
         """p-values of the lack of fit to a linear model in the columns, (n, c), each parameter by itself, (k,)."""
         tests = zip(self.value.T, self.se.T, self.dof.T, strict=True)
-        return np.array([misfit(*test, columns) for test in tests])
+        return np.array([johansen_p(*test, columns) for test in tests])
 
     @cached_property
     def detectable(self) -> Array:

@@ -24,7 +24,7 @@ from haptid.motion.motion import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
 from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 from haptid.uncertainty.distributions import f_tail
 
 # Blocks are merged down to this many: enough clusters for a standard error, and fast on long logs.
@@ -108,7 +108,7 @@ class AugmentedRows:
         left_out = {*excluded, *self.estimate.zero}
         columns = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
         motors = tuple(self._pick(own, columns) for own in rows)
-        factor = triangle(stacked(motors, weights, len(columns)))
+        factor = r_factor(stacked(motors, weights, len(columns)))
         R, z, k = factor[:-1, :-1], factor[:-1, -1], len(new)
         lengths = np.linalg.norm(R, axis=0)
         if (np.abs(np.diag(R))[-k:] <= INDEPENDENT * lengths[-k:]).any() or (np.diag(R) == 0).any():
@@ -137,8 +137,8 @@ class AugmentedRows:
         positions = np.array([place[int(columns[k])] for k in own] + [len(motor.columns)])
         key = (motor.name, np.concatenate([own, positions]).tobytes())
         if key not in self._picked:
-            triangles = np.asarray(np.linalg.qr(motor.triangles[:, :, positions], mode="r"))
-            self._picked[key] = replace(motor, columns=own, triangles=triangles)
+            r_factors = np.asarray(np.linalg.qr(motor.r_factors[:, :, positions], mode="r"))
+            self._picked[key] = replace(motor, columns=own, r_factors=r_factors)
         return self._picked[key]
 
 
@@ -182,8 +182,8 @@ def _groups(blocks: int) -> list[np.ndarray]:
 
 def _merged(parts: Sequence[MotorRows], groups: Sequence[np.ndarray]) -> MotorRows:
     """One motor's rows of all motions, group by group."""
-    T = np.concatenate([part.triangles for part in parts])
+    T = np.concatenate([part.r_factors for part in parts])
     counts = np.concatenate([part.rows for part in parts])
     size = T.shape[-1]
-    triangles = np.stack([triangle(T[group].reshape(-1, size)) for group in groups])
-    return replace(parts[0], triangles=triangles, rows=np.array([counts[group].sum() for group in groups]))
+    r_factors = np.stack([r_factor(T[group].reshape(-1, size)) for group in groups])
+    return replace(parts[0], r_factors=r_factors, rows=np.array([counts[group].sum() for group in groups]))

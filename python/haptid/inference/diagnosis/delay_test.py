@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid.inference.diagnosis.added_variable import AugmentedRows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 from haptid.uncertainty.quantities import half_width
 
 # Shares of the sampling period: below the first the bias is negligible, above the second viscous friction is biased.
@@ -21,7 +21,7 @@ def time_delay(augmented: AugmentedRows, candidates: Sequence[int], labels: Sequ
     tests = augmented.each(candidates, labels)
     if not tests:
         return Finding("time delay", "ok", {}, "The torque's delay is not identifiable from this motion.")
-    p = together(np.array([test.p for _, test in tests]))
+    p = holm_adjusted(np.array([test.p for _, test in tests]))
     figures: dict[str, float] = {}
     for label, test in tests:
         half = float(half_width(test.se[0], test.dof))

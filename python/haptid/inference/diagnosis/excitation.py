@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array, freeze_fields
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
 from haptid.inference.diagnosis.finding import Finding, Status, joined_names
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Condition index above which a dependency is strong, and share of variance above which a parameter is part of it
 # (Belsley, Kuh and Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
@@ -78,7 +78,7 @@ def advice(fitted: Estimate, k: int) -> str:
 def _table(fitted: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
     """Belsley's table of the parameters that were not eliminated, and their names."""
     free = list(fitted.free_parameters)
-    R = triangle(fitted.observation.stack(fitted.weights)[:-1, free])
+    R = r_factor(fitted.observation.stack(fitted.weights)[:-1, free])
     return dependencies(R), tuple(fitted.base.names[k] for k in free)
 
 

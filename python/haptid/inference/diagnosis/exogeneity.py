@@ -30,7 +30,7 @@ from haptid.motion.channels import coordinates
 from haptid.motion.motion import Motion, treat
 from haptid.observation.augmented import CandidateColumns, ResidualContext, torque_of
 from haptid.simulation import PID, smooth
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Bias of a parameter in standard errors: harmless up to the first; beyond the second its interval undercovers.
 HARMLESS, BIASED = 0.5, 1.0
@@ -145,7 +145,7 @@ def exogeneity(
     tests = augmented.each(candidates, labels)
     if not tests:
         return Finding("errors in W", "ok", {}, "The instruments explain all of W.")
-    p = together(np.array([test_here.p for _, test_here in tests]))
+    p = holm_adjusted(np.array([test_here.p for _, test_here in tests]))
     first = int(np.argmin(p))
     label, test = tests[first]
     explained, free = float(test.explained.max()), list(fitted.free_parameters)

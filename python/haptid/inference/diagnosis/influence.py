@@ -65,7 +65,7 @@ def deletions(fitted: Estimate) -> Deletions:
     k, blocks = len(solution.R), len(observation.blocks)
     A, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for motor, weight in zip(observation.motors, fitted.weights, strict=True):
-        T = motor.triangles * weight
+        T = motor.r_factors * weight
         U = T[:, :, :-1] @ solution.root[motor.columns]
         e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
         A += U.transpose(0, 2, 1) @ U

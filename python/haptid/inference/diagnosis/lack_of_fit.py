@@ -15,7 +15,7 @@ from haptid.inference.diagnosis.added_variable import AddedVariableTest, Augment
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, SMALL_SHARE, Finding, graded, joined_names
 from haptid.inference.diagnosis.residuals import Residuals
 from haptid.observation.augmented import CandidateColumns, ResidualContext
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Stribeck velocities tried, as shares of the root mean square speed.
 STRIBECK = (0.1, 0.3)
@@ -255,7 +255,7 @@ def mark_redundant(augmented: AugmentedRows, tests: Mapping[str, TermTest]) -> d
 
 def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], tests: Sequence[TermTest]) -> Finding:
     """The tests of one term at all friction coordinates, with Holm's correction."""
-    p = together(np.array([test.p for test in tests]))
+    p = holm_adjusted(np.array([test.p for test in tests]))
     candidates = [k for k, test in enumerate(tests) if not test.redundant_to]
     first = min(candidates or range(len(tests)), key=lambda k: p[k])
     status = graded(float(p[first]), tests[first].explained) if candidates else "ok"
@@ -335,7 +335,7 @@ def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: S
         explained.append(float(2 * np.abs(sums[:, largest].sum()) ** 2 / (len(e) * (e @ e))))
         period.append(float(1 / f[largest]))
         names.append(place.label)
-    corrected = together(np.array(p)) if p else np.ones(1)
+    corrected = holm_adjusted(np.array(p)) if p else np.ones(1)
     first = int(np.argmin(corrected))
     if not p or corrected[first] >= SIGNIFICANCE:
         text = f"No torque periodic in position (p = {corrected[first]:.2g}, limit {SIGNIFICANCE:g})."

@@ -18,7 +18,7 @@ from haptid.motion.motion import Motion
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk
 from haptid.uncertainty.distributions import chi2_tail, dagostino_pearson, normal_quantile, t_tail
-from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Missing rows between two ranges: more than any lag that is used.
 _GAP = 400
@@ -221,7 +221,7 @@ def half_power(e: Array, step: float) -> float:
 def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     """Are the residuals white, and shorter correlated than the blocks that are the clusters?"""
     correlations = [serial_correlation(e, left.filter_stride, left.step) for e in left.e]
-    p = together(np.array([motor.p for motor in correlations]))
+    p = holm_adjusted(np.array([motor.p for motor in correlations]))
     block = float(np.median([b.stop - b.start for b in estimate.observation.blocks]))
     longest = max(motor.time for motor in correlations) * left.step
     status: Status = "bad" if longest > _LONGEST * block else "ok" if p.min() >= SIGNIFICANCE else "doubt"
@@ -296,7 +296,7 @@ def normality(left: Residuals) -> Finding:
         outlier_counts += int(is_outlier.sum())
         power = max(power, float(np.sum(e[is_outlier] ** 2) / np.nansum(e**2)))
         figures |= {f"skewness {label}": skewness, f"excess_kurtosis {label}": kurtosis}
-    corrected = together(np.array(p))
+    corrected = holm_adjusted(np.array(p))
     least = float(corrected.min())
     status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
     figures |= {"p": least, "outliers": outlier_counts, "outlier_power": power}
@@ -383,7 +383,7 @@ def heteroscedasticity(left: Residuals, velocity: Array) -> Finding:
             names.append(f"{label} with {cause}")
     if not p:
         return Finding("even spread", "ok", {}, "There are too few blocks for a test of heteroscedasticity.")
-    corrected = together(np.array(p))
+    corrected = holm_adjusted(np.array(p))
     first = int(np.argmin(corrected))
     figures = {"p": corrected[first], **{f"growth {name}": g for name, g in zip(names, growth, strict=True)}}
     if corrected[first] >= SIGNIFICANCE:

@@ -23,7 +23,7 @@ from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.intervals.covariance import Spread
 from haptid.estimation.least_squares import Solution
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.r_factor import triangle
+from haptid.observation.r_factor import r_factor
 
 # Gauss-Newton: most steps, largest step of a logarithm of gain, and largest change at convergence.
 MOST_GAIN_STEPS, LARGEST_GAIN_STEP, GAIN_CONVERGED = 60, 1.0, 1e-9
@@ -147,17 +147,17 @@ def _linearised(loads: Sequence[LoadedRows], k: int, x: Array, theta: float, gai
     own = np.flatnonzero(reached)
     for load in loads:
         motor = load.observation.motors[k]
-        R, z = motor.triangles[:, :, :-1], motor.triangles[:, :, -1]
+        R, z = motor.r_factors[:, :, :-1], motor.r_factors[:, :, -1]
         M, m = load.M[motor.columns], load.m[motor.columns]
         columns = [s * R @ M[:, own]]
         if gain is not None:
             columns.append(-(s * R @ (M @ x + m))[:, :, None])
         wide = np.concatenate([*columns, (z - s * R @ m)[:, :, None]], axis=2)
         missing = max(wide.shape[2] - wide.shape[1], 0)
-        parts.append(triangle(np.pad(wide, ((0, 0), (0, missing), (0, 0)))))
+        parts.append(r_factor(np.pad(wide, ((0, 0), (0, missing), (0, 0)))))
         counts.append(motor.rows)
     indices = own if gain is None else np.append(own, gain)
-    return replace(first, columns=indices, triangles=np.concatenate(parts), rows=np.concatenate(counts))
+    return replace(first, columns=indices, r_factors=np.concatenate(parts), rows=np.concatenate(counts))
 
 
 def rank_revealing(rows: Sequence[MotorRows], weights: Array, size: int) -> tuple[Solution, Array, Array]:
@@ -173,7 +173,7 @@ def rank_revealing(rows: Sequence[MotorRows], weights: Array, size: int) -> tupl
         wide[:, np.append(motor.columns, size)] = weight * motor.whole
         stack.append(wide)
     both = np.concatenate(stack)
-    factor = triangle(np.pad(both, ((0, max(size + 1 - len(both), 0)), (0, 0))))
+    factor = r_factor(np.pad(both, ((0, max(size + 1 - len(both), 0)), (0, 0))))
     R, z = factor[:-1, :-1], factor[:-1, -1]
     lengths = np.linalg.norm(R, axis=0)
     scale = np.where(lengths > 0, lengths, 1.0)

@@ -65,7 +65,7 @@ def information(estimate: Estimate) -> tuple[Array, Array]:
     U[free] = inverse / np.diag(inverse)
     parts = []
     for weight, motor in zip(estimate.weights, estimate.observation.motors, strict=True):
-        carried = motor.triangles[:, :, :-1] @ U[motor.columns]
+        carried = motor.r_factors[:, :, :-1] @ U[motor.columns]
         parts.append(weight**2 * (carried**2).sum(axis=1))
     information = np.array(parts)  # (motors, blocks, kept)
     information /= information.sum(axis=(0, 1))
