@@ -19,7 +19,7 @@ def numbers(option: str, text: str, quantity: str, count: int) -> tuple[float, .
     Args:
         option: its name on the command line.
         text: its value.
-        what: meaning of the numbers, for the error.
+        quantity: meaning of the numbers, for the error.
         count: required count.
 
     Raises:

@@ -129,13 +129,13 @@ class Reader:
         Raises:
             DeviceFileError: it is more than a turn.
         """
-        made = number(value, self.lengths, place)
-        if abs(made) > FULL_TURN:
+        radians = number(value, self.lengths, place)
+        if abs(radians) > FULL_TURN:
             raise place.error(
-                f"the angle {made:g} is more than a turn (limit 2 pi rad), so it looks like degrees",
-                f'Write it in radians: {math.radians(made):.6g}, or as "{made:g}*pi/180".',
+                f"the angle {radians:g} is more than a turn (limit 2 pi rad), so it looks like degrees",
+                f'Write it in radians: {math.radians(radians):.6g}, or as "{radians:g}*pi/180".',
             )
-        return made
+        return radians
 
     def triple(self, values: Sequence[float | str], place: Place) -> list[float]:
         """Three numbers."""
@@ -152,22 +152,22 @@ class Reader:
         Raises:
             DeviceFileError: it is given both ways.
         """
-        given = table.model_dump(exclude_none=True)
-        mixed = [key for key in given if key not in ("xyz", "rpy")]
-        if len(mixed) < len(given) and mixed:
+        fields = table.model_dump(exclude_none=True)
+        mixed = [key for key in fields if key not in ("xyz", "rpy")]
+        if len(mixed) < len(fields) and mixed:
             raise place.error(
                 f"xyz or rpy is given together with {', '.join(mixed)}",
                 "Use either xyz and rpy, or gamma b alpha d theta r.",
             )
         if mixed:
-            return self.modified(given, place)
+            return self.modified(fields, place)
         zero = [0.0, 0.0, 0.0]
-        return self.placement(BaseTable(xyz=given.get("xyz", zero), rpy=given.get("rpy", zero)), place)
+        return self.placement(BaseTable(xyz=fields.get("xyz", zero), rpy=fields.get("rpy", zero)), place)
 
-    def modified(self, given: Mapping[str, float | str], place: Place) -> Array:
+    def modified(self, fields: Mapping[str, float | str], place: Place) -> Array:
         """Modified Denavit-Hartenberg keys, (4, 4)."""
-        angles = {key: self.angle(given.get(key, 0.0), place.at(key)) for key in ("gamma", "alpha", "theta")}
-        lengths = {key: self.number(given.get(key, 0.0), place.at(key)) for key in ("b", "d", "r")}
+        angles = {key: self.angle(fields.get(key, 0.0), place.at(key)) for key in ("gamma", "alpha", "theta")}
+        lengths = {key: self.number(fields.get(key, 0.0), place.at(key)) for key in ("b", "d", "r")}
         return modified_dh(**angles, **lengths)
 
     def joint(self, table: AnyJoint, place: Place) -> tuple[Array, Array]:
@@ -200,8 +200,8 @@ def frame_on(joints: Sequence[Joint], link: int, local: Array, base: Array) -> F
     if link >= 0:
         convention = np.eye(4)
         convention[:3, :3], convention[:3, 3] = joints[link].frame_rotation, joints[link].frame_translation
-    made = convention @ local
-    return Frame(link, made[:3, :3], made[:3, 3])
+    pose = convention @ local
+    return Frame(link, pose[:3, :3], pose[:3, 3])
 
 
 def poses(device: Device, q_tree: Array) -> Array:
@@ -217,11 +217,11 @@ def poses(device: Device, q_tree: Array) -> Array:
 def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
     """Poses of links of a tree, (samples, joints, 4, 4), from joint positions (samples, joints)."""
     axes, origins = link_frames(joints, np.asarray(q_tree, dtype=float).T)
-    made = np.zeros((origins.shape[2], len(joints), 4, 4))
-    made[:, :, :3, :3] = axes.transpose(3, 0, 2, 1)
-    made[:, :, :3, 3] = origins.transpose(2, 0, 1)
-    made[..., 3, 3] = 1.0
-    return made
+    poses = np.zeros((origins.shape[2], len(joints), 4, 4))
+    poses[:, :, :3, :3] = axes.transpose(3, 0, 2, 1)
+    poses[:, :, :3, 3] = origins.transpose(2, 0, 1)
+    poses[..., 3, 3] = 1.0
+    return poses
 
 
 def link_frames(joints: Sequence[Joint], q_tree: Array) -> tuple[Array, Array]:

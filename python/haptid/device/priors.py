@@ -82,45 +82,45 @@ def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | No
     """Prior value and standard deviation of combinations of the free standard parameters, (k, p); None if unknown."""
     parameters = device.parameters
     std = [_std(device, members) for members in parameters.members]
-    made: list[tuple[float, float | None] | None] = []
+    combined: list[tuple[float, float | None] | None] = []
     for row in rows:
         used = np.flatnonzero(row)
         if np.isnan(device.chi_prior[used]).any():
-            made.append(None)
+            combined.append(None)
             continue
         known = [std[k] for k in used]
         spread = None if None in known else float(np.hypot.reduce([row[k] * (std[k] or 0.0) for k in used]))
-        made.append((float(row[used] @ device.chi_prior[used]), spread))
-    return tuple(made)
+        combined.append((float(row[used] @ device.chi_prior[used]), spread))
+    return tuple(combined)
 
 
 def _std(device: Device, members: tuple[str, ...]) -> float | None:
     """Standard deviation of the mean of the members that have a prior, taken as fully correlated."""
     known = [device.prior[name].std for name in members if name in device.prior]
-    given = [std for std in known if std is not None]
-    return float(np.mean(given)) if given and len(given) == len(known) else None
+    given_stds = [std for std in known if std is not None]
+    return float(np.mean(given_stds)) if given_stds and len(given_stds) == len(known) else None
 
 
 def read_priors(
     tables: AnyDevice, joints: Sequence[Joint], raw: tuple[str, ...], reader: Reader, place: Place
 ) -> dict[str, Prior]:
     """The priors of [[prior.bodies]] and [prior], by raw parameter name; the latter take precedence."""
-    made: dict[str, Prior] = {}
+    priors: dict[str, Prior] = {}
     links = [joint.name for joint in joints]
     for k, body in enumerate(tables.prior.bodies):
-        here = place.at("prior", "bodies", k)
+        body_place = place.at("prior", "bodies", k)
         if body.link not in links:
-            raise here.at("link").unknown("link", body.link, links)
-        if f"M{body.link}" in made:
-            raise here.at("link").taken("prior body of link", body.link, "an earlier one")
-        percent = None if body.std_percent is None else reader.number(body.std_percent, here.at("std_percent"))
-        made |= body_prior(_body(body, reader, here), joints[links.index(body.link)], percent)
+            raise body_place.at("link").unknown("link", body.link, links)
+        if f"M{body.link}" in priors:
+            raise body_place.at("link").taken("prior body of link", body.link, "an earlier one")
+        percent = None if body.std_percent is None else reader.number(body.std_percent, body_place.at("std_percent"))
+        priors |= body_prior(_body(body, reader, body_place), joints[links.index(body.link)], percent)
     for name, value in tables.prior.parameters.items():
-        here = place.at("prior", name)
+        body_place = place.at("prior", name)
         if name not in raw:
-            raise here.unknown("parameter", name, raw)
-        made[name] = _named_prior(value, reader, here)
-    return made
+            raise body_place.unknown("parameter", name, raw)
+        priors[name] = _named_prior(value, reader, body_place)
+    return priors
 
 
 def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:

@@ -239,7 +239,7 @@ class Estimate:
         """The same of combinations of base parameters.
 
         Args:
-            found: the combinations in the unconstrained fit.
+            estimated: the combinations in the unconstrained fit.
             values: in the estimate, (q,), SI.
             C: factors of the base parameters, (q, p).
         """

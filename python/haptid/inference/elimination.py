@@ -218,7 +218,7 @@ def eliminate(
 
     Args:
         full: an estimate by `OLS()` or `WLS()`; parameters that are already eliminated stay so.
-        how: rule and significance level; Gautier's rule at 0.05 where None.
+        procedure: rule and significance level; Gautier's rule at 0.05 where None.
         unseen: rows outside the fit, on which both are validated.
 
     Raises:
@@ -263,7 +263,7 @@ def eliminate_by_motor(
 
     Args:
         full: an estimate of all motors.
-        how: rule and significance level.
+        procedure: rule and significance level.
         unseen: rows outside the fit.
     """
     if isinstance(unseen, Motion):

@@ -115,7 +115,7 @@ def shaded(t0: float, step: float, is_out: np.ndarray, bins: int) -> list[list[f
 
     Args:
         t0, step: of the rows, s.
-        out: whether each row is excluded, (rows,).
+        is_out: whether each row is excluded, (rows,).
         bins: of the chart; a bin is shaded where most of its rows are excluded.
     """
     width = max(1, -(-len(is_out) // bins))

@@ -357,7 +357,7 @@ def held_out(
         model: as its file has it; nonlinear constants and load-dependent friction are estimated again in every fit.
         observation: of the log.
         others: of the other logs with the role "identify".
-        whole: all rows of the log behind the reference filter.
+        reference_rows: all rows of the log behind the reference filter.
     """
     if study.cross_validation and has_nonlinear_constants(model):
         predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]

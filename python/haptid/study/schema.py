@@ -332,7 +332,7 @@ def fault(study: Path, key: str, problem: str, found: Any = None, advice: str = 
     Args:
         study: the file.
         key: with dots.
-        what: is wrong, without full stop.
+        problem: is wrong, without full stop.
         found: the value.
         advice: what to do.
     """

@@ -129,7 +129,7 @@ def model_for_use(fitted: Estimate, reference: Observation | None = None, wanted
     another method than least squares on weighted rows, is used as it is.
 
     Args:
-        made: the free fit.
+        fitted: the free fit.
         reference: all rows of its logs behind the reference filter, on which errors are compared; its own rows where
             None.
         wanted: "auto", or the name of the fit to use without a comparison.

@@ -51,9 +51,9 @@ class Chain:
         """Groups of cuts that share no unknown joint, each with the unknown joints between its frames."""
         groups: list[tuple[tuple[Cut, ...], set[int]]] = []
         for cut in self.cuts:
-            one, other = (self._carriers(frame) for frame in (cut.frame_a, cut.frame_b))
+            first, second = (self._carriers(frame) for frame in (cut.frame_a, cut.frame_b))
             cuts: tuple[Cut, ...] = (cut,)
-            joints = set(np.flatnonzero(one ^ other).tolist()) & set(unknown)
+            joints = set(np.flatnonzero(first ^ second).tolist()) & set(unknown)
             for group in [group for group in groups if group[1] & joints]:
                 groups.remove(group)
                 cuts, joints = group[0] + cuts, group[1] | joints

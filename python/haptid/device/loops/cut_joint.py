@@ -63,7 +63,7 @@ def cut_joints(
     followed = closure.follow(qa)
     links = joint_poses(joints, followed.q.T)
     G = np.broadcast_to(followed.G, (_POSES, *followed.G.shape[-2:]))
-    made = []
+    cuts = []
     for cut in named:
         if cut.kind == "spherical":
             found = f"the spherical cut {cut.name} has a name, but three rates, so that terms cannot act on it"
@@ -79,8 +79,8 @@ def cut_joints(
                 limit=_SAME,
                 advice="Remove its name, or cut the loop at another joint and list this one in joints.",
             )
-        made.append(_joint(joints, active, cut, rates[0], float(_position(cut, links)[0]), qa[:, 0]))
-    return tuple(made)
+        cuts.append(_joint(joints, active, cut, rates[0], float(_position(cut, links)[0]), qa[:, 0]))
+    return tuple(cuts)
 
 
 def _joint(
@@ -99,7 +99,7 @@ def _joint(
 
 def _position(cut: Cut, links: Array) -> Array:
     """Angle of the x axis of frame b, or position of its origin, in frame a, (n,), from poses of links."""
-    a, b = (_pose(at, links) for at in (cut.frame_a, cut.frame_b))
+    a, b = (_pose(frame, links) for frame in (cut.frame_a, cut.frame_b))
     if cut.kind == "prismatic":
         return np.asarray(np.einsum("ni,ni->n", a[:, :3, 2], b[:, :3, 3] - a[:, :3, 3]))
     x, y = (np.einsum("ni,ni->n", a[:, :3, axis], b[:, :3, 0]) for axis in (0, 1))
@@ -116,7 +116,7 @@ def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
         G: rates of all joints, (n, joints, active).
     """
     axis, sliding = _pose(cut.frame_a, links)[:, :3, 2], cut.kind == "prismatic"
-    made = np.zeros((len(links), G.shape[2]))
+    rates = np.zeros((len(links), G.shape[2]))
     for frame, sign in ((cut.frame_b, 1.0), (cut.frame_a, -1.0)):
         origin = _pose(frame, links)[:, :3, 3]
         k = frame.link
@@ -125,9 +125,9 @@ def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
             if sliding and not slides:
                 z = np.cross(z, origin - links[:, k, :3, 3])
             if sliding or not slides:  # a sliding joint turns nothing
-                made += sign * np.einsum("ni,ni->n", axis, z)[:, None] * G[:, k]
+                rates += sign * np.einsum("ni,ni->n", axis, z)[:, None] * G[:, k]
             k = joints[k].parent
-    return made
+    return rates
 
 
 def _pose(frame: Frame, links: Array) -> Array:

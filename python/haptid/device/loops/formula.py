@@ -69,19 +69,19 @@ class FormulaClosure:
     @cached_property
     def _slopes(self) -> dict[tuple[int, int], tuple[JointPolynomial, tuple[JointPolynomial, ...]]]:
         """Rate of each joint by each active one that it depends on, and the derivatives of that rate by all of them."""
-        made = {}
+        slopes = {}
         for j, polynomial in self.polynomials.items():
             for a in np.flatnonzero(self.varying[j]).tolist():
                 slope = polynomial.slope(self.symbols[a])
-                made[j, a] = slope, tuple(slope.slope(symbol) for symbol in self.symbols)
-        return made
+                slopes[j, a] = slope, tuple(slope.slope(symbol) for symbol in self.symbols)
+        return slopes
 
     def positions(self, qa: Array) -> Array:
         """Of all joints, (joints, samples), from the active ones', (active, samples), rad or m."""
-        at = dict(zip(self.symbols, qa, strict=True))
+        values = dict(zip(self.symbols, qa, strict=True))
         q = np.asarray(self.constant @ qa + self.offset[:, None])
         for j, polynomial in self.polynomials.items():
-            q[j] = polynomial.value(at)
+            q[j] = polynomial.value(values)
         return q
 
     def follow(self, qa: Array, qda: Array | None = None) -> Followed:
@@ -91,13 +91,13 @@ class FormulaClosure:
             qa: (active, samples), rad or m.
             qda: the same, per second; at rest where None.
         """
-        at = dict(zip(self.symbols, qa, strict=True))
+        values = dict(zip(self.symbols, qa, strict=True))
         G = np.repeat(self.constant[None], qa.shape[1], axis=0)
         Gd = np.zeros_like(G)
         for (j, a), (slope, bends) in self._slopes.items():
-            G[:, j, a] = slope.value(at)
+            G[:, j, a] = slope.value(values)
             if qda is not None:
-                Gd[:, j, a] = sum(bend.value(at) * rate for bend, rate in zip(bends, qda, strict=True))
+                Gd[:, j, a] = sum(bend.value(values) * rate for bend, rate in zip(bends, qda, strict=True))
         return Followed(freeze(self.positions(qa)), freeze(G), freeze(Gd))
 
     def closes(self, qa: Array) -> np.ndarray:

@@ -57,43 +57,45 @@ def read_loops(
     known: dict[int, JointPolynomial] = {}
     passive: dict[int, Place] = {}
     guess: dict[int, float] = {}
-    at: dict[int, float] = {}
+    start_values: dict[int, float] = {}
     cuts: list[Cut] = []
     for k, table in enumerate(tables):
-        here = place.at(k)
-        named = [(name, here.at("passive", i)) for i, name in enumerate(table.passive)]
+        loop_place = place.at(k)
+        named = [(name, loop_place.at("passive", i)) for i, name in enumerate(table.passive)]
         for i, text in enumerate(table.relations):
-            symbol, polynomial = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
+            symbol, polynomial = relation(
+                text, [f"q{name}" for name in index], reader.lengths, loop_place.at("relations", i)
+            )
             if index[symbol[1:]] in known:
-                raise here.at("relations", i).error(
+                raise loop_place.at("relations", i).error(
                     f"{symbol} already has a relation", "Keep one for each passive joint."
                 )
             known[index[symbol[1:]]] = polynomial
-            named.append((symbol[1:], here.at("relations", i)))
-        for name, where in named:
-            passive.setdefault(_found(name, index, where), where)
-        for key, values, known_as in (("guess", table.guess, guess), ("at", table.at, at)):
+            named.append((symbol[1:], loop_place.at("relations", i)))
+        for name, named_place in named:
+            passive.setdefault(_found(name, index, named_place), named_place)
+        for key, values, known_as in (("guess", table.guess, guess), ("at", table.at, start_values)):
             for name, value in values.items():
-                known_as[_found(name, index, here.at(key, name))] = reader.number(value, here.at(key, name))
+                known_as[_found(name, index, loop_place.at(key, name))] = reader.number(value, loop_place.at(key, name))
         if table.cut is not None:
-            _refuse_taken(table.cut.name, index, cuts, here.at("cut", "name"))
-            cuts.append(_cut(table.cut, joints, base, reader, here.at("cut")))
+            _refuse_taken(table.cut.name, index, cuts, loop_place.at("cut", "name"))
+            cuts.append(_cut(table.cut, joints, base, reader, loop_place.at("cut")))
         elif not table.relations:
-            raise here.error(
+            raise loop_place.error(
                 "this loop has neither relations nor a cut", 'Add relations = ["q3 = ..."] or cut = {...}.'
             )
         elif missing := [name for name in table.passive if index[name] not in known]:
-            raise here.error(
+            raise loop_place.error(
                 f"nothing says how {', '.join(missing)} move", f'Add "q{missing[0]} = ..." to its relations.'
             )
     for j in guess:
         if j not in passive:
             raise place.error(f"guess names joint {joints[j].name}, which no loop moves", "Guess passive joints only.")
-    for j in at:
+    for j in start_values:
         if j in passive:
             found = f"at names joint {joints[j].name}, which a loop moves"
             raise place.error(found, "Place active joints there, and passive ones under guess.")
-    return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, at, place)
+    return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, start_values, place)
 
 
 def active_joints(
@@ -106,13 +108,17 @@ def active_joints(
             leave no joint that moves by itself.
     """
     for j, (joint, active) in enumerate(zip(joints, declared, strict=True)):
-        at = place.at(j, "active")
+        joint_place = place.at(j, "active")
         if active and j in loops.passive:
             found = "is declared active, but is a passive joint of a loop"
-            raise at.error(f'joint "{joint.name}" {found}', "Remove active = true, or the joint from the loop.")
+            raise joint_place.error(
+                f'joint "{joint.name}" {found}', "Remove active = true, or the joint from the loop."
+            )
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
-            raise at.error(f'joint "{joint.name}" {found}', "Add it to a loop's passive list, or give it a relation.")
+            raise joint_place.error(
+                f'joint "{joint.name}" {found}', "Add it to a loop's passive list, or give it a relation."
+            )
     independent = tuple(j for j in range(len(joints)) if j not in loops.passive)
     if not independent:
         raise loops.place.error("all joints are passive, so nothing moves", "Leave one out of the passive lists.")
@@ -136,17 +142,17 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
     error = 0.0
     if loops.cuts:
         chain = Chain.of(joints, loops.cuts, active)
-        at = np.array([loops.at.get(k, 0.0) for k in active])
+        start_pose = np.array([loops.at.get(k, 0.0) for k in active])
         left = unknown
         if unknown:
-            G, offset, left, notes = _derived(chain, G, offset, unknown, loops, at)
+            G, offset, left, notes = _derived(chain, G, offset, unknown, loops, start_pose)
         if left:
             known = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
-            return newton_closure(chain, G, offset, left, known, (loops.guess, at), loops.place), notes
+            return newton_closure(chain, G, offset, left, known, (loops.guess, start_pose), loops.place), notes
         error = chain.gap(G, offset, _POSES)
         if error > _CLOSED * chain.size:
-            how = "with the relations given," if not unknown else "at best,"
-            raise open_loops(loops.place, error, _CLOSED * chain.size, how)
+            attempts = "with the relations given," if not unknown else "at best,"
+            raise open_loops(loops.place, error, _CLOSED * chain.size, attempts)
     relations = tuple(relation_text(names, j, active, G[j], offset[j]) for j in loops.passive)
     return Closure(G, offset, error, relations, loops.cuts), notes
 
@@ -184,21 +190,23 @@ def _by_formulas(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops)
     if loops.cuts:
         found = "it has a relation that is not linear, and a loop with a cut"
         raise loops.place.error(found, "Close all loops by cuts, or write relations for all passive joints.")
-    made: dict[int, JointPolynomial] = {}
-    while len(made) < len(loops.known):
-        ready = {f"q{joints[k].name}" for k in (*active, *made)}
-        free = [j for j, polynomial in loops.known.items() if j not in made and polynomial.symbols <= ready]
+    polynomials: dict[int, JointPolynomial] = {}
+    while len(polynomials) < len(loops.known):
+        ready = {f"q{joints[k].name}" for k in (*active, *polynomials)}
+        free = [j for j, polynomial in loops.known.items() if j not in polynomials and polynomial.symbols <= ready]
         if not free:
-            rest = next(j for j in loops.known if j not in made)
+            rest = next(j for j in loops.known if j not in polynomials)
             other = min(loops.known[rest].symbols - ready)
             found = f"the relation of q{joints[rest].name} uses {other}, which has none, or they are circular"
             raise loops.place.error(found, "Write passive joints in terms of active ones.")
-        by = {f"q{joints[j].name}": polynomial for j, polynomial in made.items()}
+        by_symbol = {f"q{joints[j].name}": polynomial for j, polynomial in polynomials.items()}
         try:
-            made |= {j: loops.known[j].replaced(by) for j in free}
+            polynomials |= {j: loops.known[j].replaced(by_symbol) for j in free}
         except OverflowError as error:
             raise loops.place.error(f"with relations put into each other, {error}", "Use fewer powers.") from None
-    return formula_closure(joints, active, made, [_polynomial_text(joints[j].name, made[j]) for j in sorted(made)])
+    return formula_closure(
+        joints, active, polynomials, [_polynomial_text(joints[j].name, polynomials[j]) for j in sorted(polynomials)]
+    )
 
 
 def _polynomial_text(name: str, polynomial: JointPolynomial) -> str:
@@ -238,10 +246,10 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
 
 
 def _derived(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
     """G and offset with the linear motions that close the cuts, and the joints left, whose rates vary."""
-    search = find_linear_motions(chain, G, offset, unknown, loops.guess, at, _CLOSED)
+    search = find_linear_motions(chain, G, offset, unknown, loops.guess, start_pose, _CLOSED)
     if not search.closed:
         raise open_loops(loops.place, search.best, _CLOSED * chain.size, f"from {search.starts} starts, at best,")
     if search.free:
@@ -255,9 +263,9 @@ def _derived(
             advice=f"Make {search.free} more of them active, or add a cut.",
         )
     if not search.linear:
-        return _apart(chain, G, offset, unknown, loops, at)
-    rounded = [_rounded(chain, motion, unknown, loops.guess, at) for motion in search.linear]
-    best = min(rounded, key=lambda motion: _preference(motion, unknown, loops.guess, at))
+        return _apart(chain, G, offset, unknown, loops, start_pose)
+    rounded = [_rounded(chain, motion, unknown, loops.guess, start_pose) for motion in search.linear]
+    best = min(rounded, key=lambda motion: _preference(motion, unknown, loops.guess, start_pose))
     notes: tuple[str, ...] = ()
     if len(rounded) > 1 and not loops.guess:
         notes = (
@@ -268,23 +276,23 @@ def _derived(
 
 
 def _apart(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
     """The same if not all loops are linear: groups that share no passive joint are searched one by one."""
     groups = chain.independent(unknown)
     left: list[int] = []
     notes: tuple[str, ...] = ()
     if len(groups) == 1:
-        return _inner(chain, G, offset, unknown, loops, at)
+        return _inner(chain, G, offset, unknown, loops, start_pose)
     for cuts, joints in groups:
         part = Chain.of(chain.joints, cuts, chain.active)
-        G, offset, more, added = _derived(part, G, offset, joints, loops, at)
-        left, notes = left + more, notes + added
+        G, offset, part_motion, added = _derived(part, G, offset, joints, loops, start_pose)
+        left, notes = left + part_motion, notes + added
     return G, offset, sorted(left), notes
 
 
 def _inner(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
     """The same of one group: single loops in it that are linear, such as parallelograms in a leg, are found first."""
     left, waiting = unknown, list(chain.cuts)
@@ -294,24 +302,24 @@ def _inner(
         if not 0 < len(joints) < len(left):
             continue
         part = Chain.of(chain.joints, (cut,), chain.active)
-        search = find_linear_motions(part, G, offset, joints, loops.guess, at, _CLOSED)
+        search = find_linear_motions(part, G, offset, joints, loops.guess, start_pose, _CLOSED)
         if search.linear and not search.free:
-            rounded = [_rounded(part, motion, joints, loops.guess, at) for motion in search.linear]
-            best = min(rounded, key=lambda motion: _preference(motion, joints, loops.guess, at))
+            rounded = [_rounded(part, motion, joints, loops.guess, start_pose) for motion in search.linear]
+            best = min(rounded, key=lambda motion: _preference(motion, joints, loops.guess, start_pose))
             G, offset, left = best.G, best.offset, [j for j in left if j not in joints]
             waiting = list(chain.cuts)
     return G, offset, left, ()
 
 
 def _rounded(
-    chain: Chain, motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], at: Array
+    chain: Chain, motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], start_pose: Array
 ) -> LinearMotion:
     """The motion with constants within a turn, and constants and rates rounded to simple fractions."""
     G, offset = motion.G.copy(), motion.offset.copy()
     for j in unknown:
         G[j] = [nearest(g, 1 / 12) for g in G[j]]
         if not chain.joints[j].prismatic:
-            centre = guess[j] - float(G[j] @ at) if j in guess else 0.0
+            centre = guess[j] - float(G[j] @ start_pose) if j in guess else 0.0
             turns = math.ceil((offset[j] - centre) / (2 * math.pi) - 0.5 - 1e-9)
             offset[j] = nearest(offset[j] - 2 * math.pi * turns, math.pi / 12)
         elif abs(offset[j]) < NICE:
@@ -325,11 +333,13 @@ def nearest(value: float, step: float) -> float:
     return multiple + 0.0 if abs(value - multiple) < NICE else value
 
 
-def _preference(motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], at: Array) -> tuple[float, float]:
+def _preference(
+    motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], start_pose: Array
+) -> tuple[float, float]:
     """Sort key: distance from the guess, then size of the constants."""
-    there = motion.G @ at + motion.offset
-    away = sum(abs(there[j] - value) for j, value in guess.items() if j in unknown)
-    return round(float(away), 6), round(float(np.abs(motion.offset[unknown]).sum()), 6)
+    positions = motion.G @ start_pose + motion.offset
+    distance = sum(abs(positions[j] - value) for j, value in guess.items() if j in unknown)
+    return round(float(distance), 6), round(float(np.abs(motion.offset[unknown]).sum()), 6)
 
 
 def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float) -> str:

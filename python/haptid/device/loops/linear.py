@@ -137,7 +137,13 @@ class LinearSearch:
 
 
 def find_linear_motions(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], guess: Mapping[int, float], at: Array, closed: float
+    chain: Chain,
+    G: Array,
+    offset: Array,
+    unknown: list[int],
+    guess: Mapping[int, float],
+    start_pose: Array,
+    closed: float,
 ) -> LinearSearch:
     """Every linear motion of the unknown joints that closes the cuts at all poses.
 
@@ -149,17 +155,17 @@ def find_linear_motions(
         G, offset: motion of the joints already determined; rows of the unknown ones are ignored.
         unknown: indices of the joints to determine.
         guess: positions near which to start.
-        at: a pose of the active joints to start from in addition to random ones, (active,).
+        start_pose: a pose of the active joints to start from in addition to random ones, (active,).
         closed: largest gap, in mechanism sizes.
     """
-    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), at]), _STARTS, axis=0)
+    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), start_pose]), _STARTS, axis=0)
     q = qa @ G.T + offset
     q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
     q[::_STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
     q = close_cuts(chain, q, unknown)
     gaps = np.abs(chain.residual(q)[0]).max(axis=1)
-    found = gaps < closed * chain.size
-    tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
+    closes = gaps < closed * chain.size
+    tangents, free = _tangents(chain, q[closes], qa[closes], G, offset, unknown)
     linear = [_polished(chain, motion, unknown) for motion in ([] if free else _lasting(chain, tangents))]
     linear = [motion for motion in linear if chain.gap(motion.G, motion.offset, 64) < closed * chain.size]
     best = float(gaps.min())
@@ -186,10 +192,10 @@ def _tangents(
     free = (singular < _RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
     motions = []
     for k in np.flatnonzero(free == free.min()):
-        whole, constant = G.copy(), offset.copy()
-        whole[unknown] = slopes[k]
+        extended, constant = G.copy(), offset.copy()
+        extended[unknown] = slopes[k]
         constant[unknown] = q[k, unknown] - slopes[k] @ qa[k]
-        motions.append(LinearMotion(whole, constant, qa[k]))
+        motions.append(LinearMotion(extended, constant, qa[k]))
     return _distinct(chain, motions, unknown), int(free.min())
 
 
@@ -223,12 +229,12 @@ def _distinct(chain: Chain, motions: list[LinearMotion], unknown: list[int]) -> 
     turning = np.array([not chain.joints[j].prismatic for j in unknown])
     offsets = np.array([motion.offset[unknown] for motion in motions])
     G = np.array([motion.G[unknown].ravel() for motion in motions])
-    left, kept = np.ones(len(motions), dtype=bool), []
+    left, representatives = np.ones(len(motions), dtype=bool), []
     for k, motion in enumerate(motions):
         if left[k]:
-            kept.append(motion)
+            representatives.append(motion)
             alike = np.flatnonzero(left & (np.abs(G - G[k]).max(axis=1) < _SAME))
-            apart = offsets[alike] - offsets[k]
-            apart[:, turning] -= 2 * np.pi * np.rint(apart[:, turning] / (2 * np.pi))
-            left[alike[np.abs(apart).max(axis=1) < _SAME]] = False
-    return kept
+            difference = offsets[alike] - offsets[k]
+            difference[:, turning] -= 2 * np.pi * np.rint(difference[:, turning] / (2 * np.pi))
+            left[alike[np.abs(difference).max(axis=1) < _SAME]] = False
+    return representatives

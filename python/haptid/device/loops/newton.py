@@ -114,8 +114,8 @@ class NewtonClosure:
         """
         at_rest = qda is None
         qa, qda = _rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else _rows(qda)
-        for at, followed in self._followed:
-            if np.array_equal(at[0], qa) and (at_rest or np.array_equal(at[1], qda)):
+        for pose, followed in self._followed:
+            if np.array_equal(pose[0], qa) and (at_rest or np.array_equal(pose[1], qda)):
                 return followed if not at_rest else Followed(followed.q, followed.G, np.zeros_like(followed.Gd))
         q, G, Gd, stop = compiled_closure(self).follow(qa, qda)
         self._expect_reached(qa, stop)
@@ -166,15 +166,15 @@ class NewtonClosure:
         """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
         low, high = self.chain.active_ranges(self.at)
         roomy = self.least_conditioning(_ROOMY)
-        kept = np.zeros((0, len(self.at)))
+        usable = np.zeros((0, len(self.at)))
         for k in range(_DRAWS):
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
             q, closed = compiled_closure(self).reach(qa)
-            kept = np.concatenate([kept, qa[closed][self.conditioning(q[closed]) > roomy]])
-            if len(kept) >= count:
+            usable = np.concatenate([usable, qa[closed][self.conditioning(q[closed]) > roomy]])
+            if len(usable) >= count:
                 break
-        return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)
+        return np.ascontiguousarray(usable[np.arange(count) % len(usable)].T)
 
     def _expect_reached(self, qa: Array, stop: tuple[int, Array] | None) -> None:
         """Raise why the loops do not close at the sample where continuation stopped, given the last closed pose."""
@@ -190,9 +190,9 @@ class NewtonClosure:
                 limit=FARTHEST,
                 advice="The positions are probably in another unit: give its name, counts or degrees, and the gain.",
             )
-        there = qa[sample] @ self.constant.T + self.offset
-        there[list(self.unknown)] = q[list(self.unknown)]
-        gap = least_gap(self.chain, there, self.unknown)
+        positions = qa[sample] @ self.constant.T + self.offset
+        positions[list(self.unknown)] = q[list(self.unknown)]
+        gap = least_gap(self.chain, positions, self.unknown)
         if gap > 1e-6 * self.chain.size:
             limit = _CLOSED * self.chain.size
             raise LoopClosureError(
@@ -253,36 +253,36 @@ def newton_closure(
             not distinguish.
         SingularityError: the start pose is singular.
     """
-    guess, at = start
+    guess, start_pose = start
     constant, constants = G.copy(), offset.copy()
     constant[unknown], constants[unknown] = 0.0, 0.0
-    modes = _assembly_modes(chain, constant @ at + constants, unknown, guess, at, place)
-    q = _nearest_mode(chain, modes, unknown, guess, at, place)
+    modes = _assembly_modes(chain, constant @ start_pose + constants, unknown, guess, start_pose, place)
+    q = _nearest_mode(chain, modes, unknown, guess, start_pose, place)
     open_by = float(conditioning(chain.residual(q[None])[1][:, :, unknown])[0])
     if open_by < _SINGULAR:
-        raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
+        raise _singular(f"{place}: at the start pose", chain.active_text(start_pose), open_by, place.key)
     varying = np.zeros(G.shape, dtype=bool)
     varying[unknown] = True
-    made = _measured(NewtonClosure(chain, constant, constants, tuple(unknown), at, q, varying, 0.0, ()))
+    measured = _measured(NewtonClosure(chain, constant, constants, tuple(unknown), start_pose, q, varying, 0.0, ()))
     names = [f"q{chain.joints[k].name}" for k in chain.active]
     relations = dict(known)
     for j in unknown:
-        of = [name for name, varies in zip(names, made.varying[j], strict=True) if varies]
-        relations[j] = f"q{chain.joints[j].name} by closing, from {', '.join(of) or 'no active joint'}"
-    return replace(made, relations=tuple(relations[j] for j in sorted(relations)))
+        moving = [name for name, varies in zip(names, measured.varying[j], strict=True) if varies]
+        relations[j] = f"q{chain.joints[j].name} by closing, from {', '.join(moving) or 'no active joint'}"
+    return replace(measured, relations=tuple(relations[j] for j in sorted(relations)))
 
 
-def _measured(made: NewtonClosure) -> NewtonClosure:
+def _measured(closure: NewtonClosure) -> NewtonClosure:
     """With the closure error, and rates that are zero everywhere not marked as varying."""
     rng = np.random.default_rng(0)
-    followed = made.follow(made.draw(rng, _POSES))
-    gap = float(np.abs(made.chain.residual(followed.q.T)[0]).max())
-    varying = made.varying & (np.abs(followed.G).max(axis=0) > EFFECT * made.chain.units.min())
-    return replace(made, varying=varying, error=gap)
+    followed = closure.follow(closure.draw(rng, _POSES))
+    gap = float(np.abs(closure.chain.residual(followed.q.T)[0]).max())
+    varying = closure.varying & (np.abs(followed.G).max(axis=0) > EFFECT * closure.chain.units.min())
+    return replace(closure, varying=varying, error=gap)
 
 
 def _assembly_modes(
-    chain: Chain, q: Array, unknown: list[int], guess: Mapping[int, float], at: Array, place: Place
+    chain: Chain, q: Array, unknown: list[int], guess: Mapping[int, float], start_pose: Array, place: Place
 ) -> list[Array]:
     """All closed poses found, revolute joints within half a turn of the guess, or of zero."""
     starts = np.repeat(q[None], _STARTS + 1, axis=0)
@@ -291,29 +291,29 @@ def _assembly_modes(
     starts = close_cuts(chain, starts, unknown)
     gaps = np.abs(chain.residual(starts)[0]).max(axis=1)
     if not (gaps < _CLOSED * chain.size).any():
-        how = f"at the start pose ({chain.active_text(at)}), from {_STARTS + 1} starts,"
-        raise open_loops(place, float(gaps.min()), _CLOSED * chain.size, how)
-    found: list[Array] = []
+        attempts = f"at the start pose ({chain.active_text(start_pose)}), from {_STARTS + 1} starts,"
+        raise open_loops(place, float(gaps.min()), _CLOSED * chain.size, attempts)
+    modes: list[Array] = []
     for pose in starts[gaps < _CLOSED * chain.size]:
         for j in unknown:
             if not chain.joints[j].prismatic:
                 centre = guess.get(j, 0.0)
                 pose[j] = centre + np.remainder(pose[j] - centre + np.pi, 2 * np.pi) - np.pi
-        if not any(_distance(chain, pose, other, unknown) < _SAME for other in found):
-            found.append(pose)
-    return found
+        if not any(_distance(chain, pose, other, unknown) < _SAME for other in modes):
+            modes.append(pose)
+    return modes
 
 
-def _distance(chain: Chain, one: Array, other: Array, joints: list[int]) -> float:
+def _distance(chain: Chain, first: Array, second: Array, joints: list[int]) -> float:
     """Greatest difference of some joints modulo a turn, rad (or mechanism sizes)."""
-    apart = (one - other) / chain.units
+    difference = (first - second) / chain.units
     turning = [not joint.prismatic for joint in chain.joints]
-    apart[turning] = np.angle(np.exp(1j * apart[turning]))
-    return float(np.abs(apart[joints]).max(initial=0.0))
+    difference[turning] = np.angle(np.exp(1j * difference[turning]))
+    return float(np.abs(difference[joints]).max(initial=0.0))
 
 
 def _nearest_mode(
-    chain: Chain, modes: list[Array], unknown: list[int], guess: Mapping[int, float], at: Array, place: Place
+    chain: Chain, modes: list[Array], unknown: list[int], guess: Mapping[int, float], start_pose: Array, place: Place
 ) -> Array:
     """The assembly mode nearest to the guess."""
     wanted = np.zeros(len(chain.joints))
@@ -324,8 +324,8 @@ def _nearest_mode(
     if len(nearest) > 1:
         texts = [", ".join(f"{chain.joints[j].name} = {mode[j]:.4g}" for j in unknown) for mode in nearest]
         raise LoopClosureError(
-            f"{place}: at {chain.active_text(at)} the loops close in {len(texts)} assembly modes, and no guess chooses "
-            f"one: {' or '.join(texts[:8])}.",
+            f"{place}: at {chain.active_text(start_pose)} the loops close in {len(texts)} assembly modes, and no guess "
+            f"chooses one: {' or '.join(texts[:8])}.",
             where=place.key,
             found=len(texts),
             limit=1,
@@ -335,10 +335,11 @@ def _nearest_mode(
     return nearest[0]
 
 
-def open_loops(place: Place, gap: float, limit: float, how: str) -> LoopClosureError:
+def open_loops(place: Place, gap: float, limit: float, attempts: str) -> LoopClosureError:
     """The error for loops of a device file that do not close."""
     return LoopClosureError(
-        f"{place}: the loop does not close: {how} its cut frames are still {gap:.3g} m apart (limit {limit:.1e} m).",
+        f"{place}: the loop does not close: {attempts} its cut frames are still {gap:.3g} m apart (limit "
+        f"{limit:.1e} m).",
         where=place.key,
         found=gap,
         limit=limit,
@@ -346,9 +347,9 @@ def open_loops(place: Place, gap: float, limit: float, how: str) -> LoopClosureE
     )
 
 
-def _singular(where: str, pose: str, found: float, key: int | str) -> SingularityError:
+def _singular(place: str, pose: str, found: float, key: int | str) -> SingularityError:
     return SingularityError(
-        f"{where} the loops come to a singular pose: with {pose} the least singular value of the passive Jacobian is "
+        f"{place} the loops come to a singular pose: with {pose} the least singular value of the passive Jacobian is "
         f"{found:.2g} (limit {_SINGULAR:.1g}), so the active joints do not determine the passive ones.",
         where=key,
         found=found,

@@ -56,9 +56,9 @@ class Pins:
         passive = [j for j in range(len(device.joints)) if j not in device.active]
         for cut in closure.cuts:
             moved = {} if cut.kind == "prismatic" else _by_joint(device.joints, cut)
-            first, made = len(column), {k: moved[j] for k, j in enumerate(passive) if j in moved}
-            column += made
-            entries += made.values()
+            first, moved_passive = len(column), {k: moved[j] for k, j in enumerate(passive) if j in moved}
+            column += moved_passive
+            entries += moved_passive.values()
             pairs += combinations(range(first, len(column)), 2)
         return _collected(closure, tuple(column), pairs, entries) if column else None
 
@@ -76,67 +76,67 @@ class PinsAtPoses:
     """
 
     def __init__(self, pins: Pins, qa: Array, enough: float) -> None:
-        self._pins, (at_zero, slope), (factor, by) = pins, pins.phase, pins.scale
+        self._pins, (at_zero, slope), (factor, exponent) = pins, pins.phase, pins.scale
         phase = slope @ qa + at_zero[:, None]
-        self._scale = by @ qa + factor[:, None]
+        self._scale = exponent @ qa + factor[:, None]
         self._waves = np.array([np.cos(phase), np.sin(phase)])
         terms = pins.coefficients @ (self._scale * self._waves).reshape(-1, qa.shape[1])
         self._blocks = terms.reshape(len(pins.column), 3, -1)
-        many = max(pins.column) + 1
-        squared = np.zeros((many, qa.shape[1]))
+        columns = max(pins.column) + 1
+        squared = np.zeros((columns, qa.shape[1]))
         for k, square in zip(pins.column, np.einsum("kis,kis->ks", self._blocks, self._blocks), strict=True):
             squared[k] += square
         self._shorter = 1.0 / np.sqrt(np.maximum(squared, 1e-24))
         products = self._products()
         self.small = ~_positive(products, enough**2)
-        few = np.ascontiguousarray(products[:, :, self.small].transpose(2, 0, 1))
-        self._eigenvalues, self._vectors = np.linalg.eigh(few)
+        chosen = np.ascontiguousarray(products[:, :, self.small].transpose(2, 0, 1))
+        self._eigenvalues, self._vectors = np.linalg.eigh(chosen)
         self.conditioning = np.full(len(self.small), enough)
         self.conditioning[self.small] = np.sqrt(np.maximum(self._eigenvalues[:, 0], 0.0))
 
     def _products(self) -> Array:
         """Inner products of the columns of unit length, (columns, columns, samples)."""
-        column, many = self._pins.column, len(self._shorter)
-        made = np.zeros((many, many, self._shorter.shape[1]))
-        one, other = self._pins.pairs
-        products = np.einsum("kis,kis->ks", self._blocks[one], self._blocks[other])
-        for i, k, product in zip(one, other, products, strict=True):
+        column, count = self._pins.column, len(self._shorter)
+        made = np.zeros((count, count, self._shorter.shape[1]))
+        first, second = self._pins.pairs
+        products = np.einsum("kis,kis->ks", self._blocks[first], self._blocks[second])
+        for i, k, product in zip(first, second, products, strict=True):
             made[column[i], column[k]] += product
         made += made.transpose(1, 0, 2)
         made *= self._shorter
         made *= self._shorter[:, None]
-        made[range(many), range(many)] = 1.0
+        made[range(count), range(count)] = 1.0
         return made
 
     def slopes(self) -> Array:
         """Derivatives of the conditioning by the active joints where it is small, (active, small samples)."""
-        pins, at = self._pins, self.small
-        column, (one, other) = list(pins.column), pins.pairs
-        least, blocks = self._eigenvalues[:, 0], self._blocks[:, :, at]
+        pins, indices = self._pins, self.small
+        column, (first, second) = list(pins.column), pins.pairs
+        least, blocks = self._eigenvalues[:, 0], self._blocks[:, :, indices]
         # The least eigenvalue is w' J' J w with the weights w of its vector, whose own change does not count; less
         # that from the change of the columns' lengths.
-        weights = (self._vectors[:, :, 0].T * self._shorter[:, at])[column][:, None]
+        weights = (self._vectors[:, :, 0].T * self._shorter[:, indices])[column][:, None]
         weighted = weights * blocks
         by_block = (1.0 - least) * weighted
-        for i, k in zip(one, other, strict=True):
+        for i, k in zip(first, second, strict=True):
             by_block[i] += weighted[k]
             by_block[k] += weighted[i]
         by_block *= weights / np.sqrt(np.maximum(least, 1e-24))
         by_wave = (pins.coefficients.T @ by_block.reshape(-1, by_block.shape[2])).reshape(2, len(self._scale), -1)
-        cosine, sine = self._waves[:, :, at]
-        by_phase = self._scale[:, at] * (by_wave[1] * cosine - by_wave[0] * sine)
+        cosine, sine = self._waves[:, :, indices]
+        by_phase = self._scale[:, indices] * (by_wave[1] * cosine - by_wave[0] * sine)
         by_scale = by_wave[0] * cosine + by_wave[1] * sine
         return np.asarray(pins.phase[1].T @ by_phase + pins.scale[1].T @ by_scale)
 
 
-def _positive(products: Array, less: float) -> np.ndarray:
+def _positive(products: Array, shift: float) -> np.ndarray:
     """Whether matrices, (k, k, samples), less some of the identity are positive definite: by the pivots (Sylvester).
 
     A tenth of the time of the eigenvalues. Of two unit columns, as of one planar loop, it is one pivot.
     """
-    if less >= 1.0:  # no diagonal is larger
+    if shift >= 1.0:  # no diagonal is larger
         return np.zeros(products.shape[2], dtype=bool)
-    left = products - less * np.eye(len(products))[:, :, None]
+    left = products - shift * np.eye(len(products))[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for k in range(len(left) - 1):
             row = left[k, k + 1 :]
@@ -150,9 +150,9 @@ def _by_joint(joints: Sequence[Joint], cut: Cut) -> dict[int, _Sum]:
     In the frame of the nearest link that carries both.
     """
     sides = (cut.frame_a, cut.frame_b)
-    one, other = (_path(joints, frame.link) for frame in sides)
+    first, second = (_path(joints, frame.link) for frame in sides)
     moved: dict[int, _Sum] = {}
-    for sign, frame, moving in zip((1.0, -1.0), sides, (_without(one, other), _without(other, one)), strict=True):
+    for sign, frame, moving in zip((1.0, -1.0), sides, (_without(first, second), _without(second, first)), strict=True):
         axes, origins, end = _side(joints, moving, frame.translation)
         for j in moving:
             arm = _add(end, _times(-1.0, origins[j]))
@@ -185,33 +185,33 @@ def _side(
 
 def _path(joints: Sequence[Joint], link: int) -> list[int]:
     """The joints from the base to a link."""
-    made = list[int]()
+    path = list[int]()
     while link >= 0:
-        made.insert(0, link)
+        path.insert(0, link)
         link = joints[link].parent
-    return made
+    return path
 
 
 def _without(path: Sequence[int], other: Sequence[int]) -> list[int]:
     return [j for j in path if j not in other]
 
 
-def _times(factor: float, of: _Sum) -> _Sum:
-    return {key: factor * x for key, x in of.items()}
+def _times(factor: float, sum_: _Sum) -> _Sum:
+    return {key: factor * x for key, x in sum_.items()}
 
 
-def _add(one: _Sum, other: _Sum) -> _Sum:
-    return {**one, **{key: one[key] + x if key in one else x for key, x in other.items()}}
+def _add(first: _Sum, second: _Sum) -> _Sum:
+    return {**first, **{key: first[key] + x if key in first else x for key, x in second.items()}}
 
 
-def _product(one: _Sum, other: _Sum, times: Callable[[Array, Array], Array]) -> _Sum:
+def _product(first: _Sum, second: _Sum, times: Callable[[Array, Array], Array]) -> _Sum:
     """The product of two sums, at most one of which has prismatic joints as factors; nothing that is rounding."""
-    made: _Sum = {}
-    for (a, factor), x in one.items():
-        for (b, prismatic), y in other.items():
+    product: _Sum = {}
+    for (a, factor), x in first.items():
+        for (b, prismatic), y in second.items():
             key = (tuple(i + k for i, k in zip(a, b, strict=True)), max(factor, prismatic))
-            made = _add(made, {key: times(x, y)})
-    return {key: x for key, x in made.items() if np.abs(x).max() > _ROUNDING}
+            product = _add(product, {key: times(x, y)})
+    return {key: x for key, x in product.items() if np.abs(x).max() > _ROUNDING}
 
 
 def _collected(

@@ -37,8 +37,8 @@ def custom_column(table: CustomTerm, target: Target, targets: TermTargets, reade
     targets.expect_one(table, place)
     joints = [joint.name for joint in targets.joints]
     shape = column(table.expression, joints, constant_names(table.constants, reader, place), place.at("expression"))
-    made = target.external(table.name, table.unit, shape)
-    return with_constants(made, table.constants, reader, place.at("constants"))
+    term_column = target.external(table.name, table.unit, shape)
+    return with_constants(term_column, table.constants, reader, place.at("constants"))
 
 
 def constant_names(constants: Mapping[str, Any], reader: Reader, place: Place) -> dict[str, float]:
@@ -55,27 +55,31 @@ def constant_names(constants: Mapping[str, Any], reader: Reader, place: Place) -
 
 
 def with_constants(
-    term: TermColumn, given: Mapping[str, Any], reader: Reader, place: Place, nested: bool = True
+    term: TermColumn, written: Mapping[str, Any], reader: Reader, place: Place, nested: bool = True
 ) -> TermColumn:
     """The term with its constants; those given as a range are nonlinear parameters to estimate.
 
     Args:
         term: the column.
-        given: constants as they are written.
+        written: constants as they are written.
         reader: of numbers.
         place: of the term.
         nested: whether constants stand in it by name; else the place is that of the only one.
     """
     searched = []
-    for name, value in given.items():
-        here = place.at(name) if nested else place
+    for name, value in written.items():
+        constant_place = place.at(name) if nested else place
         if isinstance(value, SearchedTable):
-            start, made = _searched(term, name, value, reader, here)
+            start, made = _searched(term, name, value, reader, constant_place)
             searched.append(made)
         else:
-            start = reader.number(value, here)
+            start = reader.number(value, constant_place)
         if not _any_value(term, name):
-            start = reader.positive(start, here) if name != "width" else reader.not_negative(start, here)
+            start = (
+                reader.positive(start, constant_place)
+                if name != "width"
+                else reader.not_negative(start, constant_place)
+            )
         term = term.with_constant(name, start)
     return replace(term, searched=tuple(searched))
 
@@ -92,11 +96,11 @@ def _searched(
     start = reader.number(table.start, place.at("start"))
     ends = []
     for key, factor in (("low", 1 / RANGE), ("high", RANGE)):
-        given = getattr(table, key)
-        if given is None and start <= 0:
+        setting = getattr(table, key)
+        if setting is None and start <= 0:
             found = f"start is {start:g}, from which no range follows"
             raise place.at(key).error(found, f"Write {key} = ... next to start.")
-        ends.append(start * factor if given is None else reader.number(given, place.at(key)))
+        ends.append(start * factor if setting is None else reader.number(setting, place.at(key)))
     low, high = ends
     if not low <= start <= high or low == high:
         found = f"start is {start:g}, low {low:g}, high {high:g}"

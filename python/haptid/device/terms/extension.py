@@ -64,11 +64,11 @@ def extension_columns(
         raise place.at("settings").error(found, "Write the settings that its package documents.") from error
     named = constant_names(table.constants, reader, place)
     joints = [joint.name for joint in targets.joints]
-    made = []
+    columns = []
     for formula in formulas:
         shape = column(formula.expression, joints, named, place.at("name"))
         stem = formula.stem if table.prefix is None else f"{table.prefix}{formula.stem}"
         motor = "M" if target.what == "motor" and table.prefix is None else ""
         term = target.external(f"{stem}{motor}{target.name}", formula.unit, shape)
-        made.append(with_constants(term, table.constants, reader, place.at("constants")))
-    return made
+        columns.append(with_constants(term, table.constants, reader, place.at("constants")))
+    return columns

@@ -90,8 +90,8 @@ def _recursion(decay: Array, added: Array) -> Array:
     band[1, :-1] = -decay
     from scipy.linalg import lapack  # a third of what `haptid model` would load, and few devices have such friction
 
-    made, _ = lapack.dtbtrs(band, np.concatenate([[0.0], added])[:, None], uplo="L")
-    return np.ascontiguousarray(made[:, 0])
+    solution, _ = lapack.dtbtrs(band, np.concatenate([[0.0], added])[:, None], uplo="L")
+    return np.ascontiguousarray(solution[:, 0])
 
 
 def _stop(u: Array) -> Array:

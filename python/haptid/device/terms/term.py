@@ -166,7 +166,7 @@ def external_columns(
     terms: tuple[TermColumn, ...],
     joints: tuple[str, ...],
     motion: tuple[Array, Array, Array],
-    given: Mapping[str, Array],
+    columns_given: Mapping[str, Array],
 ) -> Array:
     """Columns that Python computes for the core, (columns, samples).
 
@@ -174,21 +174,21 @@ def external_columns(
         terms: the external ones, in the core's order.
         joints: names of all joints.
         motion: position, velocity and acceleration of all joints, each (joints, samples).
-        given: columns that are computed before, by name, each (samples,).
+        columns_given: columns that are computed before, by name, each (samples,).
 
     Raises:
         DeviceError: a column is not finite at some sample.
     """
     samples = motion[0].shape[1]
     named = dict(_named(joints, motion))
-    made = np.empty((len(terms), samples))
-    for row, term in zip(made, terms, strict=True):
+    columns = np.empty((len(terms), samples))
+    for row, term in zip(columns, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
         elif isinstance(term.shape, CustomColumn):
             row[:] = term.shape.values(named, samples)
         else:
-            row[:] = given[term.name]
+            row[:] = columns_given[term.name]
         if not np.isfinite(row).all():
             sample = int(np.argmin(np.isfinite(row)))
             value = float(row[sample])
@@ -203,7 +203,7 @@ def external_columns(
                 found=value,
                 advice="Correct the expression, or keep the motion where it is defined.",
             )
-    return made
+    return columns
 
 
 def _named(joints: tuple[str, ...], motion: tuple[Array, Array, Array]) -> Iterator[tuple[str, Array]]:

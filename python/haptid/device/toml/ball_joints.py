@@ -26,9 +26,9 @@ def with_revolute_joints(tables: AnyDevice, reader: Reader, place: Place) -> Any
         if not isinstance(table, PlacementJoint) or table.type not in ("universal", "spherical"):
             joints.append(table)
             continue
-        made = _revolute(table, joints[-1].name if joints else "base", reader, place.at(k))
-        parts[table.name] = [joint.name for joint in made]
-        joints += made
+        revolute = _revolute(table, joints[-1].name if joints else "base", reader, place.at(k))
+        parts[table.name] = [joint.name for joint in revolute]
+        joints += revolute
     if not parts:
         return tables
 
@@ -63,12 +63,12 @@ def _revolute(table: PlacementJoint, before: str, reader: Reader, place: Place) 
     axes = [u, v] if table.type == "universal" else [u, v, given]
     names = [*(f"{table.name}_{letter}" for letter in "uv"[: len(axes) - 1]), table.name]
     parents = [table.parent or before, *names]
-    made = []
+    joints = []
     for k, (name, parent, axis) in enumerate(zip(names, parents, axes, strict=False)):
         update: dict[str, Any] = {"name": name, "parent": parent, "type": "revolute", "axis": axis.tolist()}
         if k:
             update |= {"xyz": [0.0, 0.0, 0.0], "rpy": [0.0, 0.0, 0.0]}
         if k < len(axes) - 1:
             update |= {"body": False, "alias": None}
-        made.append(table.model_copy(update=update))
-    return made
+        joints.append(table.model_copy(update=update))
+    return joints

@@ -33,15 +33,15 @@ class Place:
         """The error for a key or value that is wrong."""
         return DeviceFileError(f"{self}: {found}.", where=self.key or self.file, found=found, advice=advice)
 
-    def unknown(self, what: str, name: str, known: Iterable[str]) -> DeviceFileError:
+    def unknown(self, kind: str, name: str, known: Iterable[str]) -> DeviceFileError:
         """The error for a name that nothing in the device has."""
         names = tuple(known)
-        text = f'{self}: no {what} is named "{name}".'
+        text = f'{self}: no {kind} is named "{name}".'
         return DeviceFileError(text, where=self.key, found=name, limit=names, advice=suggestion(name, names))
 
-    def taken(self, what: str, name: str, first: str) -> DeviceFileError:
+    def taken(self, kind: str, name: str, first: str) -> DeviceFileError:
         """The error for a name that is used twice."""
-        text = f'{self}: the {what} "{name}" is already taken by {first}.'
+        text = f'{self}: the {kind} "{name}" is already taken by {first}.'
         return DeviceFileError(text, where=self.key, found=name, advice="Give one of them another name.")
 
 

@@ -128,11 +128,11 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
     try:
         return toml_values(text)
     except (ValueError, RecursionError) as error:
-        at = Syntax.of(error, text)
+        syntax = Syntax.of(error, text)
         raise DeviceFileError(
-            f"{file}, line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`.",
-            where=(at.line, at.column),
-            found=at.text,
+            f"{file}, line {syntax.line}, column {syntax.column}: not TOML: {syntax.found}, in `{syntax.text}`.",
+            where=(syntax.line, syntax.column),
+            found=syntax.text,
             advice="Correct this line; texts and expressions need double quotes.",
         ) from None
 
@@ -238,22 +238,22 @@ def _geometry(tables: AnyDevice, place: Place) -> tuple[AnyDevice, Reader, Array
 
 def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:
     """Named lengths; each may use those above it."""
-    taken = dict.fromkeys(RESERVED, "arithmetic")
-    taken |= {
+    meaning_of = dict.fromkeys(RESERVED, "arithmetic")
+    meaning_of |= {
         prefix + j.name: f"the motion of joint {j.name}" for j in tables.joints for prefix in ("q", "q_", "v_", "a_")
     }
-    made: dict[str, float] = {}
+    lengths: dict[str, float] = {}
     for name, value in tables.lengths.items():
-        here = place.at("lengths", name)
-        if name in taken:
-            raise here.taken("name", name, taken[name])
-        made[name] = Reader(made).number(value, here)
-    return made
+        length_place = place.at("lengths", name)
+        if name in meaning_of:
+            raise length_place.taken("name", name, meaning_of[name])
+        lengths[name] = Reader(lengths).number(value, length_place)
+    return lengths
 
 
 def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Place) -> tuple[Joint, ...]:
     parents = _parents(tables, place)
-    made: list[Joint] = []
+    joints: list[Joint] = []
     frames: list[Array] = []
     for k, (table, parent) in enumerate(zip(tables, parents, strict=True)):
         placement, frame = reader.joint(table, place.at(k))
@@ -263,7 +263,7 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
             key: _limit(getattr(table.limits, key), reader, place.at(k, "limits", key))
             for key in ("velocity", "torque")
         }
-        made.append(
+        joints.append(
             Joint(
                 name=table.name,
                 parent=parent,
@@ -279,7 +279,7 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
                 alias=table.alias or "",
             )
         )
-    return tuple(made)
+    return tuple(joints)
 
 
 def _parents(tables: Sequence[AnyJoint], place: Place) -> list[int]:
@@ -291,7 +291,7 @@ def _parents(tables: Sequence[AnyJoint], place: Place) -> list[int]:
             raise place.at(k, "name").taken("joint", name, first)
     named = [table.parent or (names[k - 1] if k else BASE) for k, table in enumerate(tables)]
     _refuse_cycles(names, named, place)
-    made: list[int] = []
+    parents: list[int] = []
     for k, parent in enumerate(named):
         if parent != BASE and parent not in names[:k]:
             known = (BASE, *names[:k])
@@ -301,8 +301,8 @@ def _parents(tables: Sequence[AnyJoint], place: Place) -> list[int]:
             else:
                 found, advice = f'no joint declared above it is named "{parent}"', suggestion(parent, known)
             raise place.at(k, "parent").error(f'joint "{names[k]}" has no parent yet: {found}', advice)
-        made.append(-1 if parent == BASE else names.index(parent))
-    return made
+        parents.append(-1 if parent == BASE else names.index(parent))
+    return parents
 
 
 def _refuse_cycles(names: list[str], parents: list[str], place: Place) -> None:
@@ -354,9 +354,9 @@ def _rule(
     named += [
         (unsigned(name)[0], place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)
     ]
-    for name, at in named:
+    for name, rule_place in named:
         if name not in raw:
-            raise at.unknown("parameter", name, raw)
+            raise rule_place.unknown("parameter", name, raw)
     for k, group in enumerate(equal):
         kinds = {_unit(unsigned(name)[0], raw, units) for name in group}
         if len(kinds) > 1:
@@ -367,9 +367,9 @@ def _rule(
     linked += [(table.about.link, place.at("about", "link"))] if table.about else []
     if table.mirror:
         linked += [(table.mirror.link, place.at("mirror", "link")), (table.mirror.of, place.at("mirror", "of"))]
-    for name, at in linked:
+    for name, rule_place in linked:
         if name not in links:
-            raise at.unknown("link", name, links)
+            raise rule_place.unknown("link", name, links)
     if table.about:
         across = [axis for axis in "XYZ" if axis != table.about.axis.upper()]
         zero += [kind + table.about.link for kind in ("XY", "XZ", "YZ", *(f"M{axis}" for axis in across))]
@@ -390,13 +390,13 @@ def _mirrored(table: MirrorTable, place: Place) -> list[tuple[str, str]]:
         found = "names an axis twice" if sorted(letters) != ["X", "Y", "Z"] else "mirrors a link in itself"
         raise place.error(f"it {found}", 'Name two links, and three axes such as ["x", "-y", "z"].')
     image = {new: (axis[-1].upper(), axis[0] == "-") for new, axis in zip("XYZ", table.axes, strict=True)}
-    made = []
+    mirrored = []
     for kind in INERTIAL:
         axes = [image[letter] for letter in kind.removeprefix("M")]
         old = kind[: len(kind) - len(axes)] + "".join(sorted(letter for letter, _ in axes))
         minus = sum(flipped for _, flipped in axes) % 2 == 1
-        made.append((old + table.of, ("-" if minus else "") + kind + table.link))
-    return made
+        mirrored.append((old + table.of, ("-" if minus else "") + kind + table.link))
+    return mirrored
 
 
 def _unit(name: str, raw: tuple[str, ...], units: Mapping[str, str]) -> str:
@@ -423,10 +423,10 @@ def _gimbal(tables: AnyDevice, reader: Reader, place: Place) -> Gimbal | None:
 
     def number(key: str, least: float, otherwise: float = 0.0) -> float:
         value = getattr(table, key)
-        made = otherwise if value is None else reader.number(value, place.at(key))
-        if made < least:
-            raise place.at(key).error(f"is {made:g}, below {least:g}", "Write the physical value.")
-        return made
+        value_read = otherwise if value is None else reader.number(value, place.at(key))
+        if value_read < least:
+            raise place.at(key).error(f"is {value_read:g}, below {least:g}", "Write the physical value.")
+        return value_read
 
     mass, radius = number("mass", 0.0), number("com_radius", 0.0)
     inertia = number("inertia", mass * radius**2, mass * radius**2)
@@ -446,7 +446,7 @@ def _keep(tables: AnyDevice, parameters: StandardParameters, place: Place) -> tu
 
 
 def _tolerance(tables: AnyDevice, reader: Reader, place: Place) -> float:
-    made = reader.number(tables.base_parameters.tolerance, place)
-    if not 0 < made < 1:
-        raise place.error(f"found {made:g}", "Write a number between 0 and 1, such as 1e-9.")
-    return made
+    tolerance = reader.number(tables.base_parameters.tolerance, place)
+    if not 0 < tolerance < 1:
+        raise place.error(f"found {tolerance:g}", "Write a number between 0 and 1, such as 1e-9.")
+    return tolerance

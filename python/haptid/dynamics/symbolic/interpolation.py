@@ -45,10 +45,10 @@ def span_of(points: Points, y: Residues, name: str, line: Sequence[int]) -> rang
     """Exponents of one symbol in a coefficient, None where it is no Laurent polynomial in it.
 
     Args:
-        at: sets of lengths.
+        points: sets of lengths.
         y: residues of the coefficient there.
         name: of the symbol.
-        along: points that differ in this symbol alone.
+        line: points that differ in this symbol alone.
     """
     x, wanted = points.values[name][line], y[line]
     for width, low in product(range(len(line) - SPARE_POINTS), range(-LARGEST_EXPONENT, LARGEST_EXPONENT + 1)):

@@ -300,7 +300,7 @@ def opened_tree(tables: AnyDevice, file: str, joints_to_find: Set[str] | None = 
     Args:
         tables: of the device.
         file: its name for errors.
-        found: passive joints whose loops are left open; None: of all.
+        joints_to_find: passive joints whose loops are left open; None: of all.
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.

@@ -71,7 +71,7 @@ class BetweenLogs:
 
         Args:
             fit: of several logs.
-            found: the combinations in the unconstrained fit.
+            estimated: the combinations in the unconstrained fit.
             values: the combinations in the estimate, (k,), SI.
             C: factors of the base parameters, (k, p).
             shifts: by how much one standard error of each nuisance moves the base parameters, (n, p), SI.

@@ -234,7 +234,7 @@ def prediction_errors(observation: Observation, weights: Array, whitened: Observ
     Args:
         observation: whose torque is predicted.
         weights: of each motor's rows in the errors, (motors,).
-        seen: the same blocks as the fit sees them, scaled to unit variance.
+        whitened: the same blocks as the fit sees them, scaled to unit variance.
     """
     ones = np.ones(len(weights))
     solution = solve(whitened, ones)

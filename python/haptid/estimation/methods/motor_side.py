@@ -90,7 +90,7 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
     """The estimate with what the encoders' noise may have moved its parameters by in its covariance.
 
     Args:
-        made: by `MotorSide`; its motions hold the simulated joints.
+        fitted: by `MotorSide`; its motions hold the simulated joints.
     """
     assert isinstance(fitted.method, MotorSide)
     rows, smoothed = fitted.fit.observation, smooth(fitted.model, fitted.observation.motions, fitted.method.friction)

@@ -97,7 +97,7 @@ class AugmentedRows:
         """A fit that includes some candidates; None where their columns are collinear with the model's.
 
         Args:
-            which: indices of the candidates.
+            candidates: indices of the candidates.
             excluded: base parameters that are left out of the fit.
             motor: the one whose rows are fitted; all where None.
         """

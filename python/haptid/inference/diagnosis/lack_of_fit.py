@@ -217,7 +217,7 @@ def term_tests(
 
     Args:
         augmented: the rows of an estimate with the candidates.
-        which: candidates of a term, by name, at a friction coordinate.
+        candidates_of: candidates of a term, by name, at a friction coordinate.
     """
     tests = {name: best_alternative(augmented, own) for name, own in candidates_of.items()}
     _TESTED[augmented.estimate] = tests

@@ -153,7 +153,7 @@ def _clean(motion: Motion, spectra: Sequence[Spectrum], row: int, edges: Sequenc
 
     Args:
         motion: treated signals.
-        seen: spectra of its position channels; none where it has no log.
+        spectra: spectra of its position channels; none where it has no log.
         row: whose torque; its channel is the one in the same place.
         edges: of the bands, Hz.
     """

@@ -14,7 +14,7 @@ def drift_section(drift: Drift, dates: Sequence[str]) -> DocumentSection:
     """The section of a drift.
 
     Args:
-        found: the drift.
+        drift: the drift.
         dates: of the results, as they were given.
     """
     series, days = drift.series, drift.times - drift.times.min()
