@@ -86,7 +86,7 @@ class RecursiveIdentification:
         self.model, self.forgetting_s, self.most = model, forgetting_s, most
         self._span = 0.0 if forgetting_s is None else _SPANNED * forgetting_s / most
         self._blocks: list[Block] = []
-        self._stacks: list[tuple[Array, ...]] = []  # r_factors of a cluster, by motor
+        self._stacks: list[tuple[Array, ...]] = []  # R factors of a cluster, by motor
         self._rows: list[np.ndarray] = []  # of a cluster, by motor
         self._log_weights: list[float] = []  # of a cluster's information
         self._whole: tuple[Array, ...] = ()  # of all clusters with their weights, by motor

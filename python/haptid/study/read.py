@@ -169,7 +169,7 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None, t
                 sampling=table.sampling,
                 stale=table.stale,
                 merge=Merge(table.merge.method, table.merge.largest_gap),
-                velocity=None if table.velocity is None else _signal(study, f"{where}.velocity", table.velocity),
+                velocity=None if table.velocity is None else _signal(study, f"{key}.velocity", table.velocity),
             )
         except LogError as error:
             raise fault(study, key, str(error).rstrip(".")) from error

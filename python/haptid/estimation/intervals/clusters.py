@@ -104,7 +104,7 @@ class Clusters:
         return max(1.0, float(np.sum(joined**2) / max(np.sum(single**2), np.finfo(float).tiny)))
 
     def save(self, path: Path) -> None:
-        """Write to a file, of the information the upper r_factors."""
+        """Write to a file, of the information the R factor."""
         upper = np.triu_indices(self.root.shape[1])
         np.savez_compressed(
             path,

@@ -79,7 +79,7 @@ def exact(observation: Observation, k: int) -> bool:
 
 
 def smallest_generalised_eigenvalue(stack: Array, noisy: np.ndarray, C: Array) -> float:
-    """The smallest s with det(M - s C) = 0, M = whole'whole (p + 1, p + 1) and C of the noisy columns.
+    """The smallest s with det(M - s C) = 0, M = stack'stack (p + 1, p + 1) and C of the noisy columns.
 
     Exact columns are eliminated by QR (Golub, Hoffman and Stewart 1987, Linear Algebra and its Applications 88/89).
     """
