@@ -222,7 +222,7 @@ def _run(
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
             raise _diverged(forward.model, motion, segments, k // per, cd)
-    return Steps(segments, per, *states, free, motors)
+    return Steps(segments, per, states[0], states[1], states[2], states[3], free, motors)
 
 
 def _control_period(
