@@ -114,7 +114,7 @@ class NewtonClosure:
         """
         at_rest = qda is None
         qa, qda = _rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else _rows(qda)
-        for pose, followed in self._followed:
+        for pose, followed in tuple(self._followed):  # another thread may add to it meanwhile
             if np.array_equal(pose[0], qa) and (at_rest or np.array_equal(pose[1], qda)):
                 return followed if not at_rest else Followed(followed.q, followed.G, np.zeros_like(followed.Gd))
         q, G, Gd, stop = compiled_closure(self).follow(qa, qda)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +23,8 @@ from haptid.uncertainty.quantities import Field
 DOF_POSES = 6
 # Poses computed together: rates of loops that are not linear take a kilobyte and more for each.
 _TOGETHER = 50_000
+# Parts of that many poses at a time, at most: each takes a tenth of a gigabyte.
+_AT_ONCE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,14 @@ def apparent_mass(
     raw = core_spread(identified, none if columns is None else columns)
     settings: dict[str, Any] = {"rows": rows, "moving": moving, "worst": worst_condition, "spread": raw}
     parts = [qa[:, k : k + _TOGETHER] for k in range(0, max(qa.shape[1], 1), _TOGETHER)]
-    found = np.concatenate([_core.apparent_mass(*core_arguments(identified, part), **settings) for part in parts])
+
+    def of(part: Array) -> Array:
+        return np.asarray(_core.apparent_mass(*core_arguments(identified, part), **settings))
+
+    # The core has threads of its own, but a loop that is not linear is followed from pose to pose by one.
+    workers = min(len(parts), _AT_ONCE, int(os.environ.get("RAYON_NUM_THREADS") or os.cpu_count() or 1))
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        found = np.concatenate(list(pool.map(of, parts)))
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
