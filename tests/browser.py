@@ -96,6 +96,7 @@ class Page:
         """A second tab of the same browser."""
         target = self.call("Target.createTarget", url="about:blank", background=True)["targetId"]
         with _tab(f"{self.address.rpartition('/')[0]}/{target}") as opened:
+            opened.call("Page.bringToFront")
             yield opened
         self.call("Target.closeTarget", targetId=target)
 

@@ -6,10 +6,14 @@ import gc
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 import typer.testing
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from browser import Page
 
 # How long an example takes is no claim: other processes decide on it. Laws that need more examples than 50 say so.
 settings.register_profile("untimed", deadline=None, max_examples=50)
@@ -62,3 +66,12 @@ def small_pictures() -> Iterator[Callable[..., None]]:
 def full_pictures(small_pictures: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures as users get them."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", small_pictures)
+
+
+@pytest.fixture(scope="session")
+def browser_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The first tab of the worker's one browser; modules open tabs of their own beside it."""
+    from browser import page
+
+    with page(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from browser import Page, page
+from browser import Page
 from once import made_once, run_folder
 from small_study import DEVICE, STUDY, columns
 
@@ -145,9 +145,9 @@ def bench(folder: Path) -> Iterator[Bench]:
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory, bench: Bench) -> Iterator[Page]:
-    """A tab of a browser, at home in the workbench."""
-    with page(tmp_path_factory.mktemp("profile")) as opened:
+def tab(browser_tab: Page, bench: Bench) -> Iterator[Page]:
+    """A tab of the browser, at home in the workbench."""
+    with browser_tab.another() as opened:
         opened.go(bench.address, 1280)
         yield opened
 

@@ -215,6 +215,7 @@ def test_a_thousand_samples_a_second_of_fourteen_channels_are_all_there(stopped,
         assert tab.ask(frames) - drawn > 20
         assert (tab.busy() - before) / (tab.ask(frames) - drawn) < 1 / 30
         frozen.call("Page.setWebLifecycleState", state="active")
+        frozen.call("Page.bringToFront")
         frozen.wait(f"document.body.textContent.includes('{len(t) - len(left_out)} samples written')")
     assert state(bench)["counts"]["lost"] == len(left_out)
     tab.go(f"{bench.origin}/registry", LAPTOP)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from browser import Page, page
+from browser import Page
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def tab(folder: Path) -> Iterator[Page]:
-    """Of a browser of the module's own."""
-    with page(folder) as opened:
+def tab(browser_tab: Page) -> Iterator[Page]:
+    """A tab of the module's own."""
+    with browser_tab.another() as opened:
         yield opened

@@ -23,10 +23,11 @@ export class Refused extends Error {
   }
 }
 
-// Values of a GET go into the address, those of a POST into the body.
-export async function call(path, values = {}, method = "GET") {
+// Values of a GET go into the address, those of a POST into the body. A call that is given up after some milliseconds is
+// for what is asked again: an answer that came while the tab was frozen is lost.
+export async function call(path, values = {}, method = "GET", patience = 0) {
   const address = new URL(`/api/${path}`, location.href);
-  const settings = { method };
+  const settings = /** @type {RequestInit} */ ({ method, ...(patience && { signal: AbortSignal.timeout(patience) }) });
   if (method === "GET") for (const [key, value] of Object.entries(values)) address.searchParams.set(key, value);
   else settings.body = JSON.stringify(values);
   return answered(await reached(address, settings));

@@ -3,7 +3,7 @@ import { acting, answered, call, digits, el, field, link, options, reached, tabl
 import { Ring, Rolling } from "../curves.js";
 
 const SECONDS = 10; // that are seen
-const STATE_MS = 500, FRAME_MS = 33, CALM_MS = 500;
+const STATE_MS = 500, FRAME_MS = 33, CALM_MS = 500, PATIENCE_MS = 5000;
 
 export async function show(main, query) {
   el("h1", {}, main, "Live");
@@ -94,7 +94,7 @@ class Watching {
   // Samples as fast as they are drawn; after a pause in which the tab was hidden, only the last seconds.
   async look() {
     try {
-      const answer = await reached(`/api/live/samples?since=${this.next}`);
+      const answer = await reached(`/api/live/samples?since=${this.next}`, { signal: AbortSignal.timeout(PATIENCE_MS) });
       if (!answer.ok) await answered(answer);
       const buffer = await answer.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
       const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), begin = 4 + size, n = head.rows;
@@ -107,7 +107,7 @@ class Watching {
       if (now - (this.asked ?? 0) > STATE_MS) {
         this.asked = now;
         await this.rows();
-        const state = await call("live/state");
+        const state = await call("live/state", {}, "GET", PATIENCE_MS);
         if (this.over) return;
         if (!state.running) { location.href = "/live"; return; }
         this.told(state);
@@ -119,7 +119,7 @@ class Watching {
   }
 
   async rows() {
-    const found = await call("live/rows", { since: this.rowsSince });
+    const found = await call("live/rows", { since: this.rowsSince }, "GET", PATIENCE_MS);
     if (!found.t.length) return;
     const ys = found.measured.flatMap((m, k) => [Float32Array.from(m), Float32Array.from(found.predicted[k])]);
     this.torques.append(Float64Array.from(found.t), ys);
