@@ -28,6 +28,6 @@ def test_the_wide_example_has_a_condition_below_fifty():
 
 def test_a_short_search_comes_near_it():
     """A fifth of the usual evaluations, from 2000 and more before the search."""
-    found, _ = exciting_motion.race("cea_medical_branch", 320, seed=0)
+    found, _, _ = exciting_motion.race("cea_medical_branch", 320, seed=0)
     assert found.before.scaled > 1000
     assert found.after.scaled < 75
