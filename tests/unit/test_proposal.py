@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import haptid
@@ -104,11 +104,12 @@ DELAYS = haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14)
 
 @settings(max_examples=6, deadline=None)
 @given(st.floats(-0.9, 5.0), st.integers(0, 9))
+@example(1.25, 8)
 def test_the_delay_is_found(phantom, late, seed):
     found = find_delays(phantom, [recorded(phantom, late=late, seed=seed, noise=0.01)], DELAYS)
     assert found.accepted
     np.testing.assert_allclose(found.seconds, 1e-3 * late, atol=5 * found.se.max() + 2e-5)
-    assert found.se.max() < 2e-4
+    assert found.se.max() < 5e-4  # half a sample: a motor with little acceleration has 0.3 in some motions
 
 
 def test_the_delay_of_each_motor_is_found(phantom):
