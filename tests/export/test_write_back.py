@@ -56,7 +56,7 @@ def test_a_copy_has_the_torques_of_the_model(tmp_path: Path, form: str, text: st
     wanted = torque(model, model.base.of(chi), states)
     found = torque(other, other.base.of(written), states)
     assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
-    assert np.abs(found - torque(model, model.base.of(np.nan_to_num(model.device.chi_prior)), states)).max() > 0.1
+    assert np.abs(found - torque(model, model.prior_beta, states)).max() > 0.1
 
 
 def test_everything_else_stays_byte_for_byte(tmp_path: Path) -> None:

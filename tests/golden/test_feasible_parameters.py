@@ -83,7 +83,7 @@ def to_pi(model):
 
 def test_the_combinations_are_the_papers(model, to_pi):
     """From the bodies of Cavusoglu et al.: the printed column (pi_1 and pi_2 are one off in the last digit)."""
-    beta = model.base.of(np.nan_to_num(model.device.chi_prior))
+    beta = model.prior_beta
     np.testing.assert_allclose((to_pi @ beta)[:8], CAVUSOGLU[:8], atol=2e-4)
 
 

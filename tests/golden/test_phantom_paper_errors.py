@@ -26,7 +26,7 @@ def model():
 @pytest.fixture(scope="module")
 def pi(model):
     """Of the measured bodies, and the friction of the normal mounting, in SI, (14,)."""
-    bodies = target_map(model) @ model.base.of(np.nan_to_num(model.device.chi_prior))
+    bodies = target_map(model) @ model.prior_beta
     return bodies + np.array([0.0] * 8 + [2.0e-3, 1.5e-3, 1.0e-3, 0.0707, 0.0251, 0.0248]) / ALPHA
 
 
@@ -56,7 +56,7 @@ def velocity_matrix(pi, q, v, sign):
 
 def test_t1_pi_1_holds_four_times_the_arms_inertia(model):
     """Eq. (4) prints I_be,yy once; the published column [1] needs it four times, as the device's own target has it."""
-    found = ALPHA * (target_map(model) @ model.base.of(np.nan_to_num(model.device.chi_prior)))[0]
+    found = ALPHA * (target_map(model) @ model.prior_beta)[0]
     once = found - ALPHA * 3 / 8 * model.device.prior["YYbe"].value
     column = DEMO.parameters.column("bodies")[0]
     assert abs(found - column) < 2e-4

@@ -142,7 +142,7 @@ def test_coulomb_friction_of_the_first_joint_alone(model):
 
 def test_the_phantom_holds_less_force_the_further_it_reaches():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    c = characterise(GivenParameters(model, model.base.of(np.nan_to_num(model.device.chi_prior))), np.zeros((3, 1)))
+    c = characterise(GivenParameters(model, model.prior_beta), np.zeros((3, 1)))
     limits = {"1": 0.2, "2": 0.2, "3": 0.2}
     force, direction = c.greatest_force(limits)
     # At zero the arm is level and the forearm hangs: motor 1 turns the tip at 0.215 m and carries no weight.

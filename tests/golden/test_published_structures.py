@@ -69,7 +69,7 @@ def test_sr400_as_a_tree_has_55(tmp_path):
 def test_phantom_torque_is_the_published_closed_form():
     """The eight parameters and the torque of phantom eq. (5), corrected, at a golden state."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    beta = model.base.of(np.nan_to_num(model.device.chi_prior))
+    beta = model.prior_beta
     column = lambda *x: np.array(x)[:, None]  # noqa: E731
     tau = haptid.inverse_dynamics(model, beta, column(0.3, 0.4, 0.5), column(0.7, -0.5, 0.9), column(1.1, -0.8, 0.6))
     np.testing.assert_allclose(tau[:, 0], [0.00570150, -0.01611805, -0.03529287], atol=5e-9)

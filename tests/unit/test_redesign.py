@@ -92,7 +92,7 @@ def test_weights_are_those_of_the_bench(model, tmp_path):
     )
     (tmp_path / "e.toml").write_text(text)
     true = read_experiment(tmp_path / "e.toml").setup(model).chi
-    plain = GivenParameters(model, model.base.of(np.nan_to_num(model.device.chi_prior)))
+    plain = GivenParameters(model, model.prior_beta)
     made = with_counterweights(plain, [Counterweight("be", 0.3, (-0.06, 0, 0)), Counterweight("df", 0.1, (0.05, 0, 0))])
     np.testing.assert_allclose(made.beta, model.base.of(true), atol=1e-12)
 

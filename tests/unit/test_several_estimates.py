@@ -180,9 +180,7 @@ def test_what_is_held_has_no_deviation_and_differs_where_it_differs():
 
 def test_targets_are_compared_with_targets():
     phantom = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    made = [
-        motion(phantom, phantom.base.of(np.nan_to_num(phantom.device.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)
-    ]
+    made = [motion(phantom, phantom.prior_beta, seed=k, noise=0.05) for k in (1, 2, 3)]
     fits = [haptid.estimate(haptid.observe(phantom, one), haptid.WLS()) for one in made]
     found = compare(*(targets(fit) for fit in fits))
     assert found.names == targets(fits[0]).names

@@ -159,7 +159,7 @@ def excite(
             clearance=1e-3 * clearance_mm,
             world=() if world is None else read_world(world),
         )
-        request = _Asked(
+        request = _Request(
             model,
             excite_options.family_options(
                 model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)
@@ -194,7 +194,7 @@ def excite(
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Request:
     """What is searched: motions of a family within limits, by a criterion.
 
     Attributes:
@@ -275,7 +275,7 @@ class _Planned:
 
 
 def _searched(
-    request: _Asked, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
+    request: _Request, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
 ) -> tuple[tuple[Excitation, ...], FurtherMotions | None]:
     """Exciting motions, each given those before it and the logs of a result, and what they are predicted to bring."""
     from haptid.experiment.excitation import next_motions
@@ -313,7 +313,7 @@ def _suffix(k: int, count: int) -> str:
 
 
 def _others(
-    wanted: dict[str, int | bool], request: _Asked, motions: Sequence[Excitation], start: str | None
+    wanted: dict[str, int | bool], request: _Request, motions: Sequence[Excitation], start: str | None
 ) -> dict[str, PlannedMotion]:
     """Motions of the other families, about the pose in which the first motion rests."""
     from haptid.experiment.excitation import CAMPAIGN_FAMILIES, resting_pose
@@ -334,13 +334,12 @@ def _others(
 
 
 def _loaded(
-    request: _Asked,
+    request: _Request,
     load: tuple[str, PriorBody],
     motions: Sequence[Excitation],
     progress: Callable[[float, float], None],
 ) -> Excitation:
     """The motion with a body on a link: searched again where its torque counts in the limits, else the first one."""
-    import numpy as np
 
     from haptid.observation import payload_torque
 
@@ -348,7 +347,7 @@ def _loaded(
     load_torque = payload_torque(model, *load)
     if all(x is None for x in (within.torque, within.rms_torque, within.power, within.handle_force)):
         return motions[0]
-    prior = model.base.of(np.nan_to_num(model.device.chi_prior))
+    prior = model.prior_beta
     return request.design(load_torque + (prior if request.beta is None else request.beta), progress)
 
 

@@ -147,6 +147,11 @@ class DynamicModel:
             )
         return regroupings(self)
 
+    @property
+    def prior_beta(self) -> Array:
+        """Base parameters of the prior's bodies and constants, zero where the device file has none, (p,), SI."""
+        return self.base.of(np.nan_to_num(self.device.chi_prior))
+
     @cached_property
     def base_prior(self) -> tuple[tuple[float, float | None] | None, ...]:
         """Prior value and standard deviation of every base parameter, None where one of its members has no prior."""

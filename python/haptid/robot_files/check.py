@@ -79,7 +79,7 @@ def random_states(device: Device, names: Mapping[str, str], moving: list[str]) -
     G = np.asarray(device.closure.follow(qa, qda).G)
     G = np.broadcast_to(G, (qa.shape[1], *G.shape[-2:]))
     index = [device.joint_names.index(names[name]) for name in moving]
-    torque = inverse_dynamics(model, model.base.of(np.nan_to_num(device.chi_prior)), qa, qda, qdda)
+    torque = inverse_dynamics(model, model.prior_beta, qa, qda, qdda)
     rows = np.einsum("ra,nja->nrj", np.linalg.inv(device.row_map).T, G[:, index])
     by_name = [{name: x[k] for name, k in zip(moving, index, strict=True)} for x in (q, qd, qdd)]
     return ComparedStates(by_name[0], by_name[1], by_name[2], rows, torque)

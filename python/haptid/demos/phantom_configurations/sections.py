@@ -101,7 +101,7 @@ def _friction_charts(results: Results) -> list[Chart]:
     model = bare.estimate.model
     labels = results.model.device.row_labels
     t, measured, predicted = torques(bare, TORQUES)
-    constants = torques(bare, TORQUES, model.base.of(np.nan_to_num(model.device.chi_prior)))[2]
+    constants = torques(bare, TORQUES, model.prior_beta)[2]
     curves = {
         "measured": ("black", measured),
         "fit of 8 parameters": ("blue", predicted),

@@ -240,7 +240,7 @@ def _bounds(
     model: DynamicModel, limits: Limits | None, rest: Figures | None, beta: Array | None
 ) -> tuple[MotionBounds, Figures]:
     """The limits, and the pose of rest of each active joint."""
-    beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else beta
+    beta = model.prior_beta if beta is None else beta
     bounds = MotionBounds.of(model, limits or Limits(), beta)
     middle = tuple(bounds.position.mean(axis=1).tolist())
     return bounds, tuple(per_coordinate("rest", rest or middle, bounds.names).tolist())

@@ -216,7 +216,7 @@ def design_excitation(
             where="criterion",
             advice="Take LargestDeviation(), Information() or AverageVariance().",
         )
-    beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
+    beta = model.prior_beta if beta is None else np.asarray(beta, dtype=float)
     picked = indices(model.base.names, columns if columns is not None else model.base.names)
     motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
     state = _Search(

@@ -70,7 +70,7 @@ class LogInformation:
             noise: standard deviation of a torque row at one row a second, N m s^0.5 or N s^0.5.
         """
         p, motors = len(model.base), sum(model.device.measured)
-        values = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else beta
+        values = model.prior_beta if beta is None else beta
         return LogInformation(
             model,
             values,
