@@ -233,7 +233,7 @@ class DynamicModel:
         coordinates = [np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)]
         columns = self._by_state(*coordinates) | dict(history or {})
         if all(term.name in columns for term in self.externals):  # without the poses of all joints
-            return np.array([columns[term.name] for term in self.externals])
+            return np.array([columns[term.name] for term in self.externals]).reshape(len(self.externals), qa.shape[1])
         return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), columns)
 
     @property
