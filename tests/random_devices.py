@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 import haptid
 from haptid.device import Handle
-from haptid.device.device import Joint, Motor
 from haptid.device.loops.linear import Closure
 from haptid.device.parameters import standard_parameters
+from haptid.device.parts import Joint, Motor
 from haptid.device.terms.term import UNITS, TermColumn
 from mechanisms import Random
 

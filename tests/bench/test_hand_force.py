@@ -8,7 +8,7 @@ from scipy import signal
 
 import haptid
 from haptid.device.toml.reader import device_of
-from haptid.device.toml.schema import ElasticTerm
+from haptid.device.toml.terms import ElasticTerm
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force

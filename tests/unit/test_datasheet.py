@@ -8,7 +8,7 @@ import haptid
 from haptid import errors
 from haptid.cli import app
 from haptid.device.toml.reader import device_of
-from haptid.device.toml.schema import ElasticTerm
+from haptid.device.toml.terms import ElasticTerm
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenParameters, characterise

@@ -205,8 +205,8 @@ cut = { body_a = "rocker", frame_a = { d = 0.2 }, body_b = "base", frame_b = { x
 
 
 def test_jacobian_of_the_gap_is_its_derivative() -> None:
-    from haptid.device.device import Cut, Frame
     from haptid.device.loops.chain import Chain
+    from haptid.device.parts import Cut, Frame
 
     device = read_device("sr400")
     rng = np.random.default_rng(5)

@@ -10,9 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from haptid.device import INERTIAL, Counterbalance, Device, read_device
-from haptid.device.device import Joint
 from haptid.device.geometry import placed
 from haptid.device.parameters import Symmetry, standard_parameters
+from haptid.device.parts import Joint
 from haptid.device.priors import PriorBody, body_prior, inertial_parameters
 from haptid.dynamics import inverse_dynamics
 from haptid.dynamics.model import DynamicModel

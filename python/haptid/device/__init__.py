@@ -4,13 +4,14 @@ No regressor and no estimate: the equations of motion are in `haptid.dynamics`.
 """
 
 from haptid.device.collision import CollisionShape, read_world
-from haptid.device.device import Cut, Device, Frame, Gimbal, Handle, Joint, Motor, Prior
+from haptid.device.device import Device
 from haptid.device.geometry import poses
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.formula import FormulaClosure
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.parameters import INERTIAL, Combination, StandardParameters, Symmetry
+from haptid.device.parts import Cut, Frame, Gimbal, Handle, Joint, Motor, Prior
 from haptid.device.terms.extension import TermExtension, TermFormula
 from haptid.device.terms.spring import Counterbalance
 from haptid.device.terms.term import TermColumn

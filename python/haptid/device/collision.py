@@ -11,17 +11,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device.device import Frame, Joint
 from haptid.device.geometry import Reader, frame_on
+from haptid.device.parts import Frame, Joint
 from haptid.device.toml.errors_at import Place, first_error
-from haptid.device.toml.schema import (
-    AnyShape,
-    BoxTable,
-    HullTable,
-    RoundTable,
-    SphereTable,
-    WorldTable,
-)
+from haptid.device.toml.schema import AnyShape, BoxTable, HullTable, RoundTable, SphereTable, WorldTable
 
 ShapeKind = Literal["sphere", "capsule", "cylinder", "box", "hull"]
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Device, Joint, Motor
+from haptid.device.device import Device
 from haptid.device.loops.formula import AnyClosure
+from haptid.device.parts import Joint, Motor
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import AnyTerm, ElasticTerm, PlainTerm
+from haptid.device.toml.terms import AnyTerm, ElasticTerm, PlainTerm
 
 # Prefix of the name of a rotor's joint, of that of a drive that only springs move, and of a torque sensor's.
 ROTOR, LINK, SENSOR = "rotor_", "link_", "sensor_"

@@ -8,17 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
-from haptid.device.device import Device, Frame, Joint
+from haptid.device.device import Device
 from haptid.device.expressions import number
+from haptid.device.parts import Frame, Joint
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import (
-    AnyJoint,
-    BaseTable,
-    FrameTable,
-    ModifiedDHJoint,
-    PlacementJoint,
-    StandardDHJoint,
-)
+from haptid.device.toml.schema import AnyJoint, BaseTable, FrameTable, ModifiedDHJoint, PlacementJoint, StandardDHJoint
 
 # Largest angle of the geometry, rad: a turn, with a margin for rounding.
 FULL_TURN = 2 * math.pi * (1 + 1e-9)

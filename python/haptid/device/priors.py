@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device.device import Device, Joint, Prior
+from haptid.device.device import Device
 from haptid.device.geometry import Reader
 from haptid.device.parameters import INERTIAL
+from haptid.device.parts import Joint, Prior
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import AnyDevice, PriorBodyTable, PriorTable
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.toml.reader import device_of
-from haptid.device.toml.schema import AnyTerm, ElasticTerm
+from haptid.device.toml.terms import AnyTerm, ElasticTerm
 from haptid.dynamics.model import DynamicModel
 
 

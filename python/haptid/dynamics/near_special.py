@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Device, Joint
+from haptid.device.device import Device
+from haptid.device.parts import Joint
 
 # Angles nearer than this to a right angle or to parallel, rad (3.14 is nearer), and distances of axes nearer than this
 # share of the mechanism's size to zero, count as meant to be such; below the second value of each they are.

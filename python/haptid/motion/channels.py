@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.device.device import DistributionLaw
+from haptid.device.parts import DistributionLaw
 from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
 from haptid.motion.motion import Motion

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Joint
 from haptid.device.geometry import angles, least_turn
 from haptid.device.parameters import INERTIAL
+from haptid.device.parts import Joint
 from haptid.device.priors import PriorBody, inertial_parameters
 from haptid.device.toml.reader import BASE
 from haptid.robot_files.loops import Hinge, OpenLoops, opened_loops

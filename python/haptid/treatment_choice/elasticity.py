@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Motor
+from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation import Estimate

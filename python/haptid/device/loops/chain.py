@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Cut, Frame, Joint
+from haptid.device.parts import Cut, Frame, Joint
 
 # Most Gauss-Newton steps, and the length of a step that is the last one, rad (or m).
 NEWTON_STEPS = 60

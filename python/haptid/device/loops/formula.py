@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
-from haptid.device.device import Cut, Joint
 from haptid.device.expressions import JointPolynomial
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure
+from haptid.device.parts import Cut, Joint
 
 # Random poses of a joint without limits are drawn from this range about zero, rad or m.
 _RANGE = 1.0

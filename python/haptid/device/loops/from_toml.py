@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Cut, Joint
 from haptid.device.expressions import JointPolynomial, relation
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.chain import Chain
 from haptid.device.loops.formula import AnyClosure, FormulaClosure, formula_closure
 from haptid.device.loops.linear import Closure, LinearMotion, find_linear_motions
 from haptid.device.loops.newton import newton_closure, open_loops
+from haptid.device.parts import Cut, Joint
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import CutTable, LoopTable
 from haptid.errors import DeviceFileError

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device.device import Cut
 from haptid.device.loops.chain import Chain, close_cuts
+from haptid.device.parts import Cut
 
 # Poses of the active joints, and starts of the passive ones at each, from which solutions are sought.
 REFERENCES = 8

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
-from haptid.device.device import Cut
 from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
 from haptid.device.loops.linear import Followed
+from haptid.device.parts import Cut
 from haptid.device.toml.errors_at import Place
 from haptid.errors import LoopClosureError, SingularityError
 

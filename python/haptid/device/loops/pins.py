@@ -13,8 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Cut, Device, Joint
+from haptid.device.device import Device
 from haptid.device.loops.linear import Closure
+from haptid.device.parts import Cut, Joint
 
 # A rotation about z by q is the sum of these times exp(-i q), 1 and exp(i q).
 _TURN = {

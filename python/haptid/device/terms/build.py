@@ -10,12 +10,12 @@ from string import ascii_uppercase
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Joint, Motor
 from haptid.device.elastic import SENSOR, row_map
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.formula import AnyClosure
+from haptid.device.parts import Joint, Motor
 from haptid.device.terms.custom import custom_column, with_constants
 from haptid.device.terms.extension import extension_columns
 from haptid.device.terms.friction import PLACES, LoadDependentFriction, load_row, one_direction
@@ -24,7 +24,7 @@ from haptid.device.terms.spring import Counterbalance, beyond_play, read_counter
 from haptid.device.terms.term import UNITS, TermColumn
 from haptid.device.terms.warming import Warming
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import (
+from haptid.device.toml.terms import (
     AnyTerm,
     CoordinateTable,
     CoulombTerm,

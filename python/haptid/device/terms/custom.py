@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptid.device.expressions import RESERVED, CustomColumn, column
 from haptid.device.terms.term import Searched, TermColumn
-from haptid.device.toml.schema import CustomTerm, SearchedTable
+from haptid.device.toml.terms import CustomTerm, SearchedTable
 
 if TYPE_CHECKING:
     from haptid.device.geometry import Reader

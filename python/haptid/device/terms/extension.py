@@ -10,7 +10,7 @@ from haptid._internal.extensions import extension, extension_names
 from haptid.device.expressions import column
 from haptid.device.terms.custom import constant_names, with_constants
 from haptid.device.terms.term import TermColumn
-from haptid.device.toml.schema import ExtensionTerm
+from haptid.device.toml.terms import ExtensionTerm
 from haptid.errors import suggestion
 
 if TYPE_CHECKING:

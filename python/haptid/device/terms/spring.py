@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from haptid.device.geometry import Reader
     from haptid.device.terms.build import Target, TermTargets
     from haptid.device.toml.errors_at import Place
-    from haptid.device.toml.schema import CounterbalanceTerm
+    from haptid.device.toml.terms import CounterbalanceTerm
 
 
 @dataclass(frozen=True)

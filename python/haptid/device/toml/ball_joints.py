@@ -11,7 +11,8 @@ from typing import Any
 
 from haptid.device.geometry import Reader, least_turn
 from haptid.device.toml.errors_at import Place
-from haptid.device.toml.schema import AnyDevice, LoopTable, PlacementJoint, TermTable
+from haptid.device.toml.schema import AnyDevice, LoopTable, PlacementJoint
+from haptid.device.toml.terms import TermTable
 
 
 def with_revolute_joints(tables: AnyDevice, reader: Reader, place: Place) -> AnyDevice:

@@ -15,7 +15,7 @@ from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
 from haptid._internal.toml_tables import Syntax, toml_values
 from haptid.device.collision import read_shapes
-from haptid.device.device import Device, Gimbal, Handle, Joint
+from haptid.device.device import Device
 from haptid.device.elastic import elastic_motors, with_link_drives, with_rotors
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
@@ -33,6 +33,7 @@ from haptid.device.parameters import (
     standard_parameters,
     unsigned,
 )
+from haptid.device.parts import Gimbal, Handle, Joint
 from haptid.device.priors import read_priors, unused_priors
 from haptid.device.terms.build import TermTargets, read_coordinates, read_terms
 from haptid.device.terms.term import TermColumn

@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import DistributionLaw, Joint, Motor, TorqueRows
+from haptid.device.device import TorqueRows
 from haptid.device.geometry import Reader
 from haptid.device.loops.formula import AnyClosure
+from haptid.device.parts import DistributionLaw, Joint, Motor
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import MotorTable, TransmissionTable
 from haptid.errors import DeviceFileError

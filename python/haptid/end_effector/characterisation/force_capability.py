@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Motor
+from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import HandleJacobian
 from haptid.errors import IncompleteDeviceError, RedundancyError, unknown_name

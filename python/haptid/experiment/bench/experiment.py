@@ -18,7 +18,7 @@ from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
 from haptid.device.priors import PriorBody, inertial_parameters, tensor
 from haptid.device.toml.reader import device_of
-from haptid.device.toml.schema import AnyTerm
+from haptid.device.toml.terms import AnyTerm
 from haptid.dynamics.counterparts import without_sensors
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExperimentFileError, unknown_name

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing_files
 from haptid._internal.toml_text import toml
-from haptid.device.device import DistributionLaw
+from haptid.device.parts import DistributionLaw
 from haptid.device.priors import PriorBody
 from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.bench.experiment import KINDS, Experiment, ExperimentTable

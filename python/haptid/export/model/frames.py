@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Frame
+from haptid.device.parts import Frame
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import Turn, Vector, constant_vector, cross, forth, plus, rotated, zero
 from haptid.export.model.tree import Link, Tree

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from haptid.device.device import DistributionLaw
+from haptid.device.parts import DistributionLaw
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import index_of
 from haptid.export.expressions.emit import Function

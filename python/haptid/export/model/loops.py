@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Cut
 from haptid.device.loops.formula import FormulaClosure
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
+from haptid.device.parts import Cut
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import Expr, Graph

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, positive, read_only
-from haptid.device.device import Joint
+from haptid.device.parts import Joint
 from haptid.device.priors import TENSOR
 from haptid.errors import ConvergenceError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, pseudo_inertia

@@ -19,8 +19,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import INERTIAL
-from haptid.device.device import Joint
 from haptid.device.parameters import INERTIAL_UNITS
+from haptid.device.parts import Joint
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.static import StaticModel, static_model
 from haptid.errors import (
