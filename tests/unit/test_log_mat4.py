@@ -11,6 +11,7 @@ from scipy import io
 
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
+from haptid.log.formats import mat
 from haptid.log.formats.mat4_header import is_mat4
 from haptid.log.survey import survey
 
@@ -92,9 +93,13 @@ def test_other_files_are_none() -> None:
     assert not is_mat4(np.arange(40.0).tobytes())
 
 
-def test_a_file_of_cells_says_what_to_save(tmp_path: Path) -> None:
+def test_cells_are_channels_and_one_of_texts_says_what_to_save(tmp_path: Path) -> None:
+    path = tmp_path / "runs.mat"
     runs = np.empty(2, dtype=object)
     runs[:] = [DATA, DATA[:, :50]]
-    io.savemat(tmp_path / "runs.mat", {"runs": runs})
+    io.savemat(path, {"runs": runs})
+    assert len(mat.names(path)) == 2 * len(DATA)
+    runs[:] = ["first", "second"]
+    io.savemat(path, {"runs": runs})
     with pytest.raises(errors.LogFileError, match="nothing in it is an array of numbers"):
-        survey(tmp_path / "runs.mat")
+        survey(path)
