@@ -142,7 +142,7 @@ class TermColumn:
         return replace(self, settings=(a, b, c))
 
     def sliding(self, v: Array) -> Array:
-        """The column of a term of dry friction that the core computes, from its velocity, (samples,)."""
+        """The column of a term of dry friction, as the core computes it, from its velocity, (samples,)."""
         side = {1: np.maximum(v, 0.0), -1: np.minimum(v, 0.0)}.get(self.side, v)
         width = self.constant("width")
         sign = np.tanh(side / width) if width else np.sign(side)

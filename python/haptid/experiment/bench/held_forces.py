@@ -79,17 +79,7 @@ class HeldForces:
                 for name, x in zip(self._names, values.tolist(), strict=True)
             }
             return float(shape.values(named, 1)[0])
-        return _smooth(held.term, v)
-
-
-def _smooth(term: TermColumn, v: float) -> float:
-    """Dry friction with a smoothed sign, times the Stribeck factor if it has one."""
-    side = {"coulomb+": max(v, 0.0), "coulomb-": min(v, 0.0)}.get(term.kind, v)
-    sign = float(np.tanh(side / term.constant("width")))
-    if term.kind != "stribeck":
-        return sign
-    velocity, exponent, _ = term.settings
-    return sign * float(np.exp(-((abs(v) / velocity) ** exponent)))
+        return float(held.term.sliding(np.array([v]))[0])
 
 
 def _checked(term: TermColumn, model: DynamicModel) -> TermColumn:
