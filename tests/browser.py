@@ -113,15 +113,6 @@ class Page:
         self.call("Page.navigate", url=address)
         self.wait("document.body && 'ready' in document.body.dataset")
 
-    def busy(self) -> float:
-        """Processor time of the page's main thread so far, s: other processes do not count. `busy_in_threads` first."""
-        metrics = self.call("Performance.getMetrics")["metrics"]
-        return float(next(one["value"] for one in metrics if one["name"] == "TaskDuration"))
-
-    def busy_in_threads(self) -> None:
-        """From now on the page's times are those of its thread, not of the clock."""
-        self.call("Performance.enable", timeDomain="threadTicks")
-
     def press(self, key: str, shift: bool = False) -> None:
         """A key, as by a person."""
         text = {"Enter": "\r", "Space": " "}.get(key, key if len(key) == 1 else "")

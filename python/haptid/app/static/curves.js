@@ -62,6 +62,7 @@ class Chart {
   }
 
   put(data, min, max) {
+    this.holder.dataset.points = String(data[0].length);
     this.chart.batch(() => {
       this.chart.setData(data, false);
       this.chart.setScale("x", { min, max });
