@@ -161,9 +161,21 @@ def test_feed_forward_of_an_arm_leaves_no_torque_on_the_links(tmp_path):
     assert np.abs(joints[links]).max() < 1e-12 * np.abs(joints).max()
     load = np.array([[1.0, 0.0], [0.5, 1.0]]) @ states[0]
     np.testing.assert_allclose(theta.T, load + q[:, :2].T, atol=1e-12)
-    stiff = np.array([400.0, 300.0])
-    sag = haptid.inverse_dynamics(model, beta, np.linalg.solve(model.device.row_map, q.T), *np.zeros((2, *q.T.shape)))
-    assert np.abs(q[:, :2].T - sag[:2] / stiff[:, None]).max() < np.abs(q[:, :2]).max()
+
+
+def test_springs_sag_under_gravity_at_rest(tmp_path):
+    """Held still, each torsion is the static torque of its spring over the stiffness."""
+    model, beta = arm()
+    made, count = library(tmp_path, model, beta), 400
+    q, qd, qdd, tau = (np.zeros((count, 4)) for _ in range(4))
+    q[:, 2:] = 0.4, -0.7
+    made.plan(count, *pointers(np.ascontiguousarray(beta), q, qd, qdd, tau, np.zeros((count, 2))))
+    # Static torque of the links by hand: masses at (0.1, 0) and (0.15, 0) with 1 kg at the second, 0.3 m long link.
+    g, (q1, q2) = 9.81, (0.4, -0.7)
+    beyond = 0.15 * g * np.cos(q1 + q2)
+    joints = np.array([(0.1 + 0.3 * 1.0) * g * np.cos(q1) + beyond, beyond])
+    motors = np.linalg.solve(np.array([[1.0, 0.5], [0.0, 1.0]]), joints)  # B' Gamma = torque of the joints
+    np.testing.assert_allclose(q[-1, :2], motors / [400.0, 300.0], rtol=1e-6)
 
 
 def test_code_of_springs_with_play_has_no_torsions():
