@@ -31,7 +31,7 @@ from workbench import CHANNELS, SAMPLES, STARTS, ZOOMS, Served, written_log
 LIVE_S, PATIENCE = 30.0, 60.0
 LOG = f"{CHANNELS} channels of {SAMPLES} samples"
 STREAM = f"{CHANNELS} channels at {RATE:g} Hz for {LIVE_S:g} s, one page open"
-# Remembers when two canvases have ink.
+# The time at which two canvases are painted, in window.painted.
 PAINTED = """
 (() => {
   const inked = (canvas) => {

@@ -1,6 +1,6 @@
 """Run a demonstration and keep the sections of its page for docs: python benchmarks/demo_record.py phantom medical
 
-With --flaws, only the section on the flaws of a real device is recorded anew; the rest of the record stays as it is.
+With --flaws, only the section on the flaws of a real device is recorded again, and replaced in the existing record.
 """
 
 from __future__ import annotations
