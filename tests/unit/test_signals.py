@@ -82,3 +82,12 @@ def test_normality(draw):
     known = (stats.skew(x), stats.kurtosis(x), stats.normaltest(x).pvalue)
     assert distributions.dagostino_pearson(x) == pytest.approx(known, rel=1e-7)
     assert distributions.dagostino_pearson(x[:10])[2] == 1.0
+
+
+@pytest.mark.parametrize("length", [128, 129])
+def test_cross_spectrum_is_scipys(length):
+    x, y = np.random.default_rng(0).standard_normal((2, 1000))
+    f, found = signals.cross_spectrum(x, y, 1e-3, signals.hann_window(length))
+    wanted_f, wanted = signal.csd(y, x, 1e3, "hann", length, noverlap=length // 2)  # SciPy conjugates the first
+    np.testing.assert_allclose(f, wanted_f)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max())

@@ -174,12 +174,30 @@ def welch(x: Array, dt: float, window: Array, line: bool = False) -> tuple[Array
         window: weights of a segment's samples.
         line: whether each segment's straight line is removed, and not only its mean.
     """
+    spectra = _segment_spectra(x, window, line)
+    return _density(np.mean(np.abs(spectra) ** 2, axis=0), dt, window)
+
+
+def cross_spectrum(x: Array, y: Array, dt: float, window: Array) -> tuple[Array, np.ndarray]:
+    """Frequencies, Hz, and one-sided cross power density of two signals, complex, as `welch` gives that of one."""
+    first, second = (_segment_spectra(signal, window, line=False) for signal in (x, y))
+    return _density(np.mean(first * second.conj(), axis=0), dt, window)
+
+
+def _segment_spectra(x: Array, window: Array, line: bool) -> np.ndarray:
+    """Transforms of the windowed segments of a signal, (segments, bins)."""
     length = len(window)
     segments = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
     level = without_line(segments) if line else segments - segments.mean(axis=-1, keepdims=True)
-    power = np.mean(np.abs(fft.rfft(level * window, axis=-1)) ** 2, axis=0) * dt / (window @ window)
-    power[1 : -1 if length % 2 == 0 else None] *= 2
-    return fft.rfftfreq(length, dt), power
+    return np.asarray(fft.rfft(level * window, axis=-1))
+
+
+def _density(products: np.ndarray, dt: float, window: Array) -> tuple[Array, np.ndarray]:
+    """Frequencies, and mean products of transforms as one-sided density, (bins,)."""
+    length = len(window)
+    density = products * (dt / (window @ window))
+    density[1 : -1 if length % 2 == 0 else None] *= 2
+    return fft.rfftfreq(length, dt), density
 
 
 def kaiser_window(length: int, beta: float) -> Array:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.signals import cross_spectrum, hann_window, welch
 from haptid.log.resampling import Spans
 from haptid.log.spectrum import Spectrum
 
@@ -89,7 +90,9 @@ class _Comparison:
         bandwidth = Spectrum.of(np.cumsum(v) * dt, dt).bandwidth
         rate = np.gradient(q, dt)
         length = min(len(q) // 2, max(_LENGTH, round(8 / (bandwidth * dt)) if bandwidth else 0))
-        f, both, own, other = _cross(rate, v, dt, length)
+        window = hann_window(length)
+        f, both = cross_spectrum(rate, v, dt, window)
+        own, other = (welch(x, dt, window)[1] for x in (rate, v))
         band, noise = f <= max(bandwidth, 2 * f[1]), (f > _ABOVE * bandwidth) & (f < 0.4 / dt)
         if not bandwidth or not noise.any():
             return
@@ -118,15 +121,6 @@ class _Comparison:
         if self.noise_ratio < _LESS:
             return f"(no less noisy than differences: {100 / np.sqrt(max(self.noise_ratio, 1e-12)):.2g} %)"
         return ""
-
-
-def _cross(one: Array, two: Array, dt: float, length: int) -> tuple[Array, np.ndarray, Array, Array]:
-    """Frequencies, cross spectrum, and the powers of two signals, each (bins,), by overlapping segments."""
-    window = np.hanning(length)
-    parts = [slice(start, start + length) for start in range(0, len(one) - length + 1, max(1, length // 2))]
-    first, second = (np.array([np.fft.rfft(window * (x[p] - x[p].mean())) for p in parts]) for x in (one, two))
-    powers = (np.mean(np.abs(x) ** 2, axis=0) for x in (first, second))
-    return np.fft.rfftfreq(length, dt), np.mean(first * second.conj(), axis=0), *powers
 
 
 def _complementary(position: Array, velocity: Array, dt: float, crossover: float) -> Array:
