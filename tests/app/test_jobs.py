@@ -189,6 +189,7 @@ def test_drift_over_dates_is_that_of_the_library(bench, monkeypatch):
     assert bench.ask("GET", f"/api/compare?paths={paths}&times=monday,tuesday")[0] == 400
 
 
+@pytest.mark.usefixtures("identified")
 def test_a_job_is_cancelled_within_a_second_and_leaves_nothing(bench):
     before = left(bench.folder / "results")
     begun = bench.ask("POST", "/api/identify", {"path": STUDY, "out": "results/cancelled"})[1]
