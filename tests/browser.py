@@ -33,6 +33,8 @@ SETTINGS = (
 PATIENCE = 60.0
 # Widths of windows, pixels.
 LAPTOP, PHONE, NARROW = 1280, 390, 320
+# A window of 4K, width and height.
+HUGE = 3840, 2160
 
 
 def browser() -> str | None:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("starlette")
 
-from browser import LAPTOP, NARROW, needs_browser
+from browser import HUGE, LAPTOP, NARROW, needs_browser
 from conftest import pictured
 from haptid.cli import app
 from haptid.robot_files import import_robot
@@ -37,6 +37,13 @@ def test_pages_fit_and_are_accessible(bench, tab, path):
     assert tab.accessibility() == []
     # Every stage is marked where one is.
     assert tab.ask("document.querySelectorAll('nav a[aria-current]').length") == 1
+    # On a screen of 4K without scaling, text is larger and more than half of the width is used.
+    size = "parseFloat(getComputedStyle(document.querySelector('main')).fontSize)"
+    small = tab.ask(size)
+    tab.size(*HUGE)
+    assert tab.ask(size) > 1.5 * small
+    assert tab.ask("document.querySelector('main').getBoundingClientRect().width") > HUGE[0] / 2
+    assert tab.ask("document.documentElement.scrollWidth") <= HUGE[0]
 
 
 def test_pages_are_accessible_in_dark_colours_too(bench, tab):
@@ -124,6 +131,9 @@ def test_a_robot_description_becomes_a_device(bench, tab):
     tab.ask("document.querySelector('form').requestSubmit()")
     tab.wait("document.querySelector('form [role=status]').textContent.startsWith('Saved')")
     assert (bench.folder / "devices" / "arm.toml").read_text() == text
+    arm = '<mujoco><worldbody><body name="a"><joint axis="0 0 1"/><geom size="0.1"/></body></worldbody></mujoco>'
+    status, made = bench.ask("POST", "/api/import", {"name": "arm.xml", "text": arm})
+    assert (status, made["path"]) == (200, "devices/arm-2.toml")
     for name, body in (("a.xacro", source.read_text()), ("a.urdf", "<robot"), ("../a.urdf", source.read_text())):
         assert bench.ask("POST", "/api/import", {"name": name, "text": body})[0] == 400
 

@@ -16,7 +16,7 @@ from haptid.errors import HaptidError, WorkbenchError
 
 # Robot descriptions that are read here. Xacro has expressions that are run, MJCF names other files: the command has
 # both.
-_DESCRIPTIONS = (".urdf", ".sdf")
+_DESCRIPTIONS = (".urdf", ".sdf", ".xml", ".par")
 
 
 def _checked_text(session: Session, asked: Asked) -> dict[str, Any]:

@@ -36,7 +36,8 @@ class Chart {
     this.holder = el("div", { class: "plot", role: "group", "aria-label": `${title}: ${names.join(", ")}` }, parent);
     el("h3", {}, this.holder, unit ? `${title}, ${unit}` : title);
     this.names = names;
-    this.height = height;
+    this.scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16; // larger on large screens
+    this.height = height = height * this.scale;
     this.chart = null;
     document.addEventListener("colours", () => this.make());
     new ResizeObserver(() => {
@@ -51,11 +52,11 @@ class Chart {
   // A new chart of uPlot in place of the last, with options beside those of all charts, and of each curve.
   begin(data, options, curve) {
     this.chart?.destroy();
-    const axis = { stroke: resolved("soft"), grid: { stroke: resolved("grid"), width: 1 }, ticks: { stroke: resolved("line") } };
+    const axis = { font: `${12 * this.scale}px system-ui, sans-serif`, size: 50 * this.scale, stroke: resolved("soft"), grid: { stroke: resolved("grid"), width: 1 }, ticks: { stroke: resolved("line") } };
     const ink = (k) => resolved(INKS[k % INKS.length]);
     const lines = this.names.map((label, k) => ({ label, stroke: ink(k), width: 1, points: { show: false }, spanGaps: false, ...curve(k, ink) }));
     this.chart = new uPlot({
-      width: this.width, height: this.height, scales: { x: { time: false } }, axes: [axis, { ...axis, size: 62 }],
+      width: this.width, height: this.height, scales: { x: { time: false } }, axes: [axis, { ...axis, size: 62 * this.scale }],
       series: [{ label: "t, s" }, ...lines], ...options,
     }, data, this.holder);
     this.chart.ctx.canvas.setAttribute("aria-hidden", "true"); // its holder is named, its numbers are in the legend

@@ -8,7 +8,7 @@ export async function show(main, query) {
   el("h1", {}, main, "Device");
   const row = el("div", { class: "row" }, main);
   const choice = field(row, "Device", el("select"));
-  const file = field(row, "or import a URDF or SDF", el("input", { type: "file", accept: ".urdf,.sdf" }));
+  const file = field(row, "or import a URDF, SDF, MJCF or SYMORO file", el("input", { type: "file", accept: ".urdf,.sdf,.xml,.par" }));
   const taken = el("div", {}, main);
   const columns = el("div", { class: "columns" }, main);
   const left = el("div", {}, columns), right = el("div", {}, columns);
