@@ -192,7 +192,10 @@ def test_drift_over_dates_is_that_of_the_library(bench, monkeypatch):
 @pytest.mark.usefixtures("identified")
 def test_a_job_is_cancelled_within_a_second_and_leaves_nothing(bench):
     before = left(bench.folder / "results")
-    begun = bench.ask("POST", "/api/identify", {"path": STUDY, "out": "results/cancelled"})[1]
+    # No scheduler answers there, so that the job waits for one until it is cancelled.
+    run = {"path": STUDY, "out": "results/cancelled", "scheduler": "tcp://127.0.0.1:9"}
+    begun = bench.ask("POST", "/api/identify", run)[1]
+    assert begun["command"] == f"haptid identify {STUDY} --out results/cancelled --scheduler tcp://127.0.0.1:9"
     until(lambda: bench.ask("GET", f"/api/jobs/{begun['id']}")[1]["steps"], "a first step")
     assert any(name.startswith(".cancelled-") for name in left(bench.folder / "results"))
     at = time.monotonic()

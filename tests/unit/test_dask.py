@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
+from haptid.app.work import WORK
 from haptid.cli import app
 from haptid.executors import DaskExecutor
 from haptid.observation.batch import observe_all
@@ -51,14 +52,18 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
         np.testing.assert_allclose(a.r_factors, b.r_factors, rtol=0, atol=1e-12 * np.abs(a.r_factors).max())
 
 
-def test_the_command_shares_a_study(address: str, tmp_path: Path) -> None:
+def test_the_command_and_the_workbench_share_a_study(address: str, tmp_path: Path) -> None:
     study = write_study(tmp_path)
     options = ["--out", str(tmp_path / "out"), "--scheduler", address, "--no-report"]
     done = CliRunner().invoke(app, ["identify", str(study), *options])
     assert done.exit_code in (0, 1), done.output  # 1: a criterion is not met
     alone = haptid.identify(haptid.read_study(study)).estimate
-    shared = [p["value"] for p in json.loads((tmp_path / "out/result.json").read_text())["estimate"]["parameters"]]
-    np.testing.assert_allclose(shared, alone.beta, rtol=0, atol=1e-12 * np.abs(alone.beta).max())
+    job = {"study": str(study), "out": str(tmp_path / "job"), "command": "", "scheduler": address}
+    WORK["identify"](job, lambda _what, _share: None)
+    for out in ("out", "job"):
+        stored = json.loads((tmp_path / out / "result.json").read_text())["estimate"]["parameters"]
+        shared = [parameter["value"] for parameter in stored]
+        np.testing.assert_allclose(shared, alone.beta, rtol=0, atol=1e-12 * np.abs(alone.beta).max())
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,12 +81,12 @@ def _check(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
 
 def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
     """As `haptid identify`."""
-    from haptid.executors import SerialExecutor
+    from haptid.executors import DaskExecutor, SerialExecutor
     from haptid.observation.cache import partial_of
     from haptid.report.run import write_identification
     from haptid.study import read_study
 
-    out = Path(arguments["out"])
+    out, scheduler = Path(arguments["out"]), arguments.get("scheduler")
     out.parent.mkdir(parents=True, exist_ok=True)
     result, source = write_identification(
         read_study(Path(arguments["study"])),
@@ -94,7 +94,7 @@ def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
         out,
         command=arguments["command"],
         progress=progress,
-        workers=SerialExecutor(),
+        workers=DaskExecutor(scheduler) if scheduler else SerialExecutor(),
         cache=partial_of(out),
     )
     return {

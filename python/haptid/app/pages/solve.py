@@ -121,8 +121,9 @@ def _start_run(session: Session, asked: Asked) -> dict[str, Any]:
         )
         raise WorkbenchError(f"{name} does not run: {why}.", where=name, advice="Check it first.")
     path.parent.mkdir(exist_ok=True)
-    command = shlex.join(["haptid", "identify", name, "--out", out])
-    arguments = {"study": name, "out": out, "command": command, "writes": [out]}
+    scheduler = asked.text("scheduler", "")
+    command = shlex.join(["haptid", "identify", name, "--out", out, *(["--scheduler", scheduler] if scheduler else [])])
+    arguments = {"study": name, "out": out, "command": command, "scheduler": scheduler, "writes": [out]}
     return asdict(session.jobs.start("identify", f"Identification of {name}", command, arguments))
 
 
