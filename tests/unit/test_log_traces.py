@@ -7,6 +7,8 @@ import pytest
 
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
+from haptid.log.formats.controller_trace import columns
+from haptid.log.request import Request
 from haptid.log.survey import survey
 
 T = np.arange(400) * 2.0
@@ -119,3 +121,13 @@ def test_a_table_in_which_no_column_is_one_of_numbers_is_not_called_damaged(tmp_
     (tmp_path / "a.csv").write_text("x,y\n" + rows)
     with pytest.raises(errors.LogFileError, match="none of its columns is one of numbers"):
         survey(tmp_path / "a.csv")
+
+
+def test_times_that_step_back_keep_the_order_of_the_file(tmp_path):
+    """The controller's clock was set: samples stay where they were recorded, and the step is refused by its time."""
+    (tmp_path / "t.csv").write_text(codesys(16, 1.0).replace("; 798; ", "; 1; "))
+    assert survey(tmp_path / "t.csv")
+    with pytest.raises(errors.LogTimeError, match="decreases at sample 399"):
+        read_log(tmp_path / "t.csv", CHANNELS)
+    table = columns(tmp_path / "t.csv", ["Axis1.ActPos"], Request())
+    np.testing.assert_array_equal(table["Axis1.ActPos"], Q)

@@ -70,15 +70,15 @@ def units(path: Path) -> dict[str, str]:
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted variables, each (n,) float64; NaN at times of other groups."""
     groups = _groups(path)
-    grid = groups[0].times
-    if any(not np.array_equal(group.times, grid) for group in groups):
+    grid, joined = groups[0].times, len(groups) > 1
+    if joined:
         grid = np.unique(np.concatenate([group.times for group in groups]))
         request.notes.append(f"{len(groups)} groups of variables have times of their own: joined by them")
 
     def on_grid() -> Iterator[tuple[str, RawChannel]]:
         yield TIME, grid
         for group in groups:
-            at = np.searchsorted(grid, group.times)
+            at = np.searchsorted(grid, group.times) if joined else slice(None)
             for name, values in group.values.items():
                 if name in wanted:
                     column = np.full(grid.size, np.nan)
@@ -120,7 +120,7 @@ def _merged(found: list[_Group]) -> list[_Group]:
     merged: list[_Group] = []
     taken: dict[str, int] = {TIME: 1}
     for group in found:
-        same = next((other for other in merged if np.array_equal(other.times, group.times)), None)
+        same = next((other for other in merged if np.array_equal(other.times, group.times, equal_nan=True)), None)
         if same is None:
             same = _Group(group.times, unit=group.unit)
             merged.append(same)
