@@ -56,13 +56,13 @@ class Solving {
     const row = el("div", { class: "row" }, right);
     this.out = field(row, "Result in results/", el("input", { type: "text", size: 24, autocomplete: "off", value: path.replace(/^studies\/|\.toml$/g, "") }));
     this.out.addEventListener("input", () => this.command());
+    this.why = el("p", { class: "quiet", role: "status" }, right);
     const cluster = el("details", { class: "small" }, right);
     el("summary", {}, cluster, "On a cluster");
     this.scheduler = field(cluster, "Dask scheduler (empty: this computer)", el("input", { type: "text", size: 24, autocomplete: "off", placeholder: "tcp://host:8786" }));
     this.scheduler.addEventListener("input", () => this.command());
     this.run = el("button", { type: "button", class: "main", disabled: true }, row, "Run");
     this.run.addEventListener("click", acting(main, () => this.begin("identify", { out: `results/${this.out.value}`, scheduler: this.scheduler.value.trim() })));
-    this.why = el("p", { class: "quiet", role: "status" }, right);
     this.work = el("div", {}, right);
     this.command();
   }
