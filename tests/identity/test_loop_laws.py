@@ -12,6 +12,7 @@ import haptid
 from closed_devices import NAMES, bodies, path, poses
 from haptid import _core
 from haptid.device.loops.chain import Chain
+from haptid.device.loops.linear import ClosureProblem
 from haptid.device.loops.newton import newton_closure
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.inverse import (
@@ -233,7 +234,7 @@ def test_linear_loops_by_the_general_road_are_the_same(tmp_path_factory, arm, le
     chain = Chain.of(linear.device.joints, linear.device.closure.cuts, linear.device.active)
     guess = dict(zip((3, 4), (linear.device.closure.G @ at + linear.device.closure.offset)[3:], strict=True))
     G, offset = linear.device.closure.G, linear.device.closure.offset
-    made = newton_closure(chain, G, offset, [3, 4], {}, (guess, at), Place("here"))
+    made = newton_closure(ClosureProblem(chain, G, offset, [3, 4], guess, at), {}, Place("here"))
     general = haptid.DynamicModel(replace(linear.device, closure=made))
     np.testing.assert_array_equal(general.device.varying, [[0, 0, 0]] * 3 + [[0, 1, 1]] * 2)
     qa = np.array([rng.uniform(-3, 3, 20), rng.uniform(-0.4, 0.4, 20), rng.uniform(1.0, 2.0, 20)])

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.device.geometry import joint_poses
 from haptid.device.loops.formula import AnyClosure
-from haptid.device.loops.from_toml import nearest, relation_text
+from haptid.device.loops.relations import nearest, relation_text
 from haptid.device.parts import Cut, Frame, Joint
 from haptid.device.toml.errors_at import Place
 from haptid.errors import DeviceFileError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from haptid.device.expressions import JointPolynomial, relation
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.chain import Chain
 from haptid.device.loops.formula import AnyClosure, FormulaClosure, formula_closure
-from haptid.device.loops.linear import Closure, LinearMotion, find_linear_motions
+from haptid.device.loops.linear import Closure, ClosureProblem, LinearMotion, find_linear_motions
 from haptid.device.loops.newton import newton_closure, open_loops
+from haptid.device.loops.relations import EXACT, nearest, polynomial_text, relation_text
 from haptid.device.parts import Cut, Joint
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import CutTable, LoopTable
@@ -22,8 +23,6 @@ from haptid.errors import DeviceFileError
 
 # A loop is closed if its gap stays below this share of the mechanism's size.
 _CLOSED = 1e-6
-# Constants this close to a multiple of pi / 12, and rates this close to one of 1 / 12, are rounded to it.
-NICE = 1e-9
 # Random poses at which closure is tested.
 _POSES = 100
 
@@ -143,12 +142,13 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
     if loops.cuts:
         chain = Chain.of(joints, loops.cuts, active)
         start_pose = np.array([loops.at.get(k, 0.0) for k in active])
-        left = unknown
+        problem = ClosureProblem(chain, G, offset, unknown, loops.guess, start_pose)
         if unknown:
-            G, offset, left, notes = _derived(chain, G, offset, unknown, loops, start_pose)
+            problem, notes = _with_linear_motions(problem, loops.place)
+        G, offset, left = problem.G, problem.offset, problem.unknown
         if left:
             known = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
-            return newton_closure(chain, G, offset, left, known, (loops.guess, start_pose), loops.place), notes
+            return newton_closure(problem, known, loops.place), notes
         error = chain.gap(G, offset, _POSES)
         if error > _CLOSED * chain.size:
             attempts = "with the relations given," if not unknown else "at best,"
@@ -205,19 +205,8 @@ def _by_formulas(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops)
         except OverflowError as error:
             raise loops.place.error(f"with relations put into each other, {error}", "Use fewer powers.") from None
     return formula_closure(
-        joints, active, polynomials, [_polynomial_text(joints[j].name, polynomials[j]) for j in sorted(polynomials)]
+        joints, active, polynomials, [polynomial_text(joints[j].name, polynomials[j]) for j in sorted(polynomials)]
     )
-
-
-def _polynomial_text(name: str, polynomial: JointPolynomial) -> str:
-    """A relation as in a device file, such as `q3 = 0.1 + 0.8*q2 + 0.1*q2**2`."""
-    parts = []
-    for product, factor in sorted(polynomial.terms.items(), key=lambda term: (len(term[0]), term[0])):
-        powers = [(symbol, product.count(symbol)) for symbol in dict.fromkeys(product)]
-        symbols = [symbol if power == 1 else f"{symbol}**{power}" for symbol, power in powers]
-        if factor or not product:
-            parts.append("*".join([f"{factor:.12g}", *symbols]))
-    return f"q{name} = {' + '.join(part for part in parts if part != '0') or '0'}".replace("+ -", "- ")
 
 
 def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> tuple[Array, Array, list[int]]:
@@ -245,120 +234,85 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
     return G, offset, solved
 
 
-def _derived(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
-) -> tuple[Array, Array, list[int], tuple[str, ...]]:
-    """G and offset with the linear motions that close the cuts, and the joints left, whose rates vary."""
-    search = find_linear_motions(chain, G, offset, unknown, loops.guess, start_pose, _CLOSED)
+def _with_linear_motions(problem: ClosureProblem, place: Place) -> tuple[ClosureProblem, tuple[str, ...]]:
+    """The problem with the linear motions that close its cuts, and notes; joints whose rates vary are still unknown."""
+    search = find_linear_motions(problem, _CLOSED)
     if not search.closed:
-        raise open_loops(loops.place, search.best, _CLOSED * chain.size, f"from {search.starts} starts, at best,")
+        limit = _CLOSED * problem.chain.size
+        raise open_loops(place, search.best, limit, f"from {search.starts} starts, at best,")
     if search.free:
-        count = len(unknown)
+        count = len(problem.unknown)
         raise DeviceFileError(
-            f"{loops.place}: the loop constraints determine only {count - search.free} of {count} passive joints; "
+            f"{place}: the loop constraints determine only {count - search.free} of {count} passive joints; "
             f"{search.free} can still move with the active ones at rest.",
-            where=loops.place.key,
+            where=place.key,
             found=count - search.free,
             limit=count,
             advice=f"Make {search.free} more of them active, or add a cut.",
         )
     if not search.linear:
-        return _apart(chain, G, offset, unknown, loops, start_pose)
-    rounded = [_rounded(chain, motion, unknown, loops.guess, start_pose) for motion in search.linear]
-    best = min(rounded, key=lambda motion: _preference(motion, unknown, loops.guess, start_pose))
+        return _by_groups(problem, place)
     notes: tuple[str, ...] = ()
-    if len(rounded) > 1 and not loops.guess:
+    if len(search.linear) > 1 and not problem.guess:
         notes = (
-            f"the loops close in {len(rounded)} linear assembly modes; the one with the smallest constants was taken. "
-            f"Add guess = {{...}} to a loop to choose another.",
+            f"the loops close in {len(search.linear)} linear assembly modes; the one with the smallest constants was "
+            "taken. Add guess = {...} to a loop to choose another.",
         )
-    return best.G, best.offset, [], notes
+    return problem.with_motion(_preferred(problem, search.linear)), notes
 
 
-def _apart(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
-) -> tuple[Array, Array, list[int], tuple[str, ...]]:
-    """The same if not all loops are linear: groups that share no passive joint are searched one by one."""
-    groups = chain.independent(unknown)
+def _by_groups(problem: ClosureProblem, place: Place) -> tuple[ClosureProblem, tuple[str, ...]]:
+    """Linear motions where not all loops have one: groups that share no passive joint are searched one by one."""
+    groups = problem.chain.independent(problem.unknown)
+    if len(groups) == 1:
+        return _by_single_loops(problem), ()
     left: list[int] = []
     notes: tuple[str, ...] = ()
-    if len(groups) == 1:
-        return _inner(chain, G, offset, unknown, loops, start_pose)
     for cuts, joints in groups:
-        part = Chain.of(chain.joints, cuts, chain.active)
-        G, offset, part_motion, added = _derived(part, G, offset, joints, loops, start_pose)
-        left, notes = left + part_motion, notes + added
-    return G, offset, sorted(left), notes
+        part, added = _with_linear_motions(problem.of(cuts, joints), place)
+        problem = replace(problem, G=part.G, offset=part.offset)
+        left, notes = left + part.unknown, notes + added
+    return replace(problem, unknown=sorted(left)), notes
 
 
-def _inner(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, start_pose: Array
-) -> tuple[Array, Array, list[int], tuple[str, ...]]:
-    """The same of one group: single loops in it that are linear, such as parallelograms in a leg, are found first."""
-    left, waiting = unknown, list(chain.cuts)
+def _by_single_loops(problem: ClosureProblem) -> ClosureProblem:
+    """Linear motions of single loops within one group of loops, such as the parallelograms of a leg."""
+    waiting = list(problem.chain.cuts)
     while waiting:
         cut = waiting.pop(0)
-        joints = [j for _, own in Chain.of(chain.joints, (cut,), chain.active).independent(left) for j in own]
-        if not 0 < len(joints) < len(left):
+        own = problem.of((cut,), problem.unknown)
+        part = replace(own, unknown=[j for _, joints in own.chain.independent(problem.unknown) for j in joints])
+        if not 0 < len(part.unknown) < len(problem.unknown):
             continue
-        part = Chain.of(chain.joints, (cut,), chain.active)
-        search = find_linear_motions(part, G, offset, joints, loops.guess, start_pose, _CLOSED)
+        search = find_linear_motions(part, _CLOSED)
         if search.linear and not search.free:
-            rounded = [_rounded(part, motion, joints, loops.guess, start_pose) for motion in search.linear]
-            best = min(rounded, key=lambda motion: _preference(motion, joints, loops.guess, start_pose))
-            G, offset, left = best.G, best.offset, [j for j in left if j not in joints]
-            waiting = list(chain.cuts)
-    return G, offset, left, ()
+            motion = _preferred(part, search.linear)
+            left = [j for j in problem.unknown if j not in part.unknown]
+            problem = replace(problem, G=motion.G, offset=motion.offset, unknown=left)
+            waiting = list(problem.chain.cuts)
+    return problem
 
 
-def _rounded(
-    chain: Chain, motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], start_pose: Array
-) -> LinearMotion:
+def _preferred(problem: ClosureProblem, motions: Sequence[LinearMotion]) -> LinearMotion:
+    """Of motions with rounded constants, the one nearest to the guess, then the one with the smallest constants."""
+
+    def preference(motion: LinearMotion) -> tuple[float, float]:
+        positions = motion.G @ problem.start_pose + motion.offset
+        distance = sum(abs(positions[j] - value) for j, value in problem.guess.items() if j in problem.unknown)
+        return round(float(distance), 6), round(float(np.abs(motion.offset[problem.unknown]).sum()), 6)
+
+    return min((_rounded(problem, motion) for motion in motions), key=preference)
+
+
+def _rounded(problem: ClosureProblem, motion: LinearMotion) -> LinearMotion:
     """The motion with constants within a turn, and constants and rates rounded to simple fractions."""
-    G, offset = motion.G.copy(), motion.offset.copy()
-    for j in unknown:
+    G, offset, guess = motion.G.copy(), motion.offset.copy(), problem.guess
+    for j in problem.unknown:
         G[j] = [nearest(g, 1 / 12) for g in G[j]]
-        if not chain.joints[j].prismatic:
-            centre = guess[j] - float(G[j] @ start_pose) if j in guess else 0.0
+        if not problem.chain.joints[j].prismatic:
+            centre = guess[j] - float(G[j] @ problem.start_pose) if j in guess else 0.0
             turns = math.ceil((offset[j] - centre) / (2 * math.pi) - 0.5 - 1e-9)
             offset[j] = nearest(offset[j] - 2 * math.pi * turns, math.pi / 12)
-        elif abs(offset[j]) < NICE:
+        elif abs(offset[j]) < EXACT:
             offset[j] = 0.0
     return LinearMotion(G, offset, motion.at)
-
-
-def nearest(value: float, step: float) -> float:
-    """The nearest multiple of a step if it is within NICE, else the value itself."""
-    multiple = round(value / step) * step
-    return multiple + 0.0 if abs(value - multiple) < NICE else value
-
-
-def _preference(
-    motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], start_pose: Array
-) -> tuple[float, float]:
-    """Sort key: distance from the guess, then size of the constants."""
-    positions = motion.G @ start_pose + motion.offset
-    distance = sum(abs(positions[j] - value) for j, value in guess.items() if j in unknown)
-    return round(float(distance), 6), round(float(np.abs(motion.offset[unknown]).sum()), 6)
-
-
-def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float) -> str:
-    """A relation as in a device file, such as `q3 = pi/2 - q2 + q7`."""
-    parts = [("-" if constant < 0 else "+", _angle(abs(constant)))] if constant else []
-    for k, factor in zip(active, row, strict=True):
-        if factor:
-            size = "" if abs(factor) == 1 else f"{abs(factor):.12g}*"
-            parts.append(("-" if factor < 0 else "+", f"{size}q{names[k]}"))
-    if not parts:
-        return f"q{names[joint]} = 0"
-    (sign, first), *rest = parts
-    return f"q{names[joint]} = {'-' if sign == '-' else ''}{first}" + "".join(f" {s} {text}" for s, text in rest)
-
-
-def _angle(value: float) -> str:
-    twelfths = round(value / (math.pi / 12))
-    if twelfths == 0 or abs(value - twelfths * math.pi / 12) > NICE:
-        return f"{value:.12g}"
-    shared = math.gcd(twelfths, 12)
-    above, below = twelfths // shared, 12 // shared
-    return ("pi" if above == 1 else f"{above}*pi") + ("" if below == 1 else f"/{below}")

@@ -1,9 +1,9 @@
-"""Loop closure with constant rates, as of parallelograms: q_tree = G qa + offset, and the search for such motions."""
+"""Loop closure with constant rates, q_tree = G qa + offset, as of parallelograms, and the search for such motions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,36 +136,54 @@ class LinearSearch:
     starts: int
 
 
-def find_linear_motions(
-    chain: Chain,
-    G: Array,
-    offset: Array,
-    unknown: list[int],
-    guess: Mapping[int, float],
-    start_pose: Array,
-    closed: float,
-) -> LinearSearch:
+@dataclass(frozen=True, eq=False)
+class ClosureProblem:
+    """Cuts to close: what is known of the motion q_tree = G qa + offset, and where to start.
+
+    Attributes:
+        chain: the tree and its cuts.
+        G, offset: motion of the joints already determined, (joints, active) and (joints,); rows of the unknown ones
+            are ignored.
+        unknown: indices of the joints that the cuts are to determine.
+        guess: positions of passive joints near which to start, rad or m.
+        start_pose: positions of the active joints to start from, (active,), rad or m.
+    """
+
+    chain: Chain
+    G: Array
+    offset: Array
+    unknown: list[int]
+    guess: Mapping[int, float]
+    start_pose: Array
+
+    def of(self, cuts: tuple[Cut, ...], unknown: list[int]) -> ClosureProblem:
+        """The part of the problem that has some of the cuts and some of the unknown joints."""
+        return replace(self, chain=Chain.of(self.chain.joints, cuts, self.chain.active), unknown=unknown)
+
+    def with_motion(self, motion: LinearMotion) -> ClosureProblem:
+        """The problem solved: all of its joints move by a linear motion."""
+        return replace(self, G=motion.G, offset=motion.offset, unknown=[])
+
+
+def find_linear_motions(problem: ClosureProblem, closed: float) -> LinearSearch:
     """Every linear motion of the unknown joints that closes the cuts at all poses.
 
     A linear motion is its own tangent: each solution found at some pose is extended along its tangent, and
     kept if that closes at all poses.
 
     Args:
-        chain: the tree and its cuts.
-        G, offset: motion of the joints already determined; rows of the unknown ones are ignored.
-        unknown: indices of the joints to determine.
-        guess: positions near which to start.
-        start_pose: a pose of the active joints to start from in addition to random ones, (active,).
+        problem: cuts, motion of the joints already determined, and starts; random ones are added to these.
         closed: largest gap, in mechanism sizes.
     """
-    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), start_pose]), _STARTS, axis=0)
-    q = qa @ G.T + offset
+    chain, unknown = problem.chain, problem.unknown
+    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), problem.start_pose]), _STARTS, axis=0)
+    q = qa @ problem.G.T + problem.offset
     q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
-    q[::_STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
+    q[::_STARTS, unknown] = [problem.guess.get(j, 0.0) for j in unknown]
     q = close_cuts(chain, q, unknown)
     gaps = np.abs(chain.residual(q)[0]).max(axis=1)
     closes = gaps < closed * chain.size
-    tangents, free = _tangents(chain, q[closes], qa[closes], G, offset, unknown)
+    tangents, free = _tangents(problem, q[closes], qa[closes])
     linear = [_polished(chain, motion, unknown) for motion in ([] if free else _lasting(chain, tangents))]
     linear = [motion for motion in linear if chain.gap(motion.G, motion.offset, 64) < closed * chain.size]
     best = float(gaps.min())
@@ -182,17 +200,16 @@ def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, 
     return np.asarray(-np.linalg.pinv(A, rcond=_RANK_TOLERANCE) @ (J @ others)), np.asarray(singular)
 
 
-def _tangents(
-    chain: Chain, q: Array, qa: Array, G: Array, offset: Array, unknown: list[int]
-) -> tuple[list[LinearMotion], int]:
+def _tangents(problem: ClosureProblem, q: Array, qa: Array) -> tuple[list[LinearMotion], int]:
     """Distinct tangents at solutions, and how many directions of the unknown joints no solution determines."""
+    chain, unknown = problem.chain, problem.unknown
     if not len(q):
         return [], 0
-    slopes, singular = rates(chain, q, G, unknown)
+    slopes, singular = rates(chain, q, problem.G, unknown)
     free = (singular < _RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
     motions = []
     for k in np.flatnonzero(free == free.min()):
-        extended, constant = G.copy(), offset.copy()
+        extended, constant = problem.G.copy(), problem.offset.copy()
         extended[unknown] = slopes[k]
         constant[unknown] = q[k, unknown] - slopes[k] @ qa[k]
         motions.append(LinearMotion(extended, constant, qa[k]))

@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid.device.loops.chain import NEWTON_STEPS, Chain, close_cuts, compiled
-from haptid.device.loops.linear import Followed
+from haptid.device.loops.linear import ClosureProblem, Followed
 from haptid.device.parts import Cut
 from haptid.device.toml.errors_at import Place
 from haptid.errors import LoopClosureError, SingularityError
@@ -38,9 +38,6 @@ _POSES, EFFECT = 24, 1e-9
 
 # Largest Jacobian over the samples that is kept after a motion was followed, bytes.
 _KEPT = 1 << 25
-
-# Guessed positions of passive joints, and the active joints' start pose, (active,).
-Start = tuple[Mapping[int, float], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,17 +232,12 @@ def conditioning(A: Array) -> Array:
     return np.asarray(np.linalg.svd(A / np.maximum(lengths, 1e-300), compute_uv=False)[:, -1])
 
 
-def newton_closure(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], known: Mapping[int, str], start: Start, place: Place
-) -> NewtonClosure:
+def newton_closure(problem: ClosureProblem, known: Mapping[int, str], place: Place) -> NewtonClosure:
     """The closure of loops whose rates vary, in the assembly mode nearest to the guess at the start pose.
 
     Args:
-        chain: the tree and its cuts.
-        G, offset: motion of the joints already determined; rows of the unknown ones are ignored.
-        unknown: indices of the joints that the cuts determine.
+        problem: the cuts, and the passive joints that they determine.
         known: relations of the passive joints already determined, as text.
-        start: guessed positions of passive joints at the start pose, and that pose.
         place: of the loops in the file.
 
     Raises:
@@ -253,15 +245,15 @@ def newton_closure(
             not distinguish.
         SingularityError: the start pose is singular.
     """
-    guess, start_pose = start
-    constant, constants = G.copy(), offset.copy()
+    chain, unknown, start_pose = problem.chain, problem.unknown, problem.start_pose
+    constant, constants = problem.G.copy(), problem.offset.copy()
     constant[unknown], constants[unknown] = 0.0, 0.0
-    modes = _assembly_modes(chain, constant @ start_pose + constants, unknown, guess, start_pose, place)
-    q = _nearest_mode(chain, modes, unknown, guess, start_pose, place)
+    modes = _assembly_modes(problem, constant @ start_pose + constants, place)
+    q = _nearest_mode(problem, modes, place)
     open_by = float(conditioning(chain.residual(q[None])[1][:, :, unknown])[0])
     if open_by < _SINGULAR:
         raise _singular(f"{place}: at the start pose", chain.active_text(start_pose), open_by, place.key)
-    varying = np.zeros(G.shape, dtype=bool)
+    varying = np.zeros(constant.shape, dtype=bool)
     varying[unknown] = True
     measured = _measured(NewtonClosure(chain, constant, constants, tuple(unknown), start_pose, q, varying, 0.0, ()))
     names = [f"q{chain.joints[k].name}" for k in chain.active]
@@ -281,17 +273,16 @@ def _measured(closure: NewtonClosure) -> NewtonClosure:
     return replace(closure, varying=varying, error=gap)
 
 
-def _assembly_modes(
-    chain: Chain, q: Array, unknown: list[int], guess: Mapping[int, float], start_pose: Array, place: Place
-) -> list[Array]:
+def _assembly_modes(problem: ClosureProblem, q: Array, place: Place) -> list[Array]:
     """All closed poses found, revolute joints within half a turn of the guess, or of zero."""
+    chain, unknown, guess = problem.chain, problem.unknown, problem.guess
     starts = np.repeat(q[None], _STARTS + 1, axis=0)
     starts[:, unknown] = chain.random_starts(unknown, _STARTS + 1, seed=0)
     starts[0, unknown] = [guess.get(j, 0.0) for j in unknown]
     starts = close_cuts(chain, starts, unknown)
     gaps = np.abs(chain.residual(starts)[0]).max(axis=1)
     if not (gaps < _CLOSED * chain.size).any():
-        attempts = f"at the start pose ({chain.active_text(start_pose)}), from {_STARTS + 1} starts,"
+        attempts = f"at the start pose ({chain.active_text(problem.start_pose)}), from {_STARTS + 1} starts,"
         raise open_loops(place, float(gaps.min()), _CLOSED * chain.size, attempts)
     modes: list[Array] = []
     for pose in starts[gaps < _CLOSED * chain.size]:
@@ -312,10 +303,9 @@ def _distance(chain: Chain, first: Array, second: Array, joints: list[int]) -> f
     return float(np.abs(difference[joints]).max(initial=0.0))
 
 
-def _nearest_mode(
-    chain: Chain, modes: list[Array], unknown: list[int], guess: Mapping[int, float], start_pose: Array, place: Place
-) -> Array:
+def _nearest_mode(problem: ClosureProblem, modes: list[Array], place: Place) -> Array:
     """The assembly mode nearest to the guess."""
+    chain, unknown, guess = problem.chain, problem.unknown, problem.guess
     wanted = np.zeros(len(chain.joints))
     guessed = [j for j in guess if j in unknown]
     wanted[guessed] = [guess[j] for j in guessed]
@@ -324,8 +314,8 @@ def _nearest_mode(
     if len(nearest) > 1:
         texts = [", ".join(f"{chain.joints[j].name} = {mode[j]:.4g}" for j in unknown) for mode in nearest]
         raise LoopClosureError(
-            f"{place}: at {chain.active_text(start_pose)} the loops close in {len(texts)} assembly modes, and no guess "
-            f"chooses one: {' or '.join(texts[:8])}.",
+            f"{place}: at {chain.active_text(problem.start_pose)} the loops close in {len(texts)} assembly modes, and "
+            f"no guess chooses one: {' or '.join(texts[:8])}.",
             where=place.key,
             found=len(texts),
             limit=1,

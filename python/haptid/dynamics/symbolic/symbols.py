@@ -10,7 +10,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from haptid.device.loops.from_toml import nearest
+from haptid.device.loops.relations import nearest
 from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
 
 # Exponents of metre and second. Angles are dimensionless: a sliding joint coupled to a turning one relates them to

@@ -13,9 +13,9 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze_fields
-from haptid.device.loops.from_toml import nearest
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
+from haptid.device.loops.relations import nearest
 from haptid.dynamics.model import DynamicModel
 
 # Random poses for each joint and coordinate, at which relations have to hold.
