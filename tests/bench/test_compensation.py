@@ -11,7 +11,14 @@ from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.velocity_forces import velocity_product_acceleration
-from haptid.end_effector.compensation import STIFF_HAND, Compensation, stable_share
+from haptid.end_effector.compensation import (
+    STIFF_HAND,
+    TYPICAL_HAND,
+    Compensation,
+    InverseDynamics,
+    judge_law,
+    stable_share,
+)
 from haptid.experiment import bench
 from true_parameters import true_parameters
 
@@ -209,6 +216,57 @@ def test_the_loop_says_which_law_a_stiff_hand_can_hold(model, damping):
     early, late = (np.sqrt(np.mean(speed[part] ** 2)) for part in (slice(100, 200), slice(500, 600)))
     grown = (late / early) ** (1 / 400)
     assert grown == pytest.approx(radius, abs=2e-3)
+
+
+@pytest.mark.parametrize("natural_hz", [5.0, 60.0])
+def test_inverse_dynamics_in_a_stiff_hand(model, natural_hz):
+    """Growth on the bench is the spectral radius; felt are the mass, 2 zeta w M and w^2 M where filters are fast."""
+    chi = smooth(model)
+    identified = GivenParameters(model, model.base.of(chi))
+    law, pose = InverseDynamics(identified, natural_hz, velocity_cutoff_hz=100.0), np.array(POSES[0])
+    radius = law.loop(pose, DT).spectral_radius(STIFF_HAND)
+    push = bench.Push((0.02, 0.02, 0.02), stop=0.02)
+    setup = bench.Setup(model, chi, OFF, hand=(push,), held=bench.Hand(STIFF_HAND), law=law, physics=PHYSICS)
+    found = bench.simulate(setup, rest(POSES[0], 0.6), np.random.default_rng(0))
+    speed = np.linalg.norm(found.qd[:, list(model.device.active)], axis=1)
+    early, late = (np.sqrt(np.mean(speed[part] ** 2)) for part in (slice(100, 200), slice(500, 600)))
+    assert (late / early) ** (1 / 400) == pytest.approx(radius, abs=6e-3)
+    point = judge_law(law, pose[:, None], DT, hands=(STIFF_HAND, TYPICAL_HAND, None))
+    assert point.stable == (point.spectral_radius < 1)
+    w, mass = 2 * np.pi * natural_hz, apparent_mass(identified, pose[:, None]).mass.values[0].max()
+    assert point.stiffness == pytest.approx(w**2 * mass, rel=1e-3)
+    if natural_hz == 5.0:
+        assert point.stable
+        assert point.quiet
+        assert not point.passive
+        assert point.added_damping == pytest.approx(2 * w * mass, rel=0.02)
+
+
+def test_inverse_dynamics_follows_a_plan(model):
+    """With the true parameters and dry friction fed forward; without it friction over w^2 M is left."""
+    chi = true_parameters(model)
+    identified = GivenParameters(model, model.base.of(chi))
+    t = np.arange(1000) * DT
+    phase = 2 * np.pi * t
+    q, qd, qdd = (
+        np.outer(x, [0.2, 0.1, 0.15])
+        for x in (1 - np.cos(phase), 2 * np.pi * np.sin(phase), 4 * np.pi**2 * np.cos(phase))
+    )
+    planned = bench.Trajectory(DT, q + POSES[0], qd, qdd)
+
+    def missed(friction):
+        def plan(t):
+            k = min(round(t / DT), len(planned) - 1)
+            return planned.q[k], planned.qd[k], planned.qdd[k]
+
+        law = InverseDynamics(identified, 8.0, friction=friction, plan=plan)
+        found = bench.simulate(
+            bench.Setup(model, chi, OFF, law=law, physics=PHYSICS), planned, np.random.default_rng(0)
+        )
+        return np.abs(found.q[:, list(model.device.active)] - planned.q).max()
+
+    assert missed(1.0) < 0.3 * missed(0.0)
+    assert missed(1.0) < 0.01
 
 
 def test_the_bound_by_hand():

@@ -33,6 +33,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.pareto import pareto_front
 from haptid.end_effector.characterisation.characterise import characterise
 from haptid.end_effector.compensation.hands import HandModel, HandMotion, published_hands
+from haptid.end_effector.compensation.inverse_dynamics import InverseDynamics
 from haptid.end_effector.compensation.law import Compensation
 from haptid.end_effector.compensation.sampled import SampledLoop
 from haptid.errors import SettingError, setting_error
@@ -51,12 +52,12 @@ _LEAST_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class DesignPoint:
-    """Settings and what they give, worst over the poses.
+class JudgedLaw:
+    """What a hand feels of a law, and its verdicts, worst over the poses.
 
     Attributes:
-        law: the settings.
         reduction: of the felt mass, share of the bare one, along the direction of the largest mass.
+        stiffness: felt, largest of all directions, N/m.
         added_damping: felt in addition to the bare device's, largest of all directions, N s/m.
         passive, stable, quiet: the verdicts; see the module.
         spectral_radius: of the worst hand and pose, or of the first that is not stable.
@@ -64,8 +65,8 @@ class DesignPoint:
         power: largest mean power that a hand would get from a motion on purpose, W; negative: it loses that much.
     """
 
-    law: Compensation
     reduction: float
+    stiffness: float
     added_damping: float
     passive: bool
     stable: bool
@@ -73,6 +74,17 @@ class DesignPoint:
     spectral_radius: float
     missing_damping: float
     power: float
+
+
+@dataclass(frozen=True)
+class DesignPoint(JudgedLaw):
+    """Settings of a search and what they give.
+
+    Attributes:
+        law: the settings.
+    """
+
+    law: Compensation
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +175,9 @@ def design_compensation(
         SettingError: a setting out of range, or a pose at which the handle is singular.
         IncompleteDeviceError: the device has no handle.
     """
-    qa = np.asarray(poses, dtype=float)
-    expect("poses", qa.shape, (len(law.identified.model.device.active), None))
-    if not 0 < felt_hz < 0.5 / dt:
-        raise setting_error("felt_hz", felt_hz, f"above 0 and below {0.5 / dt:g}, half the control rate")
-    if not 0 <= friction_kept <= 1:
-        raise setting_error("friction_kept", friction_kept, "0 to 1")
-    given = (*published_hands(), None) if hands is None else tuple(hands)
-    bench = _Poses(law, qa, dt, delay, motion or HandMotion(), friction_kept, felt_hz)
+    qa, given = _checked(law, poses, dt, felt_hz, friction_kept, hands)
+    bare = replace(law, share=0.0, damping=0.0, towards=None)
+    bench = _Poses(law, bare, qa, dt, delay, motion or HandMotion(), friction_kept, felt_hz)
     points = []
     for velocity, momentum in product(velocity_cutoffs_hz, momentum_cutoffs_hz):
         filtered = replace(law, velocity_cutoff_hz=velocity, momentum_cutoff_hz=momentum, damping=0.0, share=0.0)
@@ -186,11 +193,60 @@ def design_compensation(
     return CompensationDesign(tuple(points), felt_hz, given, bench.motion)
 
 
+def judge_law(
+    law: Compensation | InverseDynamics,
+    poses: ArrayLike,
+    dt: float,
+    delay: float = 0.0,
+    *,
+    felt_hz: float = 2.0,
+    hands: Sequence[HandModel | None] | None = None,
+    motion: HandMotion | None = None,
+    friction_kept: float = 0.7,
+) -> JudgedLaw:
+    """What a hand feels of one law, and its verdicts: as of a point of `design_compensation`, without a search.
+
+    Compared with the device whose weight is carried, and no more. Friction compensation enters the verdict on stability
+    by its slope at rest, without the dry friction that holds there: a law that is not stable may stay still.
+
+    Args and errors: as of `design_compensation`.
+    """
+    qa, given = _checked(law, poses, dt, felt_hz, friction_kept, hands)
+    bare = Compensation(law.identified, 0.0)
+    return _Poses(law, bare, qa, dt, delay, motion or HandMotion(), friction_kept, felt_hz).judged(law, given)
+
+
+def _checked(
+    law: Compensation | InverseDynamics,
+    poses: ArrayLike,
+    dt: float,
+    felt_hz: float,
+    friction_kept: float,
+    hands: Sequence[HandModel | None] | None,
+) -> tuple[Array, tuple[HandModel | None, ...]]:
+    """Poses as an array, and the hands; the errors of `design_compensation`."""
+    qa = np.asarray(poses, dtype=float)
+    expect("poses", qa.shape, (len(law.identified.model.device.active), None))
+    if not 0 < felt_hz < 0.5 / dt:
+        raise setting_error("felt_hz", felt_hz, f"above 0 and below {0.5 / dt:g}, half the control rate")
+    if not 0 <= friction_kept <= 1:
+        raise setting_error("friction_kept", friction_kept, "0 to 1")
+    return qa, (*published_hands(), None) if hands is None else tuple(hands)
+
+
 class _Poses:
     """The poses of a search: directions, dry friction and the bare device at each."""
 
     def __init__(
-        self, law: Compensation, qa: Array, dt: float, delay: float, motion: HandMotion, kept: float, felt_hz: float
+        self,
+        law: Compensation | InverseDynamics,
+        bare: Compensation,
+        qa: Array,
+        dt: float,
+        delay: float,
+        motion: HandMotion,
+        kept: float,
+        felt_hz: float,
     ) -> None:
         self.qa, self.dt, self.delay, self.motion, self.felt_hz = read_only(qa), dt, delay, motion, felt_hz
         self.frequencies = freeze(np.geomspace(0.02 * motion.bandwidth_hz, motion.bandwidth_hz, _FREQUENCIES))
@@ -205,22 +261,25 @@ class _Poses:
         for p in range(len(self.directions)):
             here = characterise(identified, qa[:, [p]])
             for r, d in enumerate(self.directions[p]):
-                self.friction[p, r] = kept * (1 - law.friction) * float(here.coulomb_friction(d).values[0] @ d)
-        self.bare = [self._felt(loop) for loop in self._loops(replace(law, share=0.0, damping=0.0, towards=None))]
-        inverse = [np.linalg.pinv(loop.jacobian) for loop in self._loops(law)]
-        viscous = (loop.viscous for loop in self._loops(law))
+                self.friction[p, r] = kept * (1 - law.friction_taken) * float(here.coulomb_friction(d).values[0] @ d)
+        self.bare = [self._felt(loop) for loop in self._loops(bare)]
+        inverse = [np.linalg.pinv(loop.jacobian) for loop in self._loops(bare)]
+        viscous = (loop.viscous for loop in self._loops(bare))
         self.own_damping = float(min(np.linalg.eigvalsh(x.T @ B @ x)[0] for x, B in zip(inverse, viscous, strict=True)))
 
-    def _loops(self, law: Compensation) -> list[SampledLoop]:
+    def _loops(self, law: Compensation | InverseDynamics) -> list[SampledLoop]:
         return [law.loop(q, self.dt, self.delay) for q in self.qa.T]
 
-    def _felt(self, loop: SampledLoop) -> tuple[Array, Array]:
-        """Felt mass and damping, (m, m) each."""
-        Z = loop.impedance(np.array([self.felt_hz]))[0]
-        Z = (Z + Z.T) / 2
-        return Z.imag / (2 * np.pi * self.felt_hz), Z.real
+    def _felt(self, loop: SampledLoop) -> tuple[Array, Array, Array]:
+        """Felt mass, damping and stiffness, (m, m) each, of w Im Z = mass w^2 - stiffness at two frequencies."""
+        f = self.felt_hz * np.array([0.01, 1.0])
+        Z = loop.impedance(f)
+        slow, fast = (Z + Z.mT) / 2
+        (a, b), w = (2 * np.pi * f) ** 2, 2 * np.pi * f
+        mass = (w[1] * fast.imag - w[0] * slow.imag) / (b - a)
+        return mass, fast.real, a * mass - w[0] * slow.imag
 
-    def _losses(self, law: Compensation) -> Array:
+    def _losses(self, law: Compensation | InverseDynamics) -> Array:
         """Re Z + 4 Fc / (pi v) along every direction, (poses, directions, frequencies), N s/m."""
         Z = np.array([loop.impedance(self.frequencies).real for loop in self._loops(law)])
         along = np.einsum("prm,pfmk,prk->prf", self.directions, Z, self.directions)
@@ -237,7 +296,7 @@ class _Poses:
 
     def stable_damping(self, law: Compensation, hands: tuple[HandModel | None, ...]) -> Compensation | None:
         """The law with the least damping above its own that is stable; None where none is found."""
-        start = _START * 2 * np.pi * self.felt_hz * max(float(np.trace(mass)) for mass, _ in self.bare)
+        start = _START * 2 * np.pi * self.felt_hz * max(float(np.trace(mass)) for mass, _, _ in self.bare)
         low, high = 0.0, max(law.damping, start)
         for _ in range(_TRIED):
             if self._radius(replace(law, damping=high), hands) < 1:
@@ -253,7 +312,7 @@ class _Poses:
                 low = middle
         return replace(law, damping=high)
 
-    def _radius(self, law: Compensation, hands: tuple[HandModel | None, ...]) -> float:
+    def _radius(self, law: Compensation | InverseDynamics, hands: tuple[HandModel | None, ...]) -> float:
         """Spectral radius of the worst hand and pose, or of the first that is not stable."""
         worst = 0.0
         for loop in self._loops(law):
@@ -275,20 +334,25 @@ class _Poses:
         return replace(law, share=low) if low > _LEAST_SHARE else None
 
     def point(self, law: Compensation, hands: tuple[HandModel | None, ...]) -> DesignPoint:
+        """One setting of the search."""
+        return DesignPoint(**vars(self.judged(law, hands)), law=law)
+
+    def judged(self, law: Compensation | InverseDynamics, hands: tuple[HandModel | None, ...]) -> JudgedLaw:
         """The figures of one setting."""
         loops = self._loops(law)
-        reductions, added = [], []
-        for loop, (mass, damping), directions in zip(loops, self.bare, self.directions, strict=True):
-            now, damped = self._felt(loop)
+        reductions, added, stiffest = [], [], 0.0
+        for loop, (mass, damping, _), directions in zip(loops, self.bare, self.directions, strict=True):
+            now, damped, stiffness = self._felt(loop)
+            stiffest = max(stiffest, float(np.linalg.eigvalsh(stiffness)[-1]))
             d = directions[0]
             reductions.append(1 - float(d @ now @ d) / float(d @ mass @ d))
             added.append(float(np.linalg.eigvalsh(damped - damping)[-1]))
         losses = self._losses(law)
         radius = self._radius(law, hands)
         missing = max(float(loop.missing_damping().max()) for loop in loops)
-        return DesignPoint(
-            law=law,
+        return JudgedLaw(
             reduction=min(reductions),
+            stiffness=stiffest,
             added_damping=max(added),
             passive=missing < 0,
             stable=radius < 1,

@@ -124,6 +124,11 @@ class Compensation:
         share = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
         return freeze(np.clip(share, 0.0, self.share))
 
+    @property
+    def friction_taken(self) -> float:
+        """Share of dry friction that a hand does not feel."""
+        return self.friction
+
     def begin(self, dt: float) -> _Step:
         """The controller, starting from rest, to be called once every control period.
 
@@ -143,7 +148,7 @@ class Compensation:
         """
         model, beta, q = self.identified.model, self.identified.beta, np.asarray(qa, dtype=float)[:, None]
         J = handle_motion(model, q).row_jacobian[0, :3]
-        A, B, K = mass_matrix(model, beta, q)[0], viscous_matrix(model, beta, q)[0], _static_stiffness(model, beta, q)
+        A, B, K = mass_matrix(model, beta, q)[0], viscous_matrix(model, beta, q)[0], static_stiffness(model, beta, q)
         velocity, rate = (
             filtered_difference(self.velocity_cutoff_hz, dt),
             filtered_difference(self.momentum_cutoff_hz, dt),
@@ -216,7 +221,13 @@ def stable_share(inertia: Array, damping: Array, stiffness: Array, lag: float, h
     return (1 + least) / (1 + lag * max(stiffest, 0.0))
 
 
-def _static_stiffness(model: DynamicModel, beta: Array, q: Array) -> Array:
+def friction_parameters(model: DynamicModel, raw: Array) -> Array:
+    """Those of the core's parameters that are friction, others zero, (r,)."""
+    resists = [False] * (10 * len(model.device.joints)) + [term.resists for term in model.terms]
+    return np.where(resists, raw, 0.0)
+
+
+def static_stiffness(model: DynamicModel, beta: Array, q: Array) -> Array:
     """Derivative of gravity and springs by the coordinates at a pose, (active, active): symmetric, as of an energy."""
     n = len(q)
     near = q + _STEP * np.linalg.inv(model.device.row_map)[:, [*range(n), *range(n)]] * np.repeat([1, -1], n)
@@ -234,8 +245,7 @@ class _Controller:
         self.velocity_pole, self.momentum_pole = settings.keeps(dt)
         raw = raw_parameters(model, settings.identified.beta)
         self.bodies = rigid(model, raw)
-        resists = [False] * (10 * len(model.device.joints)) + [term.resists for term in model.terms]
-        self.friction = np.where(resists, raw, 0.0)
+        self.friction = friction_parameters(model, raw)
         self.soft = smoothed_friction(model, settings.slow)
         self.to_joints = np.linalg.inv(model.device.row_map)
         self.last: Array | None = None
