@@ -197,7 +197,7 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
     root = data or study.path.parent
     for log in plan["logs"]:
         log["path"] = os.path.relpath(root / log["path"], out)
-    fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
+    fitted = study.of_fit(range(len(study.logs)))
     gone: list[int] = []
     for edit in edits:
         if edit.file == "device":

@@ -57,18 +57,18 @@ class Run:
     Attributes:
         entry: the study's entry.
         observation: its rows.
+        reference: all its rows behind the reference filter; None where errors are not compared on them.
         fit_errors: errors of the model for use on the rows of its fit; None of a validation log.
         unseen: out-of-sample errors of the model for use: of the final one for a validation log, of each fold's own in
             cross-validation.
-        reference: all its rows behind the reference filter; None where errors are not compared on them.
         motors: torques of redundant motors by the model for use; empty where they are not redundant.
     """
 
     entry: LogEntry
     observation: Observation
-    fit_errors: Validation | None
-    unseen: tuple[Validation, ...]
     reference: Observation | None = None
+    fit_errors: Validation | None = None
+    unseen: tuple[Validation, ...] = ()
     motors: tuple[MotorShare, ...] = ()
 
     @property
@@ -161,39 +161,41 @@ def identify(
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     calibration, logs = _calibrated(study, as_filed, logs, proposal.treatment, progress)
     motions = [_treat(log, proposal.treatment, progress) for log in logs]
-    fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    model, projection = fit_nonlinear_constants(as_filed, fitting, study.method, study.intervals, progress)
+    model, projection = fit_nonlinear_constants(
+        as_filed, study.of_fit(motions), study.method, study.intervals, progress
+    )
     intervals = projection.intervals if projection else study.intervals
     observations = observe_all(model, motions, workers, cache, _pace(progress))
-    fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     progress("estimating", 0.0)
     with _naming_still_joints(as_filed, logs, study):
-        final = estimate(reduce(add, fitted), study.method, intervals)
-    if isinstance(study.method, MotorSide):
-        final = with_noise_uncertainty(final)
-    else:
-        expect_elasticity(final, proposal.bandwidth_hz)
-        final = with_treatment_uncertainty(final, proposal.delays, proposal.effects, proposal.rounding)
-    final = calibration.with_uncertainty(final) if calibration else final
+        conditional = estimate(reduce(add, study.of_fit(observations)), study.method, intervals)
+    final = _with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
-    fitted_rows = [o for o, entry in zip(all_rows, study.logs, strict=True) if entry.role == "identify"]
-    use = model_for_use(final, reduce(add, fitted_rows), study.use)
-    runs = []
-    for entry, observation, reference_rows in zip(study.logs, observations, all_rows, strict=True):
-        fits = entry.role == "identify"
-        others = [o for o in fitted if o is not observation]
-        unseen = (
-            held_out(study, as_filed, observation, others, reference_rows)
-            if fits
-            else (validate(use.estimate, observation, reference_rows),)
-        )
-        errors = fit_errors(use.estimate, observation) if fits else None
-        shares = motor_shares(use.estimate, observation.motions[0])
-        runs.append(Run(entry, observation, errors, unseen, reference_rows, shares))
+    use = model_for_use(final, reduce(add, study.of_fit(all_rows)), study.use)
+    runs = tuple(map(Run, study.logs, observations, all_rows))
+    runs = tuple(_validated(run, runs, study, as_filed, use.estimate) for run in runs)
     progress("estimating", 1.0)
-    return Identification(
-        study, model, proposal, final, use, tuple(runs), projection, calibration, gimbal_effect(final)
-    )
+    return Identification(study, model, proposal, final, use, runs, projection, calibration, gimbal_effect(final))
+
+
+def _with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration: Calibration | None) -> Estimate:
+    """An estimate that takes the treatment as exact, with the uncertainty of what was found before it."""
+    if isinstance(conditional.method, MotorSide):
+        final = with_noise_uncertainty(conditional)
+    else:
+        expect_elasticity(conditional, proposal.bandwidth_hz)
+        final = with_treatment_uncertainty(conditional, proposal.delays, proposal.effects, proposal.rounding)
+    return calibration.with_uncertainty(final) if calibration else final
+
+
+def _validated(run: Run, runs: Sequence[Run], study: Study, as_filed: DynamicModel, final: Estimate) -> Run:
+    """A run with the errors of the model for use on its rows: of the fit and out of sample."""
+    shares = motor_shares(final, run.motion)
+    if run.entry.role == "validate":
+        return replace(run, unseen=(validate(final, run.observation, run.reference),), motors=shares)
+    others = [other.observation for other in runs if other.entry.role == "identify" and other is not run]
+    unseen = held_out(study, as_filed, run.observation, others, run.reference)
+    return replace(run, fit_errors=fit_errors(final, run.observation), unseen=unseen, motors=shares)
 
 
 def _check_size(model: DynamicModel) -> None:
@@ -217,7 +219,7 @@ def _naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study)
     try:
         yield
     except IdentifiabilityError as error:
-        fitted = [log for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+        fitted = study.of_fit(logs)
         names = [model.device.joints[k].name for k in model.device.active]
         if any(not isinstance(log.position, np.ndarray) or log.position.shape[1] != len(names) for log in fitted):
             raise
@@ -299,9 +301,9 @@ def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Pr
 
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
     """Logs of the fit without payload if there are any: subtracting a payload requires a treatment first."""
-    fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
-    bare = [log for log, entry in fitting if entry.payload is None]
-    return bare or [log for log, _ in fitting]
+    fitting = study.of_fit(logs)
+    bare = [log for log, entry in zip(fitting, study.of_fit(study.logs), strict=True) if entry.payload is None]
+    return bare or fitting
 
 
 def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
@@ -315,7 +317,7 @@ def _calibrated(
     if study.calibration is None:
         return None, list(logs)
     progress("calibrating", 0.0)
-    fitted = [k for k, entry in enumerate(study.logs) if entry.role == "identify"]
+    fitted = study.of_fit(range(len(study.logs)))
     calibration = find_calibration(model, [logs[k] for k in fitted], treatment, study.calibration)
     places = {k: j for j, k in enumerate(fitted)}
     corrected = [calibration.corrected(model, log, treatment, places.get(k)) for k, log in enumerate(logs)]

@@ -47,7 +47,7 @@ def study_payloads(
         HaptidError: any error of the steps.
     """
     progress = progress or silent
-    entries = [entry for entry in study.logs if entry.role == "identify"]
+    entries = study.of_fit(study.logs)
     bodies = _bodies(study, entries)
     model, recorded = _recorded(study, entries, data, progress)
     progress("identifying payloads", 0.0)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from haptid._internal.display import Overview, displayed
 from haptid.device import Device
@@ -17,6 +17,8 @@ from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.schema import CrossValidation, Role, Use
 from haptid.treatment_choice.calibration import CalibrationPrior
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,10 @@ class Study:
         notes = (f"criterion: {largest}", f"treatment: {settings or 'proposed from the logs'}")
         title = f"Study {self.name} of {self.device} by {self.method.name}"
         return Overview(title, ("log", "role"), [[entry.path, entry.role] for entry in self.logs], notes)
+
+    def of_fit(self, items: Sequence[_Item]) -> list[_Item]:
+        """Of one item for each log of the study, those of the logs that the fit uses."""
+        return [item for item, entry in zip(items, self.logs, strict=True) if entry.role == "identify"]
 
     def on(self, device: Device) -> Study:
         """The study with the default method of a device: torque noise where its rows mix motors by the pose."""

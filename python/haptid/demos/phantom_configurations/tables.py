@@ -154,8 +154,8 @@ def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identi
     second = LogEntry(f"{log}, second half", "validate", None, None)
     study = Study(title, Path(), model.device.name, (first, second), {}, made.method, None, None)
     runs = (
-        Run(first, made.observation, fit_errors(made), ()),
-        Run(second, observe(model, fit.unseen), None, (fit.validation,)),
+        Run(first, made.observation, fit_errors=fit_errors(made)),
+        Run(second, observe(model, fit.unseen), unseen=(fit.validation,)),
     )
     return Identification(study, model, proposal, made, model_for_use(made, wanted="free"), runs)
 
