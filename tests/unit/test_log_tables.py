@@ -446,3 +446,37 @@ def test_a_missing_cell_among_its_neighbours_stays_an_error(tmp_path: Path) -> N
     path.write_text("t,q1,tau1\n" + "\n".join(",".join(map(str, row)) for row in values) + "\n")
     with pytest.raises(errors.LogDataError, match="q1"):
         read_log(path, Channels(Signal(("q1",), "rad"), Signal(("tau1",), "N m"), "t"))
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("log.csv", "\ufefft;q1 [°];tau1\n" + rows(";", ",")),
+        ("log.txt", "\ufefft\tq1 [°]\ttau1\r\n" + rows("\t", end="\r\n")),
+        ("stopped.csv", "\ufefft q1 tau1\n" + rows(" ") + "1.2 0.3"),
+        (
+            "rows.csv",
+            "\ufeff" + "".join(f"{n},{','.join(map(str, v))}\n" for n, v in zip(("t", "q1", "tau1"), DATA.T, strict=True)),
+        ),
+        ("log.jsonl", "\ufeff" + "".join(f'{{"t": {a}, "q1": {b}, "tau1": {c}}}\n' for a, b, c in DATA)),
+    ],
+)
+def test_utf_16_text_is_read_as_other_text(tmp_path: Path, name: str, text: str, encoding: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(text.encode(encoding))
+    kind = format_of(path)
+    found, _ = read(path, kind.names(path))
+    np.testing.assert_allclose(np.column_stack(list(found.values())), DATA, atol=1e-6)
+    if "[°]" in text:
+        assert kind.units(path) == {"q1 [°]": "°"}
+
+
+def test_an_error_in_utf_16_text_names_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(("\ufefft,q1,tau1\n" + rows(",") + "1.2,oops,0\n").encode("utf-16-le"))
+    with pytest.raises(errors.LogFileError, match=f"line {N + 2}: q1 is `oops`"):
+        read(path, ["q1"])
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(errors.LogFileError, match="odd number"):
+        format_of(path).names(path)

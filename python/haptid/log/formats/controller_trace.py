@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
 from xml.parsers import expat
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
+from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.sniff import Budget, RawChannel, check_members, collect, corrupt, opened_file
 from haptid.log.request import Request
 
@@ -134,7 +134,7 @@ def _merged(found: list[_Group]) -> list[_Group]:
 
 def _reader(head: bytes) -> Callable[[Path], Iterator[_Group]] | None:
     """The function that reads a file with this head; None where it is no trace."""
-    text = head.decode(_encoding(head), errors="replace")
+    text = head.decode(encoding_of(head), errors="replace")
     if _SCOPE.match(text):
         return _scope
     if text.startswith("[key]; [value]"):
@@ -144,20 +144,9 @@ def _reader(head: bytes) -> Callable[[Path], Iterator[_Group]] | None:
     return None
 
 
-def _encoding(head: bytes) -> str:
-    """Encoding of a text with these first bytes."""
-    return "utf-16" if head[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-
-
-def _opened(path: Path) -> TextIO:
-    with path.open("rb") as file:
-        encoding = _encoding(file.read(2))
-    return path.open(encoding=encoding, errors="replace", newline="")
-
-
 def _scope(path: Path) -> Iterator[_Group]:
     """TwinCAT Scope: two blocks of labelled lines, then groups of columns, of which the first has the times."""
-    with _opened(path) as file:
+    with opened_text(path) as file:
         first = file.readline()
         match = _SCOPE.match(first + file.readline())
         separator = match["separator"] if match else "\t"
@@ -210,7 +199,7 @@ def _codesys_text(path: Path) -> Iterator[_Group]:
     unit, name, data = "", "", False
     times: list[float] = []
     values: list[float] = []
-    with _opened(path) as file:
+    with opened_text(path) as file:
         for line in file:
             key, _, rest = line.strip().partition(";")
             if data and not key and rest:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
+from haptid.log.formats.encoding import opened_text, opened_utf8
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
 from haptid.log.units import known_unit
@@ -171,7 +172,7 @@ def _nanoseconds(cell: str) -> int:
 
 def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
     """Byte at which the rows end, and cells of a last line that has too few and is left out; 0 for none."""
-    with path.open("rb") as file:
+    with opened_utf8(path) as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(dialect.start, size - BLOCK_BYTES))
         block = file.read().rstrip()
@@ -205,9 +206,10 @@ def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> It
 
     By pyarrow where it is installed, which is some twenty times as fast as the standard library.
     """
-    with path.open("rb") as whole:
+    with opened_utf8(path) as whole:
+        size = whole.seek(0, io.SEEK_END)
         whole.seek(dialect.start)
-        file = whole if stop == path.stat().st_size else io.BufferedReader(_Part(whole, stop))
+        file = whole if stop == size else io.BufferedReader(_Part(whole, stop))
         source = io.BufferedReader(_Collapsed(file)) if dialect.separator == " " else file
         try:
             import pyarrow as pa
@@ -260,8 +262,8 @@ def _value(cell: str, decimal: str) -> float:
 
 def _dialect(path: Path) -> _Dialect:
     """Find the separator, the decimal mark, the header, and rows above and below it that are no samples."""
-    require(path, _KIND, "text")
-    with path.open("rb") as file:
+    require(path, _KIND, "text", "UTF-16 text")
+    with opened_utf8(path) as file:
         raw = file.read(HEAD_BYTES)
         whole = not file.read(1)
     lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines(keepends=True)
@@ -427,7 +429,7 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
         LogFileError: a header without rows.
     """
     newlines, returns, blank, last = 0, 0, True, b""
-    with path.open("rb") as file:
+    with opened_utf8(path) as file:
         file.seek(dialect.start)
         while block := file.read(BLOCK_BYTES):
             newlines += block.count(b"\n")
@@ -442,7 +444,7 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
 def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+    with opened_text(path) as file:
         blanks = dialect.separator == " "
         rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)
         while True:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from haptid.log.formats.encoding import opened_text
 from haptid.log.formats.sniff import (
     RawChannel,
     addresses,
@@ -79,8 +80,8 @@ def _array(path: Path, name: str, values: list[Any]) -> RawChannel:
 
 def _records(path: Path) -> Iterator[Any]:
     """Records of lines, or of an array."""
-    require(path, _KIND, "text")
-    with path.open(encoding="utf-8-sig") as file:
+    require(path, _KIND, "text", "UTF-16 text")
+    with opened_text(path) as file:
         if _by_lines(path):
             for number, line in enumerate(file, 1):
                 if not line.strip():
@@ -98,7 +99,7 @@ def _records(path: Path) -> Iterator[Any]:
 
 def _by_lines(path: Path) -> bool:
     """Whether the first line is a record by itself, and not the whole file."""
-    with path.open(encoding="utf-8-sig") as file:
+    with opened_text(path) as file:
         first = next((line for line in file if line.strip()), "")
         try:
             return isinstance(json.loads(first), dict) and (
@@ -110,10 +111,10 @@ def _by_lines(path: Path) -> bool:
 
 def _columns_of(path: Path) -> dict[str, RawChannel] | None:
     """Channels of an object of arrays, or of an array of arrays; None for records."""
-    require(path, _KIND, "text")
+    require(path, _KIND, "text", "UTF-16 text")
     if _by_lines(path):
         return None
-    with path.open(encoding="utf-8-sig") as file:
+    with opened_text(path) as file:
         whole = json.load(file)
     if isinstance(whole, list) and (not whole or isinstance(whole[0], dict)) and not _are_trials(whole):
         return None

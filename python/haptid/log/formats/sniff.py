@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
 from haptid.errors import HaptidError, LogChannelError, LogFileError
 from haptid.log import units
+from haptid.log.formats.encoding import UTF_16_MARKS
 from haptid.log.formats.mat4_header import is_mat4
 from haptid.log.log import Channels, Signal
 
@@ -38,8 +39,7 @@ MAGIC = (
     (b"#ROSBAG", "a ROS bag"),
     (b"SQLite format 3", "SQLite"),
     (b"\x1f\x8b", "gzip"),
-    (b"\xff\xfe", "UTF-16 text"),
-    (b"\xfe\xff", "UTF-16 text"),
+    *((mark, "UTF-16 text") for mark in UTF_16_MARKS),
 )
 
 # Names that most recorders use: t, q1..qn and tau1..taun.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from haptid.log.formats.encoding import opened_text, opened_utf8
 from haptid.log.formats.sniff import RawChannel, collect, corrupt, opened_file
 
 _KIND = "text"
@@ -19,7 +21,7 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.IGN
 
 def is_transposed(path: Path) -> bool:
     """Whether a text file has far fewer rows than columns, all numbers but for a name at the start of each row."""
-    with opened_file(path, _KIND), path.open("rb") as file:
+    with opened_file(path, _KIND), opened_utf8(path) as file:
         head = file.read(_HEAD)
         if b"\0" in head or head.count(b"\n") > len(head) // (2 * _LEAST):
             return False
@@ -28,13 +30,14 @@ def is_transposed(path: Path) -> bool:
         while rest and lines <= _MOST_ROWS:
             rest = file.read(2**20)
             lines += rest.count(b"\n")
+        size = file.seek(0, io.SEEK_END)
     first = next(
         (line for line in head.split(b"\n") if line.strip() and not line.lstrip().startswith((b"#", b"%"))), b""
     )
     cells = _cells(first.decode("utf-8-sig", errors="replace"))[:-1]
     numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in cells)
     share = len(first) / max(1, len(cells))
-    columns = path.stat().st_size / max(1, lines) / max(1.0, share)
+    columns = size / max(1, lines) / max(1.0, share)
     return lines <= _MOST_ROWS and numbers >= max(_LEAST // 2, len(cells) - 2) and columns >= max(_LEAST, _FLAT * lines)
 
 
@@ -56,7 +59,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 
 def _rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     """Name and cells of every row."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with opened_text(path) as file:
         count = 0
         for line in file:
             if not line.strip() or line.lstrip().startswith(("#", "%")):
