@@ -42,6 +42,12 @@ TAU = Q + np.cos(5.0 * T)
         ("Time[ms];Position[pulse];Speed[min-1];Torque reference[%]", (1e3 * T, np.rint(4000 * Q), Q, TAU),
          ("Time[ms]", "ms"), (["Position[pulse]"], "counts"), (["Torque reference[%]"], "counts")),
         ("t;alpha;theta;theta_v;V_m", (T, Q, Q, Q, TAU), ("t", "s"), (["theta"], "rad"), (["V_m"], "V")),
+        ("t;qi1;qi2;dqi1;dqi2;u1;u2", (T, Q, Q, Q, Q, TAU, TAU), ("t", "s"), (["qi1", "qi2"], "rad"), (["u1", "u2"], "N m")),
+        ("t;X1_meas;X2_meas;F1;F2;tq1;tq2", (T, Q, Q, Q, Q, TAU, TAU),
+         ("t", "s"), (["X1_meas", "X2_meas"], "rad"), (["tq1", "tq2"], "N m")),
+        ("t;angvel;ang;trq", (T, 3 * Q, Q, TAU), ("t", "s"), (["ang"], "rad"), (["trq"], "N m")),
+        ("t;q_raw;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
+        ("t;q_raw;q1;q2;tau1;tau2", (T, Q, Q, Q, TAU, TAU), ("t", "s"), (["q1", "q2"], "rad"), (["tau1", "tau2"], "N m")),
         ("t;ActPos;PosDiff;ActTorque [%]", (T, Q, Q, TAU),
          ("t", "s"), (["ActPos"], "rad"), (["ActTorque [%]"], "counts")),
         ("time;current_pos_x;current_pos_y;current_pos_z;joint_1;joint_2;joint_1_torque;joint_2_torque;force_x;force_y;force_z",
@@ -122,3 +128,12 @@ def test_units_and_elements_in_brackets() -> None:
     assert element_of("position[arm/upper]") is not None
     assert element_of("position[2]") is not None
     assert [time_unit(name) for name in ("time_ms", "t", "record_time_nsec", "millis")] == ["ms", "", "ns", "ms"]
+
+
+def test_torques_without_a_known_name_are_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    header = "t,q[1],q[2],m[1],m[2],x_set[1],x_set[2]"
+    np.savetxt(path, np.column_stack((T, Q, Q, TAU, TAU, Q, Q)), delimiter=",", header=header, comments="")
+    table = survey(path).table
+    assert "torque" not in tomllib.loads(table)["channels"]
+    assert table.rstrip().endswith("; is it m[1..2]?")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from haptid._internal.toml_text import basic_string
 from haptid.log.file_format import LEROBOT, MESSAGES, Format
+from haptid.log.formats.sniff import channel_list
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.names import COMMAND_WORDS, QUANTITY_WORDS, base_of, drive_unit, element_of, unit_apart, words_of
@@ -20,6 +21,8 @@ _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", 
                      "disturbance", "gravity", "friction"})  # fmt: skip
 # More likely than a command, where both are there.
 _MEASURED = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
+# What was done to a signal: another one than that without the word.
+_TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
 _TWELVE_BITS = 4096
 # Unit of a velocity by that of its position.
@@ -31,7 +34,7 @@ _DRIVE = ("duty", "voltage", "current", "")
 # Arrays of fewer elements than this share of the rows are settings or results beside the recording.
 _A_PART = 0.02
 # Words of quantities and of where their values come from: never the name of a joint.
-_KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED
+_KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED | _TREATED
 _SEPARATOR = re.compile(r"([./ _])")
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
@@ -46,13 +49,14 @@ class _Family:
     channels: tuple[ChannelSurvey, ...]
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, int, int, int]:
-        """Usable ones first, then not those that are wanted, measured ones, torques, then many, then long ones."""
+    def rank(self) -> tuple[bool, bool, bool, bool, int, int, int]:
+        """Usable ones first, then not those that are wanted, of a known unit, measured ones, torques, then many, then long ones."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
         return (
             usable > 0,
             not words & _WANTED,
+            not all(channel.unit == "counts" for channel in self.channels),
             bool(words & _MEASURED),
             _DRIVE.index(drive_unit(words)),
             usable,
@@ -175,13 +179,25 @@ def channels_table(
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
     lines.append(_signal_line("position", position))
     if torque is None:
-        lines.append("# torque = ...  # no channel of torques, currents or commands was found")
+        lines.append("# torque = ...  # no channel of torques, currents or commands was found" + _left(topics, position))
     else:
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity")], position)
     return "\n".join(lines) + "\n"
+
+
+def _left(topics: Sequence[TopicSurvey], position: _Family) -> str:
+    """Question for channels of no known name, as many as the positions and beside them."""
+    left = [
+        channel_list([channel.name for channel in family.channels])
+        for family in _families(topics, "other")
+        if len(family.channels) == len(position.channels)
+        and family.topic is position.topic
+        and family.rank[:2] == (True, True)
+    ]
+    return f" by its name; is it {' or '.join(left[:3])}?" if left else ""
 
 
 def _velocity_line(rates: Sequence[_Family], position: _Family) -> list[str]:

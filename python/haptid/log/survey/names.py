@@ -8,7 +8,7 @@ from haptid.log.survey.channels import Quantity
 from haptid.log.units import known_unit
 
 # Words of channels' names, in the languages of the laboratories that publish logs.
-_VELOCITY = frozenset({"qd", "dq", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "tacho", "vitesse",
+_VELOCITY = frozenset({"qd", "dq", "dqi", "jv", "angvel", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "tacho", "vitesse",
                        "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
 _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
@@ -18,7 +18,7 @@ _TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "ef
                      "drehmoment", "couple", "coppia"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
 _FORCE = frozenset({"load", "force", "kraft", "u", "mt", "ctrl"})
-_POSITION = frozenset({"q", "qm", "ql", "pos", "position", "positions", "angle", "angles", "theta", "enc", "encoder",
+_POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta", "enc", "encoder",
                        "pot", "potentiometer", "winkel", "lage", "weg", "posicion", "posizione"})  # fmt: skip
 # Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
 _ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"})
@@ -53,12 +53,14 @@ _TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
 # Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
 _GLUED = re.compile(
     r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|[jqm])?"
-    r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle)"
+    r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle|ang)"
     r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
 )
 # Currents and voltages of a motor's field-oriented control: `i_q`, `Vq` act, those of the direct axis or in the frame
 # of the stator do not; a capital V of a motor is no velocity.
 _FIELD = re.compile(r"(?<![A-Za-z])(?P<kind>[iIuUvV])_?(?P<axis>[qQ]|[dD]|alpha|beta)(?![A-Za-z])")
+# The measured coordinate of a numbered axis, `X1_meas`; a state of a controller is called `x1` too.
+_AXIS = re.compile(r"(?<![A-Za-z])[xX](?=_?\d+_(?:meas|measured|msr|act|actual|ist|fb|fbk)(?![a-z]))")
 _VOLTS = re.compile(r"(?<![A-Za-z])V(?=_?(?:motor|mot|m|in|arm|cmd|act)(?![a-z]))")
 # Before one of these words "current" means the present value.
 _PRESENT = re.compile(
@@ -102,7 +104,7 @@ def base_of(name: str) -> str:
 def words_of(name: str) -> frozenset[str]:
     """Words of a name in lower case, also of those that are written together."""
     words: set[str] = set()
-    name = _VOLTS.sub("voltage_", _FIELD.sub(_of_field, name))
+    name = _AXIS.sub("pos", _VOLTS.sub("voltage_", _FIELD.sub(_of_field, name)))
     for token in _TOKEN.findall(name):
         glued = _GLUED.fullmatch(token.lower())
         words.update(part for part in glued.groups() if part) if glued else words.add(token.lower())
