@@ -137,3 +137,31 @@ def test_torques_without_a_known_name_are_asked_for(tmp_path: Path) -> None:
     table = survey(path).table
     assert "torque" not in tomllib.loads(table)["channels"]
     assert table.rstrip().endswith("; is it m[1..2]?")
+
+
+def written(path: Path, header: str, *columns: np.ndarray) -> Path:
+    np.savetxt(path, np.column_stack(columns), fmt="%.5f", delimiter=",", header=header, comments="")
+    return path
+
+
+def test_the_rate_of_several_sources_is_that_of_the_positions(tmp_path: Path) -> None:
+    own = np.arange(T.size) % 2 == 0
+    times = T + np.where(own, 0.0, -0.004)  # the torque's row 1 ms after the position's
+    path = written(tmp_path / "log.csv", "t,q,tau", times, np.where(own, Q, np.nan), np.where(own, np.nan, TAU))
+    found = survey(path)
+    assert found.topics[0].rate_hz == pytest.approx(100.0)
+    assert any(f"100 Hz is the rate of the {own.sum()} rows with q" in note for note in found.notes)
+
+
+def test_no_rate_is_stated_of_uneven_times(tmp_path: Path) -> None:
+    uneven = np.cumsum(np.tile((0.001, 0.009), T.size // 2))
+    (topic,) = survey(written(tmp_path / "uneven.csv", "t,q,tau", uneven, Q, TAU)).topics
+    assert topic.rate_hz == 0
+    assert "from 0.001 to 0.009: no one rate" in topic.channels[0].reason
+    (topic,) = survey(written(tmp_path / "whole.csv", "t,q,tau", np.floor(50 * T), Q, TAU)).topics
+    assert topic.rate_hz == 0
+    assert topic.channels[0].quantity == "time"
+    assert "75 % of the rows have the time of the row before" in topic.channels[0].reason
+    paused = T + np.where(T > 2.0, 5.0, 0.0)
+    (topic,) = survey(written(tmp_path / "paused.csv", "t,q,tau", paused, Q, TAU)).topics
+    assert topic.rate_hz == pytest.approx(200.0)

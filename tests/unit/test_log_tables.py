@@ -457,7 +457,8 @@ def test_a_missing_cell_among_its_neighbours_stays_an_error(tmp_path: Path) -> N
         ("stopped.csv", "\ufefft q1 tau1\n" + rows(" ") + "1.2 0.3"),
         (
             "rows.csv",
-            "\ufeff" + "".join(f"{n},{','.join(map(str, v))}\n" for n, v in zip(("t", "q1", "tau1"), DATA.T, strict=True)),
+            "\ufeff"
+            + "".join(f"{n},{','.join(map(str, v))}\n" for n, v in zip(("t", "q1", "tau1"), DATA.T, strict=True)),
         ),
         ("log.jsonl", "\ufeff" + "".join(f'{{"t": {a}, "q1": {b}, "tau1": {c}}}\n' for a, b, c in DATA)),
     ],

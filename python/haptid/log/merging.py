@@ -21,7 +21,7 @@ _LARGEST_GAP = 4.0
 # Times beyond this are no nanoseconds in 64 bits, s.
 _LATEST = 9e9
 # Least share of a table's rows without a channel, between its first and last value: fewer empty cells are a defect.
-_SPARSE = 0.02
+SPARSE = 0.02
 
 
 @dataclass
@@ -93,7 +93,7 @@ def common_rows(
 def _sparse(present: NDArray[np.bool_]) -> bool:
     """Whether the empty cells of a channel are those of rows of other sources, or before and after all of its own."""
     inner = present[int(np.argmax(present)) : present.size - int(np.argmax(present[::-1]))]
-    return bool(inner.all() or np.count_nonzero(~inner) >= _SPARSE * inner.size)
+    return bool(inner.all() or np.count_nonzero(~inner) >= SPARSE * inner.size)
 
 
 def at_stamps(

@@ -179,7 +179,9 @@ def channels_table(
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
     lines.append(_signal_line("position", position))
     if torque is None:
-        lines.append("# torque = ...  # no channel of torques, currents or commands was found" + _left(topics, position))
+        lines.append(
+            "# torque = ...  # no channel of torques, currents or commands was found" + _left(topics, position)
+        )
     else:
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
@@ -234,7 +236,7 @@ def _merge_line(position: _Family, torque: _Family, kind: Format) -> list[str]:
         return []
     words = words_of(torque.array)
     if own < _FEW * samples and position.topic.rate_hz:
-        seconds = math.ceil(position.topic.count / position.topic.rate_hz)
+        seconds = math.ceil(samples / position.topic.rate_hz)
         return [f'merge = {{ method = "hold", largest_gap = {seconds} }}  # guess: {own} commands, each held']
     method = "hold" if words & (COMMAND_WORDS | _WANTED | {"control"}) else "linear"
     return [f'merge = {{ method = "{method}" }}  # rows of several sources, merged by time']

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptid.log.formats.sniff import RawChannel
 from haptid.log.survey.channels import ChannelSurvey, Quantity
@@ -30,17 +31,23 @@ _UNSTATED = "no unit is stated"
 MAY_TURN = "a joint that turns so far is in rad"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
+# Steps of times that are pauses, in the median; share by which mean and median differ where there is no one rate, and
+# of rows with the stamp of the row before.
+_PAUSE, _UNEVEN, _SHARED = 10.0, 0.25, 0.05
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
 
 def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[ChannelSurvey, float]:
-    """A channel that is called a time, with its unit, and the rate; no time where it does not grow."""
+    """A channel that is called a time, with its unit, and the rate of its rows; no time where it does not grow.
+
+    The rate is 0 where its steps are of no one size: the reason says what they are.
+    """
     own = column[~np.isnan(column)] if column.dtype.kind == "f" else column  # rows of other topics have none
     steps = np.diff(own[: 2**16].astype(np.float64) if own.dtype.kind == "f" else own[: 2**16])
-    step = float(np.median(steps)) if steps.size else 0.0
-    if not (steps.size and np.isfinite(steps).all() and step > 0 and (steps >= 0).mean() > 0.99):
+    if not (steps.size and np.isfinite(steps).all() and (steps >= 0).mean() > 0.99 and (steps > 0).any()):
         return channel, 0.0
+    step = float(np.median(steps)) or float(np.mean(steps))  # 0 where several rows have each stamp
     scales = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     known = known_unit(stated) if stated else None
     if known is not None and known[0] == "time":
@@ -54,7 +61,27 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     else:
         fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2] or ["s"]
         unit, reason = fits[0], f"its usual step is {step:.4g}"
-    return replace(channel, quantity="time", unit=unit, reason=reason), 1.0 / (step * scales[unit])
+    usual, uneven = usual_step(steps)
+    rate = 1.0 / (usual * scales[unit]) if usual else 0.0
+    return replace(channel, quantity="time", unit=unit, reason=reason + (f"; {uneven}" if uneven else "")), rate
+
+
+def usual_step(steps: NDArray[np.generic]) -> tuple[float, str]:
+    """The step of most times; 0, and what the steps are, where they are of no one size.
+
+    Args:
+        steps: differences of consecutive times, (n,); a few may be pauses, or go back.
+    """
+    forward = steps[steps > 0].astype(np.float64)
+    same = float(np.mean(steps == 0))
+    if same > _SHARED:
+        return 0.0, f"{100 * same:.2g} % of the rows have the time of the row before: their rate is not known"
+    median = float(np.median(forward)) if forward.size else 0.0
+    within = forward[forward <= _PAUSE * median]
+    if not within.size or abs(float(within.mean()) - median) > _UNEVEN * median:
+        low, high = np.quantile(forward, (0.1, 0.9)) if forward.size else (0.0, 0.0)
+        return 0.0, f"its steps are uneven, most of them from {low:.3g} to {high:.3g}: no one rate"
+    return median, ""
 
 
 def guessed(

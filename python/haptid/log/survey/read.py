@@ -23,13 +23,15 @@ from haptid.log.formats.messages.containers import containers
 from haptid.log.formats.messages.topics import TopicRows, batches, refuse_unreadable, samples_in_messages
 from haptid.log.formats.sniff import RawChannel, opened_file
 from haptid.log.log import Signal
+from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
-from haptid.log.survey.guesses import MAY_TURN, commanded, guessed, timed, unit_of
+from haptid.log.survey.guesses import MAY_TURN, commanded, guessed, timed, unit_of, usual_step
 from haptid.log.survey.names import element_of, is_time, words_of
 from haptid.log.turns import turning_unit
+from haptid.log.units import scale
 
 # Channels of a topic or table that are looked at, and columns of a table that are read together.
 _MOST, _TOGETHER = 400, 16
@@ -204,7 +206,33 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         from haptid.log.formats import lerobot  # needs pyarrow
 
         rate = lerobot.describe(path).fps
+    else:
+        rate = _rate_of_positions(channels, count, rate, path, kind, notes)
     return TopicSurvey("", kind.name, count, rate, tuple(joints), {}, tuple(channels), by_rates_hz=by_rates)
+
+
+def _rate_of_positions(
+    channels: Sequence[ChannelSurvey], rows: int, rate: float, path: Path, kind: Format, notes: list[str]
+) -> float:
+    """Rate of the rows that have positions, where others are those of other sources, Hz; else that of all rows."""
+    positions = [c for c in channels if c.quantity == "position" and c.usable]
+    time = next((c for c in channels if c.quantity == "time"), None)
+    if time is None or not any(c.usable and c.missing >= SPARSE * rows for c in channels):
+        return rate
+    if not positions:
+        notes.append("the rows are those of several sources, and none of them is known to have positions: no rate")
+        return 0.0
+    first = max(positions, key=lambda c: c.count)
+    columns = _columns(path, kind, [time.name, first.name], Request())
+    there = ~np.isnan(columns[first.name].astype(np.float64))
+    usual, uneven = usual_step(np.diff(columns[time.name][there]))
+    own = 1.0 / (usual * scale(time.unit, "time")[1]) if usual else 0.0
+    said = f"{own:.6g} Hz is the rate of" if own else "no rate is stated:"
+    notes.append(
+        f"the rows are those of several sources: {said} the {first.count} rows with {first.name}"
+        + f"; {uneven}" * bool(uneven)
+    )
+    return own
 
 
 def _with_times(
