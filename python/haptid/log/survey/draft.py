@@ -50,7 +50,7 @@ class _Family:
 
     @property
     def rank(self) -> tuple[bool, bool, bool, bool, int, int, int]:
-        """Usable ones first, then not those that are wanted, of a known unit, measured ones, torques, then many, then long ones."""
+        """Usable, not wanted, of a known unit, measured, a torque and no current, then many, then long ones."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
         return (

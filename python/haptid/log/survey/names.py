@@ -8,8 +8,8 @@ from haptid.log.survey.channels import Quantity
 from haptid.log.units import known_unit
 
 # Words of channels' names, in the languages of the laboratories that publish logs.
-_VELOCITY = frozenset({"qd", "dq", "dqi", "jv", "angvel", "vel", "velo", "velocity", "velocities", "speed", "omega", "rpm", "tacho", "vitesse",
-                       "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
+_VELOCITY = frozenset({"qd", "dq", "dqi", "jv", "angvel", "vel", "velo", "velocity", "velocities", "speed", "omega",
+                       "rpm", "tacho", "vitesse", "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
 _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
 _VOLTAGE = frozenset({"voltage", "voltages", "volt", "volts", "vm", "vq", "uq", "spannung"})
@@ -18,8 +18,9 @@ _TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "ef
                      "drehmoment", "couple", "coppia"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
 _FORCE = frozenset({"load", "force", "kraft", "u", "mt", "ctrl"})
-_POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta", "enc", "encoder",
-                       "pot", "potentiometer", "winkel", "lage", "weg", "posicion", "posizione"})  # fmt: skip
+_POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta",
+                       "enc", "encoder", "pot", "potentiometer", "winkel", "lage", "weg", "posicion",
+                       "posizione"})  # fmt: skip
 # Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
 _ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"})
 # In this order: a word that tells the quantity, before one that may belong to any.
