@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     return replace(channel, quantity="time", unit=unit, reason=reason + (f"; {uneven}" if uneven else "")), rate
 
 
-def usual_step(steps: NDArray[np.generic]) -> tuple[float, str]:
+def usual_step(steps: NDArray[Any]) -> tuple[float, str]:
     """The step of most times; 0, and what the steps are, where they are of no one size.
 
     Args:
