@@ -19,7 +19,6 @@ import recorders
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
 from haptid.log.file_format import format_of
-from haptid.log.formats.mat_objects import leaves
 from haptid.log.request import Request
 from haptid.log.survey import survey
 
@@ -220,70 +219,6 @@ def test_tdms(tmp_path: Path) -> None:
     assert "not closed" in notes[0]
 
 
-@pytest.mark.parametrize("version", ["v7", "v7.3"])
-@pytest.mark.filterwarnings("ignore")
-def test_tables_and_timetables_of_matlab(tmp_path: Path, version: str) -> None:
-    import matio
-    import pandas as pd
-
-    stamps = pd.TimedeltaIndex((np.arange(N) * 500).astype("m8[us]"), name="Time")
-    timed = pd.DataFrame({"q1": DATA[:, 1], "tau1": DATA[:, 2]}, index=stamps)
-    plain = pd.DataFrame({"t": DATA[:, 0], "q1": DATA[:, 1]})
-    path = tmp_path / "run.mat"
-    matio.save_to_mat(str(path), {"run": timed, "other": plain, "array": DATA}, version=version)
-    found, _ = read(path, ["run.Time", "run.q1", "run.tau1", "other.t", "array[2]"])
-    np.testing.assert_array_equal(found["run.Time"], np.arange(N) * 500_000)
-    np.testing.assert_array_equal(found["run.tau1"], DATA[:, 2])
-    np.testing.assert_array_equal(found["other.t"], DATA[:, 0])
-    np.testing.assert_array_equal(np.ravel(found["array[2]"]), DATA[:, 1])
-    log = read_log(path, Channels(Signal("run.q1", "rad"), Signal("run.tau1", "N m"), time="run.Time", time_unit="ns"))
-    assert log.rate_hz == pytest.approx(2000)
-
-
-@pytest.mark.parametrize("version", ["v7", "v7.3"])
-@pytest.mark.filterwarnings("ignore")
-def test_objects_of_matlab_with_arrays_in_their_properties(tmp_path: Path, version: str) -> None:
-    """As of a timeseries, whose times and units are in an object of their own."""
-    import matio
-    from matio.utils.matclass import MatlabOpaque
-
-    about = MatlabOpaque({"Units": "seconds", "Start": np.zeros((1, 1))}, "tsdata.timemetadata")
-    series = MatlabOpaque({"Data": DATA[:, 1:], "Time": DATA[:, :1], "TimeInfo": about}, "timeseries")
-    path = tmp_path / "run.mat"
-    matio.save_to_mat(str(path), {"arm": series}, version=version)
-    found, _ = read(path, ["arm.Time", "arm.Data[1]", "arm.Data[2]"])
-    np.testing.assert_array_equal(np.ravel(found["arm.Time"]), DATA[:, 0])
-    np.testing.assert_array_equal(found["arm.Data[2]"], DATA[:, 2])
-
-
-def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
-    """A data set of two timeseries: one with its times, one with a start and a step, samples along the last axis.
-
-    The objects are given as they are loaded: the writer of the package stores none in a cell.
-    """
-    from matio.utils.matclass import MatlabOpaque as Object
-
-    def one(value: float) -> np.ndarray:
-        return np.full((1, 1), value)
-
-    about = Object({"Time_": np.empty((0, 0)), "Start_": one(0), "Increment_": one(0.01), "Length": one(N)}, "tsdata.t")
-    stored = Object({"Data": DATA[:, 1].reshape(1, 1, N)}, "tsdata.StreamingStorage")
-    streamed = Object({"Data_": np.empty((0, 0)), "TimeInfo": about, "Storage_": stored}, "timeseries")
-    plain = Object({"Data_": DATA[:, 2:], "Time_": DATA[:, :1]}, "timeseries")
-    kind = "Simulink.SimulationData"
-    cells = np.empty((2, 1), dtype=object)
-    for k, (name, series) in enumerate((("q1", streamed), ("tau1", plain))):
-        cells[k, 0] = Object({"Name": np.array([name]), "Values": series, "PortIndex": one(1)}, f"{kind}.Signal")
-    data_set = Object({"Name": np.array(["logsout"]), "Storage_": cells}, f"{kind}.Dataset")
-    run = np.array([[(data_set, DATA[:, :1])]], dtype=[("logsout", object), ("tout", object)])
-    found = dict(leaves("out", Object({"Data": run, "Metadata": DATA}, "Simulink.SimulationOutput"), 0))
-    wanted = {f"out.logsout.{name}.Time": DATA[:, 0] for name in ("q1", "tau1")} | {"out.tout": DATA[:, 0]}
-    wanted |= {"out.logsout.q1.Data": DATA[:, 1], "out.logsout.tau1.Data": DATA[:, 2]}
-    assert found.keys() == wanted.keys()
-    for name, samples in wanted.items():
-        np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
-
-
 def test_a_folder_of_tables_is_one_log(tmp_path: Path) -> None:
     """A file for each signal, with and without a header, and a file of one column; a note beside them."""
     np.savetxt(tmp_path / "position.csv", np.column_stack([DATA[:, 1], DATA[:, 2]]), delimiter=",")
@@ -446,38 +381,3 @@ def test_a_missing_cell_among_its_neighbours_stays_an_error(tmp_path: Path) -> N
     path.write_text("t,q1,tau1\n" + "\n".join(",".join(map(str, row)) for row in values) + "\n")
     with pytest.raises(errors.LogDataError, match="q1"):
         read_log(path, Channels(Signal(("q1",), "rad"), Signal(("tau1",), "N m"), "t"))
-
-
-@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("log.csv", "\ufefft;q1 [°];tau1\n" + rows(";", ",")),
-        ("log.txt", "\ufefft\tq1 [°]\ttau1\r\n" + rows("\t", end="\r\n")),
-        ("stopped.csv", "\ufefft q1 tau1\n" + rows(" ") + "1.2 0.3"),
-        (
-            "rows.csv",
-            "\ufeff"
-            + "".join(f"{n},{','.join(map(str, v))}\n" for n, v in zip(("t", "q1", "tau1"), DATA.T, strict=True)),
-        ),
-        ("log.jsonl", "\ufeff" + "".join(f'{{"t": {a}, "q1": {b}, "tau1": {c}}}\n' for a, b, c in DATA)),
-    ],
-)
-def test_utf_16_text_is_read_as_other_text(tmp_path: Path, name: str, text: str, encoding: str) -> None:
-    path = tmp_path / name
-    path.write_bytes(text.encode(encoding))
-    kind = format_of(path)
-    found, _ = read(path, kind.names(path))
-    np.testing.assert_allclose(np.column_stack(list(found.values())), DATA, atol=1e-6)
-    if "[°]" in text:
-        assert kind.units(path) == {"q1 [°]": "°"}
-
-
-def test_an_error_in_utf_16_text_names_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes(("\ufefft,q1,tau1\n" + rows(",") + "1.2,oops,0\n").encode("utf-16-le"))
-    with pytest.raises(errors.LogFileError, match=f"line {N + 2}: q1 is `oops`"):
-        read(path, ["q1"])
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(errors.LogFileError, match="odd number"):
-        format_of(path).names(path)

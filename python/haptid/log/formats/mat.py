@@ -17,7 +17,7 @@ from scipy import io
 
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats import hdf5, mat4
-from haptid.log.formats.mat_objects import objects
+from haptid.log.formats.mat_objects import objects, unread
 from haptid.log.formats.sniff import (
     Budget,
     RawChannel,
@@ -39,7 +39,12 @@ MI_COMPRESSED = 15
 
 
 def names(path: Path) -> list[str]:
-    """Names of the channels of all arrays of numbers, in structs and objects too."""
+    """Names of the channels of all arrays of numbers, in structs and objects too.
+
+    Raises:
+        LogFileError: it has objects, none of which is read, and no arrays.
+        MissingDependencyError: it has objects and no arrays, and the package that reads them is not installed.
+    """
     kind = require(path, _KIND, *_VERSIONS)
     if kind == "MAT 4":
         return mat4.names(path)
@@ -51,11 +56,13 @@ def names(path: Path) -> list[str]:
     if not _has_objects(path):
         return found
     try:
-        return [*found, *objects(path)]
-    except MissingDependencyError:
+        found += objects(path)
+    except (LogFileError, MissingDependencyError):
         if not found:
             raise
-        return found
+    if not found:
+        raise unread(path)
+    return found
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -77,7 +84,10 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
             raise
         found = {}
     if with_objects and not found.keys() >= set(wanted):
-        found |= objects(path)
+        try:
+            found |= objects(path)
+        except LogFileError:
+            names(path)  # which raises it too where there is no other channel
     return {name: found[name] for name in wanted if name in found}
 
 

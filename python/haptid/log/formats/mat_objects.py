@@ -11,13 +11,14 @@ import importlib.util
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from haptid.errors import MissingDependencyError
-from haptid.log.formats.sniff import RawChannel, addresses, numeric, opened_file
+from haptid.errors import LogFileError, MissingDependencyError
+from haptid.log.formats.sniff import RawChannel, addresses, channel_list, numeric, opened_file
 
 _KIND = "MAT"
 _DEEPEST = 12
@@ -31,6 +32,7 @@ def objects(path: Path) -> dict[str, RawChannel]:
     """Channels of tables, timetables and other objects, each (n,).
 
     Raises:
+        LogFileError: they are of a kind that is not read.
         MissingDependencyError: the package that reads them is not installed.
     """
     if importlib.util.find_spec("matio") is None:
@@ -40,12 +42,15 @@ def objects(path: Path) -> dict[str, RawChannel]:
             advice='Install it with `pip install "haptid[lab]"`, or save plain arrays (table2array).',
         )
     found: dict[str, RawChannel] = {}
-    with opened_file(path, _KIND):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # units and formats of tables, options of pandas: not about the samples
-            import matio
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # units and formats of tables, options of pandas: not about the samples
+        import matio
 
+        try:
             loaded = matio.load_from_mat(str(path))
+        except Exception as error:  # of any class, over objects that it does not know
+            raise unread(path) from error
+    with opened_file(path, _KIND):
         for name, value in loaded.items():
             if type(value) is np.ndarray and value.dtype.kind != "M" and value.dtype != object:
                 continue  # read as a plain array
@@ -53,6 +58,25 @@ def objects(path: Path) -> dict[str, RawChannel]:
                 if numeric(array.dtype):
                     found |= {channel: array[at] for channel, at in addresses(leaf, array.shape).items()}
     return found
+
+
+def unread(path: Path) -> LogFileError:
+    """Error of a sound file with objects that are not read, with what to write in MATLAB."""
+    what = "objects of unknown classes"
+    with suppress(Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import matio
+
+        kinds = [f"{name} ({kind})" for name, (_, kind) in matio.whosmat(str(path)).items()]
+        what = channel_list(kinds, 6)
+    return LogFileError(
+        f"{path} is sound, but nothing in it is an array of numbers that haptid reads: {what}.",
+        where=path,
+        found=what,
+        advice="In MATLAB, save the samples as arrays: of a timeseries x `t = x.Time; q = squeeze(x.Data);`, of "
+        "Simulink's data set first `x = out.logsout.get('q').Values;`, of a timetable `t = seconds(x.Time); q = x.q;`, "
+        "of a sparse matrix `q = full(x);`; then `save('run.mat', 't', 'q', 'tau')`.",
+    )
 
 
 def leaves(name: str, value: Any, depth: int) -> Iterator[tuple[str, RawChannel]]:

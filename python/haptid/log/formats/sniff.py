@@ -250,9 +250,14 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     """Channels of an array, each with its index into it.
 
     A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the
-    channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square).
+    channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square). Sides of one
+    element are left out, as of Simulink's arrays of 7 x 1 x n.
     """
     every = slice(None)
+    sides = [k for k, count in enumerate(shape) if count != 1]
+    if len(shape) > 2 and 0 < len(sides) <= 2:
+        inner = addresses(name, tuple(shape[k] for k in sides))
+        return {own: _within(at, sides, len(shape)) for own, at in inner.items()}
     if len(shape) == 1:
         return {name: (every,)}
     if len(shape) != 2 or shape == (1, 1):
@@ -264,6 +269,14 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     if count == 1:
         return {name: (every, 0) if along == 0 else (0, every)}
     return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
+
+
+def _within(at: Address, sides: Sequence[int], dimensions: int) -> Address:
+    """Index into an array whose other sides have one element."""
+    whole: list[slice | int] = [0] * dimensions
+    for side, part in zip(sides, at, strict=True):
+        whole[side] = part
+    return tuple(whole)
 
 
 def guess(path: Path, names: Sequence[str], stated: Mapping[str, str]) -> tuple[Channels, str]:

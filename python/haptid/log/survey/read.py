@@ -168,8 +168,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             f"{path}: nothing in it is an array of numbers.",
             where=path,
             limit=kind.name,
-            advice="Objects of MATLAB's toolboxes are not read: in MATLAB take the samples out, as in `t = x.Time; q = "
-            "x.Data; save('run.mat', 't', 'q', 'tau')`, one file for each run.",
+            advice="Save the samples as arrays, one row for each time: times, positions and torques.",
         )
     channels: list[ChannelSurvey] = []
     count, rate = 0, 0.0

@@ -1,0 +1,126 @@
+"""Objects and arrays of MATLAB and Simulink."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import io
+
+from haptid import errors
+from haptid.log import Channels, Signal, read_log
+from haptid.log.file_format import format_of
+from haptid.log.formats.mat_objects import leaves
+from haptid.log.survey import survey
+
+N = 120
+T = np.arange(N) * 0.01
+DATA = np.column_stack([T, np.sin(2 * T), np.cos(3 * T)])
+
+
+def read(path: Path, wanted: list[str]) -> dict[str, np.ndarray]:
+    return format_of(path).columns(path, wanted)
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")
+def test_tables_and_timetables_of_matlab(tmp_path: Path, version: str) -> None:
+    import matio
+    import pandas as pd
+
+    stamps = pd.TimedeltaIndex((np.arange(N) * 500).astype("m8[us]"), name="Time")
+    timed = pd.DataFrame({"q1": DATA[:, 1], "tau1": DATA[:, 2]}, index=stamps)
+    plain = pd.DataFrame({"t": DATA[:, 0], "q1": DATA[:, 1]})
+    path = tmp_path / "run.mat"
+    matio.save_to_mat(str(path), {"run": timed, "other": plain, "array": DATA}, version=version)
+    found = read(path, ["run.Time", "run.q1", "run.tau1", "other.t", "array[2]"])
+    np.testing.assert_array_equal(found["run.Time"], np.arange(N) * 500_000)
+    np.testing.assert_array_equal(found["run.tau1"], DATA[:, 2])
+    np.testing.assert_array_equal(found["other.t"], DATA[:, 0])
+    np.testing.assert_array_equal(np.ravel(found["array[2]"]), DATA[:, 1])
+    log = read_log(path, Channels(Signal("run.q1", "rad"), Signal("run.tau1", "N m"), time="run.Time", time_unit="ns"))
+    assert log.rate_hz == pytest.approx(2000)
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")
+def test_objects_of_matlab_with_arrays_in_their_properties(tmp_path: Path, version: str) -> None:
+    """As of a timeseries, whose times and units are in an object of their own."""
+    import matio
+    from matio.utils.matclass import MatlabOpaque
+
+    about = MatlabOpaque({"Units": "seconds", "Start": np.zeros((1, 1))}, "tsdata.timemetadata")
+    series = MatlabOpaque({"Data": DATA[:, 1:], "Time": DATA[:, :1], "TimeInfo": about}, "timeseries")
+    path = tmp_path / "run.mat"
+    matio.save_to_mat(str(path), {"arm": series}, version=version)
+    found = read(path, ["arm.Time", "arm.Data[1]", "arm.Data[2]"])
+    np.testing.assert_array_equal(np.ravel(found["arm.Time"]), DATA[:, 0])
+    np.testing.assert_array_equal(found["arm.Data[2]"], DATA[:, 2])
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+@pytest.mark.filterwarnings("ignore")
+def test_objects_that_are_not_read_are_named_and_the_file_is_not_called_damaged(
+    tmp_path: Path, version: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import matio
+    from matio.utils.matclass import MatlabOpaque
+
+    path, both = tmp_path / "run.mat", tmp_path / "both.mat"
+    text = MatlabOpaque({"Text": np.array(["no number"], dtype=object)}, "lab.Notes")
+    matio.save_to_mat(str(path), {"notes": text}, version=version)
+    matio.save_to_mat(str(both), {"notes": text, "log": DATA}, version=version)
+
+    def unknown(*_: object, **__: object) -> None:
+        raise KeyError("a class of a later release")
+
+    for fails in (False, True):
+        if fails:
+            monkeypatch.setattr(matio, "load_from_mat", unknown)
+        with pytest.raises(errors.LogFileError, match=r"is sound, .*: notes \(lab.Notes\)\.") as raised:
+            survey(path)
+        assert "save('run.mat'" in str(raised.value)
+        assert [name for name in format_of(both).names(both) if "log" in name] == ["log[1]", "log[2]", "log[3]"]
+    with pytest.raises(errors.LogChannelError, match="no channel 'tau'"):
+        read_log(both, Channels(Signal("log[2]", "rad"), Signal("tau", "N m"), time="log[1]"))
+
+
+@pytest.mark.parametrize("name", ["run.mat", "run.npz"])
+def test_arrays_with_sides_of_one_element(tmp_path: Path, name: str) -> None:
+    """As Simulink saves a signal that is a column."""
+    path = tmp_path / name
+    (np.savez if name.endswith("npz") else lambda file, **arrays: io.savemat(file, arrays))(
+        path, t=DATA[:, :1], q=DATA[:, None, 1:], tau=DATA.T[1:, None, :]
+    )
+    found = read(path, ["t", "q[1]", "q[2]", "tau[2]"])
+    np.testing.assert_array_equal(found["q[2]"], DATA[:, 2])
+    np.testing.assert_array_equal(found["tau[2]"], DATA[:, 2])
+
+
+def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
+    """A data set of two timeseries: one with its times, one with a start and a step, samples along the last axis.
+
+    The objects are given as they are loaded: the writer of the package stores none in a cell.
+    """
+    from matio.utils.matclass import MatlabOpaque as Object
+
+    def one(value: float) -> np.ndarray:
+        return np.full((1, 1), value)
+
+    about = Object({"Time_": np.empty((0, 0)), "Start_": one(0), "Increment_": one(0.01), "Length": one(N)}, "tsdata.t")
+    stored = Object({"Data": DATA[:, 1].reshape(1, 1, N)}, "tsdata.StreamingStorage")
+    streamed = Object({"Data_": np.empty((0, 0)), "TimeInfo": about, "Storage_": stored}, "timeseries")
+    plain = Object({"Data_": DATA[:, 2:], "Time_": DATA[:, :1]}, "timeseries")
+    kind = "Simulink.SimulationData"
+    cells = np.empty((2, 1), dtype=object)
+    for k, (name, series) in enumerate((("q1", streamed), ("tau1", plain))):
+        cells[k, 0] = Object({"Name": np.array([name]), "Values": series, "PortIndex": one(1)}, f"{kind}.Signal")
+    data_set = Object({"Name": np.array(["logsout"]), "Storage_": cells}, f"{kind}.Dataset")
+    run = np.array([[(data_set, DATA[:, :1])]], dtype=[("logsout", object), ("tout", object)])
+    found = dict(leaves("out", Object({"Data": run, "Metadata": DATA}, "Simulink.SimulationOutput"), 0))
+    wanted = {f"out.logsout.{name}.Time": DATA[:, 0] for name in ("q1", "tau1")} | {"out.tout": DATA[:, 0]}
+    wanted |= {"out.logsout.q1.Data": DATA[:, 1], "out.logsout.tau1.Data": DATA[:, 2]}
+    assert found.keys() == wanted.keys()
+    for name, samples in wanted.items():
+        np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
