@@ -73,10 +73,12 @@ def test_without_unseen_rows_a_validation_is_wanted():
 def test_negative_friction_is_not_said_of_the_torque():
     parameters = [SimpleNamespace(name="P", relative_se=1.0)]
     errors = Validation((MotorError("1", "motor 1", "N m", 0.2, 100.0, 10),), False)
-    for sentence, words in (
-        ("FV1 negative, which is impossible.", "a friction or rotor parameter is negative"),
-        ("The torque of 1 is 3 times the inertial torque of the device file's bodies.", MEANING["units and signs"]),
+    both, bodies = {"negative FV1": -0.1, "negative IA2": -1.0}, "the inertial torque of the device file's bodies."
+    for sentence, figures, words in (
+        ("FV1 negative, which is impossible.", {"negative FV1": -0.1}, "FV1 of friction or rotors is negative"),
+        ("FV1 and IA2 negative, which is impossible.", both, "FV1 and IA2 of friction or rotors are negative"),
+        (f"The torque of 1 is 3 times {bodies}", both, MEANING["units and signs"]),
     ):
-        findings = [Finding("units and signs", "doubt", {}, sentence)]
+        findings = [Finding("units and signs", "doubt", figures, sentence)]
         made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, findings)
         assert f"because {words}" in made.sentences[0]

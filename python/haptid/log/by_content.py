@@ -203,9 +203,23 @@ def _accelerations(rows: NDArray[np.float64], group: list[int], rates: list[int 
 
 
 def _period(rows: NDArray[np.float64], pairs: list[tuple[int, int]]) -> float:
-    """Sampling period at which the second of each pair is the rate of the first, s; median."""
+    """Sampling period at which the second of each pair is the rate of the first, s; 0 where the pairs disagree."""
     gains = [_gains(rows, i, j) for i, j in pairs]
-    return float(np.median([x @ c / (c @ c) for x, c in gains])) if gains else 0.0
+    found = [float(x @ c / (c @ c)) for x, c in gains if (c != 0).any()]
+    middle = float(np.median(found)) if found else 0.0
+    return middle if all(abs(one - middle) < _SAME_PERIOD * abs(middle) for one in found) else 0.0
+
+
+def period_of(positions: Sequence[NDArray[np.generic]], rates: Sequence[NDArray[np.generic]]) -> float:
+    """Sampling period at which velocities are those of positions, in pairs, s; 0 where they are not, or disagree."""
+    rows = np.array([*positions, *rates], dtype=np.float64)
+    rows = rows[:, np.isfinite(rows).all(axis=0)][:, :_ROWS]
+    if rows.shape[1] < 100:
+        return 0.0
+    count = len(positions)
+    pairs = [(k, count + k) for k in range(count) if np.ptp(rows[k]) > 0 and np.ptp(rows[count + k]) > 0]
+    alike = [float(np.corrcoef(*_gains(rows, i, j))[0, 1]) for i, j in pairs]
+    return _period(rows, pairs) if pairs and min(alike) > _NOISY_INTEGRAL else 0.0
 
 
 def _gains(rows: NDArray[np.float64], i: int, j: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

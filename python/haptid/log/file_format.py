@@ -83,6 +83,23 @@ FORMATS = (
     Format("folder of tables", (), "table_folder"),
 )
 _TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES = (FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12))
+# What Git LFS leaves in place of a file whose content was not fetched.
+_POINTER = b"version https://git-lfs"
+_SHEET = (
+    "Save the sheet with the samples as CSV: by Save As, with `soffice --convert-to csv FILE`, or in Python "
+    "`pandas.read_excel(FILE).to_csv('run.csv', index=False)`."
+)
+_PICKLE = (
+    "A pickle can run code, so haptid reads none: where you trust it, load it in Python and save its arrays with "
+    "`numpy.savez('run.npz', t=t, q=q, tau=tau)`."
+)
+_UNPACK = "Unpack it, and name a file in it."
+# How files of other kinds that hold logs are converted.
+_CONVERSION = {
+    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), _SHEET),
+    **dict.fromkeys((".pkl", ".pickle", ".pth", ".pt"), _PICKLE),
+    **dict.fromkeys((".zip", ".gz", ".7z", ".tar", ".tgz", ".xz", ".bz2", ".rar", ".zst"), _UNPACK),
+}
 _FOLDERS = (
     *((LEROBOT, data_set_files), (MESSAGES, bag_files)),
     *((_PARQUET_FILES, parquet_files), (_TABLES, table_files)),
@@ -113,6 +130,12 @@ def format_of(path: Path) -> Format:
         raise _inaccessible(path, getattr(error, "strerror", None) or str(error)) from error
     if not head:
         raise empty(path, "0 bytes")
+    if head.startswith(_POINTER):
+        raise LogFileError(
+            f"{path} is a pointer of Git LFS: the log itself is not there.",
+            where=path,
+            advice="Fetch it with `git lfs pull` in its repository, or download the file by itself.",
+        )
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
             if kind is _TEXT and is_trace(head):
@@ -128,7 +151,7 @@ def format_of(path: Path) -> Format:
         where=path,
         found=path.suffix,
         limit=tuple(known),
-        advice=f"Formats: {'; '.join(known)}. Convert the log, or rename it.",
+        advice=f"{_CONVERSION.get(suffix, 'Convert the log, or rename it.')} Formats: {'; '.join(known)}.",
     )
 
 

@@ -15,8 +15,8 @@ SIGNIFICANCE = 0.01
 _LARGE = 0.1
 # One that explains less than this share is of no use, however significant: coarse encoders make such residuals.
 SMALL_SHARE = 0.03
-# What the sentences of "units and signs" compare, and say of friction.
-BODIES, NEGATIVE = "the inertial torque of the device file's bodies", "negative"
+# What the sentences of "units and signs" compare; and its figures of parameters that are negative, before their names.
+BODIES, NEGATIVE = "the inertial torque of the device file's bodies", "negative "
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,8 @@ def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
                 "differ."
             )
     if negative := _negative(fitted):
-        doubt.append(f"{joined_names(negative)} {NEGATIVE}, which is impossible.")
+        figures |= {f"{NEGATIVE}{name}": value for name, value in negative.items()}
+        doubt.append(f"{joined_names(list(negative))} negative, which is impossible.")
     status: Status = "bad" if bad else "doubt" if doubt else "ok"
     if status != "ok":
         return Finding("units and signs", status, figures, " ".join([*bad, *doubt][:3]))
@@ -212,13 +213,13 @@ def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
     return Finding("units and signs", status, figures, f"{text}, and no friction is negative.")
 
 
-def _negative(fitted: Estimate) -> list[str]:
-    """Friction and rotor parameters that are significantly negative, with Bonferroni's correction."""
+def _negative(fitted: Estimate) -> dict[str, float]:
+    """Values of friction and rotor parameters that are significantly negative, with Bonferroni's correction."""
     kinds = [fitted.model.device.parameters.kinds[k] for k in fitted.base.independent_columns]
-    names = []
+    found = {}
     for k, kind in enumerate(kinds):
         if kind in _POSITIVE and fitted.beta[k] < 0:
             p = t_tail(-fitted.beta[k] / fitted.se[k], fitted.dof[k])
             if p * len(kinds) < SIGNIFICANCE:
-                names.append(fitted.base.names[k])
-    return names
+                found[fitted.base.names[k]] = float(fitted.beta[k])
+    return found

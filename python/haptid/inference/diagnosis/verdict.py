@@ -116,8 +116,9 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
 
 def _meaning(finding: Finding) -> str:
     """What a finding means; negative friction does not bear on the size of the torque."""
-    if finding.name == "units and signs" and BODIES not in finding.sentence and NEGATIVE in finding.sentence:
-        return "a friction or rotor parameter is negative"
+    negative = [name.removeprefix(NEGATIVE) for name in finding.figures if name.startswith(NEGATIVE)]
+    if finding.name == "units and signs" and BODIES not in finding.sentence and negative:
+        return f"{joined_names(negative)} of friction or rotors {'is' if len(negative) == 1 else 'are'} negative"
     return MEANING[finding.name]
 
 

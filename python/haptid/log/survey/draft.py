@@ -129,12 +129,14 @@ def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family
 
 
 def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSurvey]]:
-    """Families, those of one channel whose names differ in a joint's name only put together: `hip_pos`, `knee_pos`."""
+    """Families; channels whose names differ in a joint's name only are put together: `hip_pos`, `hip[1]`, `knee[1]`."""
     made: dict[str, list[ChannelSurvey]] = {}
     for array, channels in arrays.items():
         kind = words_of(base_of(channels[0].name)) & (_KIND | {"motor", "joint"})
-        alone = len(channels) == 1 and element_of(channels[0].name) is None and "/" not in array
-        made.setdefault(" ".join(sorted(kind)) if alone else array, []).extend(channels)
+        alone = len(channels) == 1 and "/" not in array
+        element = element_of(channels[0].name)
+        place = f"[{element['element']}]" if element else ""
+        made.setdefault(" ".join([*sorted(kind), place]) if alone else array, []).extend(channels)
     return made
 
 
@@ -274,7 +276,7 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
 
 def _where(family: _Family) -> str:
     """The keys that name the channels of a family."""
-    elements = [m["element"] for channel in family.channels if (m := element_of(channel.name))]
+    elements = [m["element"] for c in family.channels if (m := element_of(c.name)) and m["array"] == family.array]
     if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
         topic = f"topic = {basic_string(family.topic.name)}, " if family.topic.name else ""
         joints = ", ".join(e if e.isdecimal() else basic_string(e) for e in elements)

@@ -132,7 +132,8 @@ def quantity_of(name: str) -> Quantity:
         name = _RATE.sub(" ", name.rpartition(".")[2])
         last = words_of(name)
     words = words_of(name) or last
-    for known_words in (last - _JOINT, words - _JOINT, last & _JOINT):
+    named = frozenset() if "states" in last else last & _JOINT  # those of joints are their velocities and torques too
+    for known_words in (last - _JOINT, words - _JOINT, named):
         for quantity, known in QUANTITY_WORDS:
             if known_words & known:
                 return quantity if quantity != "position" or not rate else _rate_of(rate)

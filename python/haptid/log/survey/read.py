@@ -7,15 +7,17 @@ person to check; nothing is read by it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid.errors import LogFileError
-from haptid.log.by_content import Content
+from haptid.log.by_content import Content, period_of
 from haptid.log.checks import wrap_period
 from haptid.log.file_format import LEROBOT, MESSAGES, Format, format_of
 from haptid.log.formats.messages.container import Topic
@@ -195,7 +197,8 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         rate = rate or own
         if not any(channel.quantity == "position" for channel in channels):
             channels = _recognised(channels, content)
-        by_rates = 0.0 if rate or not content.dt else _usual(1.0 / content.dt)
+        period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
+        by_rates = _usual(1.0 / period) if period > 0 else 0.0
     channels = _turning(channels, path, kind)
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = [_wrapped(c, path, kind) if c.quantity == "position" and c.usable else c for c in channels]
@@ -232,6 +235,25 @@ def _rate_of_positions(
         + f"; {uneven}" * bool(uneven)
     )
     return own
+
+
+def _named_period(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> float:
+    """Sampling period by the first velocities that are those of as many positions, all known by names, s; else 0."""
+    found: dict[str, dict[str, list[str]]] = {"position": {}, "velocity": {}}
+    for channel in channels:
+        if channel.quantity in found:
+            match = element_of(channel.name)
+            array = match["array"] if match else re.sub(r"\d+", "#", channel.name)
+            found[channel.quantity].setdefault(array, []).append(channel.name)
+    for positions, rates in product(found["position"].values(), found["velocity"].values()):
+        if len(positions) == len(rates) <= _TOGETHER:
+            columns = _columns(path, kind, [*positions, *rates], Request())
+            sizes = {column.size for column in columns.values()}
+            if len(columns) == 2 * len(rates) and len(sizes) == 1:
+                period = period_of([columns[name] for name in positions], [columns[name] for name in rates])
+                if period > 0:
+                    return period
+    return 0.0
 
 
 def _with_times(

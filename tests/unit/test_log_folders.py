@@ -1,0 +1,78 @@
+"""Folders of tables, a file for each signal or joint; rates by velocities; and what is no log."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid import errors
+from haptid.log.file_format import format_of
+from haptid.log.survey import survey
+
+RATE = 250.0
+T = np.arange(0.0, 8.0, 1.0 / RATE)
+W = np.array([1.1, 2.3, 3.7])
+Q = np.sin(W * T[:, None]) + 0.3 * np.cos(0.7 * W * T[:, None] + W)
+QD = np.gradient(Q, 1.0 / RATE, axis=0)
+TAU = 4.0 * np.cos(Q) + np.sign(QD) + 0.1 * np.random.default_rng(3).standard_normal(Q.shape)
+
+
+def test_samples_of_several_joints_in_turn_are_channels(tmp_path: Path) -> None:
+    for name, array in (("time", T), ("positions", Q), ("torques", TAU)):
+        np.savetxt(tmp_path / f"{name}.txt", array.ravel())
+    found = format_of(tmp_path).columns(tmp_path, ["positions[2]", "torques[3]", "time"])
+    np.testing.assert_allclose(found["positions[2]"], Q[:, 1])
+    np.testing.assert_allclose(found["torques[3]"], TAU[:, 2])
+    channels = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert channels["position"] == {"field": "positions", "joints": [1, 2, 3], "unit": "rad"}
+
+
+def test_a_signal_of_a_higher_rate_is_one_channel(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "force.txt", np.sin(3.0 * T))
+    np.savetxt(tmp_path / "position.txt", np.sin(np.arange(0.0, 8.0, 0.5 / RATE)))
+    assert format_of(tmp_path).names(tmp_path) == ["force", "position"]
+
+
+def test_a_file_for_each_joint_without_headers(tmp_path: Path) -> None:
+    names = ["elbow_joint_states", "hip_joint_states", "wrist_joint_states"]
+    for k, name in enumerate(names):
+        np.savetxt(tmp_path / f"{name}.csv", np.column_stack((Q[:, k], QD[:, k], TAU[:, k])), delimiter=",")
+    channels = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert channels["position"]["channels"] == [f"{name}[1]" for name in names]
+    assert channels["velocity"]["channels"] == [f"{name}[2]" for name in names]
+    assert channels["torque"]["channels"] == [f"{name}[3]" for name in names]
+    assert channels["rate_hz"] == RATE
+
+
+def test_the_rate_is_that_of_velocities_known_by_name(tmp_path: Path) -> None:
+    """A torque that is all viscous friction is a rate of the positions too, in another unit."""
+    path = tmp_path / "log.csv"
+    columns = np.column_stack((0.01 * QD[:, :2], TAU[:, 2], Q, QD))
+    header = "m1,m2,m3,q1,q2,q3,qd1,qd2,qd3"
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
+    assert survey(path).topics[0].by_rates_hz == RATE
+
+
+def test_no_rate_is_guessed_where_columns_disagree(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((Q, QD * (1.0, 3.0, 9.0), TAU)), delimiter=",")
+    assert survey(path).topics[0].by_rates_hz == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("run.npz", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
+        ("run.xlsx", b"PK\x03\x04", "--convert-to csv"),
+        ("run.pkl", b"\x80\x04", "numpy.savez"),
+        ("run.csv.gz", b"\x1f\x8b", "Unpack"),
+    ],
+)
+def test_what_is_no_log_says_how_to_make_one(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(errors.LogFileError, match=words):
+        format_of(path)
