@@ -1,9 +1,12 @@
 """An observation is the rows themselves, as far as any least squares can tell."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 import haptid
@@ -19,6 +22,8 @@ from haptid.errors import (
     TreatmentError,
 )
 from haptid.estimation import BlockJackknife
+from haptid.observation import Block, joined
+from haptid.observation.plan import shared_block
 from motions import motion, truth
 
 
@@ -121,6 +126,51 @@ def test_the_same_rows_are_not_counted_twice(model, beta):
     with pytest.raises(SharedRowsError) as raised:
         observation + observation
     assert raised.value.where == observation.blocks[0].log
+
+
+@given(
+    st.lists(
+        st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 12), st.integers(1, 4)), max_size=6),
+        max_size=5,
+    )
+)
+def test_a_shared_block_is_found_among_any_groups(groups):
+    groups = [[Block(log, start, start + length) for log, start, length in group] for group in groups]
+
+    def shares(one, other):
+        return one.log == other.log and one.start < other.stop and other.start < one.stop
+
+    truth = {
+        one
+        for group, others in itertools.permutations(groups, 2)
+        for one, other in itertools.product(group, others)
+        if shares(one, other)
+    }
+    found = shared_block(groups)
+    assert found in truth if truth else found is None
+
+
+def test_joining_many_observations_does_not_compare_every_pair_of_blocks(model, beta):
+    """Work is counted by how often blocks are compared by their start."""
+    compared = 0
+
+    class Start(float):
+        def __lt__(self, other):
+            nonlocal compared
+            compared += 1
+            return float.__lt__(self, other)
+
+    observation = haptid.observe(model, motion(model, beta))
+    count = 200
+    several = [
+        replace(observation, blocks=tuple(Block(f"log {k}", Start(b.start), b.stop) for b in observation.blocks))
+        for k in range(count)
+    ]
+    blocks = count * len(observation.blocks)
+    whole = joined(several)
+    assert len(whole.blocks) == blocks
+    assert whole.rows == count * observation.rows
+    assert compared < 3 * blocks * np.log2(blocks)
 
 
 def test_rows_of_the_fit_are_rejected_as_unseen(model, beta):

@@ -101,11 +101,10 @@ def eliminate(
 
 def _unseen(identification: Identification) -> Any:
     """The rows of all logs with the role "validate", None without any."""
-    from functools import reduce
-    from operator import add
+    from haptid.observation import joined
 
     rows = [run.observation for run in identification.runs if run.entry.role == "validate"]
-    return reduce(add, rows) if rows else None
+    return joined(rows) if rows else None
 
 
 def elimination_values(elimination: Elimination) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from operator import add
+from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name
 from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
-from haptid.observation.plan import Block, Plan, RFactors
+from haptid.observation.plan import Block, Plan, RFactors, shared_block
 from haptid.observation.r_factor import conditions, r_factor
 
 if TYPE_CHECKING:
@@ -109,37 +109,16 @@ class Observation:
         return int(sum(motor.rows.sum() for motor in self.motors))
 
     def __add__(self, other: Observation) -> Observation:
-        """Rows of both.
-
-        Raises:
-            ModelMismatchError: they are of different devices.
-            SharedRowsError: they share rows.
-        """
-        if not other.model.is_same_as(self.model):
-            raise different_models(self.model, other.model)
-        shared = self.shares_rows_with(other)
-        if shared is not None:
-            raise SharedRowsError(
-                f"both observations contain the rows from {shared.start:.3f} to {shared.stop:.3f} s of log "
-                f"{shared.log[:12]}: counted twice, they would make every variance too small.",
-                where=shared.log,
-                found=(shared.start, shared.stop),
-                advice="Leave one out.",
-            )
-        motors = tuple(
-            replace(a, r_factors=freeze(np.concatenate([a.r_factors, b.r_factors])), rows=np.append(a.rows, b.rows))
-            for a, b in zip(self.motors, other.motors, strict=True)
-        )
-        blocks, motions, notes = self.blocks + other.blocks, self.motions + other.motions, self.notes + other.notes
-        return Observation(self.model, motors, blocks, motions, notes)
+        """Rows of both, as `joined`."""
+        return joined((self, other))
 
     def __radd__(self, other: Literal[0]) -> Observation:
         """0 + observation, so that `sum` of several observations works."""
         return self if other == 0 else NotImplemented
 
     def shares_rows_with(self, other: Observation) -> Block | None:
-        """The first block of this observation that overlaps one of the other; None where there is none."""
-        return next((block for block in self.blocks if any(block.overlaps(b) for b in other.blocks)), None)
+        """A block that overlaps one of the other observation; None where there is none."""
+        return shared_block((self.blocks, other.blocks))
 
     def alternate(self, run: int = 1) -> tuple[Observation, Observation]:
         """Alternate runs of time blocks, to cross-validate: of 1 the first, third, ... and the second, fourth, ..."""
@@ -187,6 +166,44 @@ class Observation:
         return Overview(title, ("", "rows", "norm of the torque", "unit"), rows, (condition, *self.notes))
 
 
+def joined(observations: Iterable[Observation]) -> Observation:
+    """Rows of several observations of one device together.
+
+    Raises:
+        ModelMismatchError: they are of different devices.
+        SharedRowsError: two of them share rows.
+        ValueError: there is none.
+    """
+    first, *others = observations = tuple(observations)
+    if not others:
+        return first
+    for other in others:
+        if not other.model.is_same_as(first.model):
+            raise different_models(first.model, other.model)
+    shared = shared_block(one.blocks for one in observations)
+    if shared is not None:
+        raise SharedRowsError(
+            f"two observations contain the rows from {shared.start:.3f} to {shared.stop:.3f} s of log "
+            f"{shared.log[:12]}: counted twice, they would make every variance too small.",
+            where=shared.log,
+            found=(shared.start, shared.stop),
+            advice="Leave one out.",
+        )
+    motors = tuple(
+        replace(
+            own[0],
+            r_factors=freeze(np.concatenate([motor.r_factors for motor in own])),
+            rows=np.concatenate([motor.rows for motor in own]),
+        )
+        for own in zip(*(one.motors for one in observations), strict=True)
+    )
+    blocks, motions, notes = (
+        tuple(chain.from_iterable(getattr(one, name) for one in observations))
+        for name in ("blocks", "motions", "notes")
+    )
+    return Observation(first.model, motors, blocks, motions, notes)
+
+
 def observe(
     model: DynamicModel, motion: Motion, *others: Motion, progress: Callable[[float], None] | None = None
 ) -> Observation:
@@ -217,7 +234,7 @@ def observe(
             if progress:
                 progress(done / total)
         made.append(assemble(plan, parts))
-    return reduce(add, made)
+    return joined(made)
 
 
 def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:

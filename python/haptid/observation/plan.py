@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -49,9 +49,23 @@ class Block:
     start: float
     stop: float
 
-    def overlaps(self, other: Block) -> bool:
-        """Whether the two share rows."""
-        return self.log == other.log and self.start < other.stop and other.start < self.stop
+
+def shared_block(groups: Iterable[Iterable[Block]]) -> Block | None:
+    """A block that shares rows with one of another group; None where there is none.
+
+    Blocks of one group may share rows. The work grows as the number of blocks times its logarithm.
+    """
+    furthest: dict[str, dict[int, Block]] = {}  # of each log, the two groups whose blocks reach furthest
+    numbered = [(block, k) for k, group in enumerate(groups) for block in group]
+    for block, k in sorted(numbered, key=lambda one: one[0].start):
+        reached = furthest.setdefault(block.log, {})
+        if any(block.start < before.stop for group, before in reached.items() if group != k):
+            return block
+        if k not in reached or reached[k].stop < block.stop:
+            reached[k] = block
+        if len(reached) > 2:
+            del reached[min(reached, key=lambda group: reached[group].stop)]
+    return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from operator import add
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -16,7 +15,7 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.motion import Motion
-from haptid.observation.observation import Observation, observe
+from haptid.observation.observation import Observation, joined, observe
 from haptid.observation.r_factor import r_factor
 
 
@@ -134,7 +133,7 @@ def observed_candidates(model: DynamicModel, sources: Sequence[RowSource]) -> Ob
     Raises:
         HaptidError: as `observe`.
     """
-    return reduce(add, [_observed(model, source) for source in sources])
+    return joined(_observed(model, source) for source in sources)
 
 
 def _observed(model: DynamicModel, source: RowSource) -> Observation:

@@ -51,11 +51,6 @@ class Clustered(Comparable, Protocol):
         """Scores of its time blocks, if they are known."""
 
 
-def shared_block(first: Comparable, second: Comparable) -> Block | None:
-    """A block of the first with rows of the second."""
-    return next((block for block in first.blocks if any(block.overlaps(other) for other in second.blocks)), None)
-
-
 def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
     """Names of the parameters that all estimates have with one unit and meaning.
 

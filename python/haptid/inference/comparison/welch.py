@@ -16,10 +16,11 @@ from haptid.errors import SettingError, SharedRowsError
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.clusters import Clusters
 from haptid.estimation.intervals.covariance import with_prior_variance
-from haptid.inference.comparison.comparable import Clustered, Comparable, common_parameters, shared_block
+from haptid.inference.comparison.comparable import Clustered, Comparable, common_parameters
 from haptid.inference.comparison.differences import Comparison, Series
 from haptid.inference.joint_tests import joint_tests
 from haptid.inference.misfit import clusters_with_misfit
+from haptid.observation.plan import shared_block
 from haptid.uncertainty.quantities import Quantities
 
 # Factor on standard errors, for errors of the model, above which it is reported.
@@ -155,21 +156,15 @@ def _shared_rows(estimates: Sequence[Comparable], independent: bool) -> bool:
     Raises:
         SharedRowsError: they were, and have to be independent.
     """
-    shared = [
-        block
-        for k, estimate in enumerate(estimates)
-        for other in estimates[:k]
-        if (block := shared_block(other, estimate))
-    ]
-    if shared and independent:
-        block = shared[0]
+    block = shared_block(estimate.blocks for estimate in estimates)
+    if block is not None and independent:
         raise SharedRowsError(
             f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
             f"{block.log[:12]}, so the standard error of their difference is not known.",
             where=(block.log, block.start),
             advice="Compare estimates from logs, or time ranges, without common rows.",
         )
-    return bool(shared)
+    return block is not None
 
 
 def _scores(estimate: Comparable) -> Clusters | None:

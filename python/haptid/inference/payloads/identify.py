@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -37,7 +35,8 @@ from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion
-from haptid.observation.observation import Observation, observe
+from haptid.observation.observation import Observation, joined, observe
+from haptid.observation.plan import shared_block
 from haptid.observation.static import observe_poses
 from haptid.uncertainty.quantities import Quantities
 
@@ -154,20 +153,18 @@ def _observed(model: DynamicModel, data: Sequence[Recorded]) -> Observation:
     if motions:
         return observe(model, *motions)
     assert isinstance(model, StaticModel)
-    return reduce(add, [observe_poses(model, recording) for recording in data if isinstance(recording, Poses)])
+    return joined(observe_poses(model, recording) for recording in data if isinstance(recording, Poses))
 
 
 def _check_shared(observations: Sequence[Observation]) -> None:
-    for k, observation in enumerate(observations):
-        for other in observations[:k]:
-            block = observation.shares_rows_with(other)
-            if block is not None:
-                raise SharedRowsError(
-                    f"{block.start:.3f} to {block.stop:.3f} s of log {block.log[:12]} are given for two loads.",
-                    where=block.log,
-                    found=(block.start, block.stop),
-                    advice="Give each recording once.",
-                )
+    block = shared_block(observation.blocks for observation in observations)
+    if block is not None:
+        raise SharedRowsError(
+            f"{block.start:.3f} to {block.stop:.3f} s of log {block.log[:12]} are given for two loads.",
+            where=block.log,
+            found=(block.start, block.stop),
+            advice="Give each recording once.",
+        )
 
 
 def _fitted(rows: Sequence[LoadedRows], like: Observation, gains: bool) -> tuple[JointFit, tuple[str, ...]]:
