@@ -15,7 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.subsample import MOST_SAMPLES, evenly_spaced, row_ranges
+from haptid.inference.diagnosis.subsample import evenly_spaced, row_ranges
 from haptid.motion.motion import Motion
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.filtering import treated_columns
@@ -133,18 +133,21 @@ class BaseRows:
     @staticmethod
     def of(model: DynamicModel, motions: Sequence[Motion], like: Sequence[Motion] | None = None) -> BaseRows:
         """As `trial_rows` has them."""
-        own, chunks, block, log, blocks = model.measured_rows, [], [], [], 0
-        samples = sum(len(motion) for motion in motions)
-        for k, (motion, there) in enumerate(zip(motions, like or motions, strict=True)):
-            plan, wanted = Plan.of(model, motion), Plan.of(model, there)
-            every = wanted.blocks()
-            kept = evenly_spaced(len(every), samples) if samples > MOST_SAMPLES else np.arange(len(every))
-            for start, stop in row_ranges(wanted, [every[b] for b in kept]):
+        own, chunks, block, log, before = model.measured_rows, [], [], [], 0
+        plans = [
+            (Plan.of(model, motion), Plan.of(model, there))
+            for motion, there in zip(motions, like or motions, strict=True)
+        ]
+        every = [wanted.blocks() for _, wanted in plans]
+        kept = evenly_spaced(sum(map(len, every)), sum(map(len, motions)))
+        for k, (plan, wanted) in enumerate(plans):
+            here = kept[(kept >= before) & (kept < before + len(every[k]))] - before
+            for start, stop in row_ranges(wanted, [every[k][b] for b in here]):
                 if (stop := min(stop, plan.rows)) > start:
                     chunks.append(Chunk(plan, start, stop, model, tuple(own)))
-                    block.append(blocks + np.arange(start, stop) // wanted.block)
+                    block.append(before + np.arange(start, stop) // wanted.block)
                     log.append(np.full(stop - start, k))
-            blocks += len(every)
+            before += len(every[k])
         W = tuple(treated_columns(chunk.plan, chunk.signals)[list(own)].swapaxes(1, 2) for chunk in chunks)
         return BaseRows(model, tuple(chunks), W, tuple(block), tuple(log))
 
