@@ -12,11 +12,12 @@ import haptid
 import small_study
 from haptid.advice import advise
 from haptid.advice.recorder import faults
-from haptid.advice.rows import TrialRows
-from haptid.advice.search import Proven, TriedChange, _ranked
+from haptid.advice.rows import TrialRows, trial_rows
+from haptid.advice.search import Proven, TriedChange, _ranked, finer
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.errors import LogTimeError
 from haptid.inference.diagnosis.finding import Finding
+from motions import motion, truth
 
 
 def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
@@ -70,6 +71,19 @@ def test_factors_are_found(factor):
 def test_swapped_channels_are_found():
     _, made = bench(swapped=True)
     assert gain(made.run(Setting()), made.run(Setting(source=(1, 0)))).share > 0.99
+
+
+def test_rows_of_many_logs_are_as_many_as_those_of_a_long_one(monkeypatch):
+    monkeypatch.setattr("haptid.inference.diagnosis.subsample.MOST_SAMPLES", 20_000)
+    model = haptid.DynamicModel(haptid.read_device("arm3"))
+    beta = truth(model)
+    every, long = (
+        [finer(motion(model, beta, seed=k, seconds=seconds)) for k in range(count)]
+        for count, seconds in ((30, 2.0), (1, 60.0))
+    )
+    many, one = (trial_rows(model, motions, beta) for motions in (every, long))
+    assert many.W.shape[1] == pytest.approx(one.W.shape[1], rel=0.25)
+    assert np.unique(many.log).size >= 20
 
 
 def log(position, torque):

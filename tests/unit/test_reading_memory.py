@@ -78,3 +78,13 @@ def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.
     assert not is_long(tmp_path / "log.parquet")
     monkeypatch.setattr("haptid.log.read._LARGE", 3)
     assert is_long(tmp_path / "log.parquet")
+
+
+def test_of_logs_that_are_large_together_shorter_ones_are_opened(tmp_path: Path) -> None:
+    log = tmp_path / "log.parquet"
+    with log.open("wb") as file:
+        file.truncate(2**21)
+    assert not is_long(log, 2**28)
+    assert is_long(log, 2**28 + 1)
+    log.write_bytes(b"PAR1")  # a very short one is faster read
+    assert not is_long(log, 2**30)

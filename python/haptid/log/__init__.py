@@ -3,6 +3,7 @@
 May not use any device: `check_against` takes joint limits as numbers.
 """
 
+from haptid.log.formats.folders import log_size
 from haptid.log.lazy import OnDisk, as_array
 from haptid.log.limit_checks import check_against
 from haptid.log.log import Channels, Log, Signal
@@ -20,6 +21,7 @@ __all__ = [
     "as_array",
     "check_against",
     "is_long",
+    "log_size",
     "open_log",
     "read_log",
 ]

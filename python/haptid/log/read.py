@@ -29,8 +29,8 @@ from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
 from haptid.log.time_base import TimeBaseReport
 from haptid.log.velocities import with_velocities
 
-# A file of more bytes is opened rather than read.
-_LARGE = 2**26
+# A file of more bytes is opened rather than read, and of several that together have more bytes each of more.
+_LARGE, _LARGE_TOGETHER, _LARGE_AMONG_MANY = 2**26, 2**28, 2**20
 # `checks.find_wraps` of a channel that is not unwrapped.
 NO_WRAPS = (np.empty(0, np.intp), np.empty(0))
 
@@ -162,12 +162,18 @@ def _block(
     return freeze(block)
 
 
-def is_long(path: Path) -> bool:
-    """Whether a file is to be opened rather than read: it is large, and its format can be read by rows."""
+def is_long(path: Path, together: int = 0) -> bool:
+    """Whether a file is to be opened rather than read: it is large, and its format can be read by rows.
+
+    Args:
+        path: of the file, or of a folder of files that are one log.
+        together: bytes of all logs that are used at once; of very many, shorter ones are opened too.
+    """
+    largest = _LARGE if together <= _LARGE_TOGETHER else _LARGE_AMONG_MANY
     if path.is_dir():
-        return format_of(path).by_rows and log_size(path) > _LARGE
+        return format_of(path).by_rows and log_size(path) > largest
     suffixes = [suffix for kind in FORMATS if kind.by_rows for suffix in kind.suffixes]
-    return path.is_file() and path.suffix.lower() in suffixes and path.stat().st_size > _LARGE
+    return path.is_file() and path.suffix.lower() in suffixes and path.stat().st_size > largest
 
 
 def open_log(

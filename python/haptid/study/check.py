@@ -18,7 +18,7 @@ from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion, treat
 from haptid.observation.plan import Plan
-from haptid.study.identify import check_kind, read_entry
+from haptid.study.identify import check_kind, logs_to_propose_from, read_entry
 from haptid.study.payloads import recorded_poses
 from haptid.study.read import read_study
 from haptid.study.study import LogEntry, Study, silent
@@ -165,10 +165,8 @@ def _treatment(
     study: Study, model: DynamicModel, logs: Sequence[Log], progress: _Progress
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Reasons of the proposed treatment, and the commands that come next."""
-    fitted = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
-    bare = [log for log, entry in fitted if entry.body is None] or [log for log, _ in fitted]
     progress("choosing a treatment", 0.0)
-    proposal = propose(model, *bare, **study.treatment)
+    proposal = propose(model, *logs_to_propose_from(study, logs), **study.treatment)
     progress("choosing a treatment", 1.0)
     return proposal.reasons, _steps(study, model, [treat(log, proposal.treatment) for log in logs])
 

@@ -21,7 +21,7 @@ from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
 from haptid.executors import Executor
 from haptid.inference.gimbal import GimbalEffect, gimbal_effect
-from haptid.log import Log, is_long, open_log, read_log
+from haptid.log import Log, is_long, log_size, open_log, read_log
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.batch import observe_all
@@ -149,12 +149,14 @@ def identify(
     as_filed = DynamicModel(read_device(study.device))
     _check_size(as_filed)
     study = study.on(as_filed.device)
-    logs = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    folder = Path(data or study.path.parent)
+    together = sum(log_size(path) for entry in study.logs if (path := folder / entry.path).exists())
+    logs = [read_entry(entry, folder, progress, together) for entry in study.logs]
     expect_fast_sampling(as_filed, logs)
     study, logs = _completed(study, as_filed, logs, progress)
     progress("choosing a treatment", 0.0)
     with _naming_still_joints(as_filed, logs, study):
-        proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
+        proposal = propose(as_filed, *logs_to_propose_from(study, logs), **study.treatment)
     progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     calibration, logs = _calibrated(study, as_filed, logs, proposal.treatment, progress)
@@ -267,11 +269,12 @@ def check_kind(study: Study) -> None:
             )
 
 
-def read_entry(entry: LogEntry, data: Path, progress: _Progress) -> Log:
+def read_entry(entry: LogEntry, data: Path, progress: _Progress, together: int = 0) -> Log:
+    """Read a log of a study, or open it where it is long, or where all logs `together` have very many bytes."""
     name = Path(entry.path).name
     progress(f"reading {name}", 0.0)
     path = data / entry.path
-    if is_long(path) and not entry.exclude:
+    if is_long(path, together) and not entry.exclude:
         log = open_log(path, entry.channels, time_range=entry.time_range)
     else:
         log = read_log(path, entry.channels, entry.time_range, entry.episodes, entry.exclude)
@@ -297,10 +300,10 @@ def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Pr
     return replace(study, method=method, use="free", treatment=treatment), completed
 
 
-def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
+def logs_to_propose_from(study: Study, logs: Sequence[Log]) -> list[Log]:
     """Logs of the fit without payload if there are any: subtracting a payload requires a treatment first."""
     fitting = study.of_fit(logs)
-    bare = [log for log, entry in zip(fitting, study.of_fit(study.logs), strict=True) if entry.payload is None]
+    bare = [log for log, entry in zip(fitting, study.of_fit(study.logs), strict=True) if entry.body is None]
     return bare or fitting
 
 

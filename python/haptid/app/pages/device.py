@@ -14,8 +14,8 @@ from haptid.app.session import PageCalls, Session
 from haptid.app.workspace import DEVICES, free_name
 from haptid.errors import HaptidError, WorkbenchError
 
-# Robot descriptions that are read here. Xacro has expressions that are run, MJCF names other files: the command has
-# both.
+# Robot descriptions that are read here; one text at a time, so that what it includes is not there and is named. Xacro,
+# whose expressions are run, is left to the command.
 _DESCRIPTIONS = (".urdf", ".sdf", ".xml", ".par")
 
 
