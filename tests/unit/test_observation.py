@@ -22,7 +22,7 @@ from haptid.errors import (
     TreatmentError,
 )
 from haptid.estimation import BlockJackknife
-from haptid.observation import Block, joined
+from haptid.observation import Block, concatenated
 from haptid.observation.plan import shared_block
 from motions import motion, truth
 
@@ -167,7 +167,7 @@ def test_joining_many_observations_does_not_compare_every_pair_of_blocks(model, 
         for k in range(count)
     ]
     blocks = count * len(observation.blocks)
-    whole = joined(several)
+    whole = concatenated(several)
     assert len(whole.blocks) == blocks
     assert whole.rows == count * observation.rows
     assert compared < 3 * blocks * np.log2(blocks)

@@ -101,10 +101,10 @@ def eliminate(
 
 def _unseen(identification: Identification) -> Any:
     """The rows of all logs with the role "validate", None without any."""
-    from haptid.observation import joined
+    from haptid.observation import concatenated
 
     rows = [run.observation for run in identification.runs if run.entry.role == "validate"]
-    return joined(rows) if rows else None
+    return concatenated(rows) if rows else None
 
 
 def elimination_values(elimination: Elimination) -> dict[str, Any]:

@@ -6,7 +6,7 @@ May use device, log, dynamics and motion; contains no estimate.
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
-from haptid.observation.observation import MotorRows, Observation, joined, observe
+from haptid.observation.observation import MotorRows, Observation, concatenated, observe
 from haptid.observation.plan import Block
 from haptid.observation.static import observe_poses
 from haptid.observation.stream import RowStream
@@ -18,7 +18,7 @@ __all__ = [
     "Payload",
     "RFactorCache",
     "RowStream",
-    "joined",
+    "concatenated",
     "log_without_payload",
     "observe",
     "observe_all",

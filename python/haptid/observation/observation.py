@@ -109,8 +109,8 @@ class Observation:
         return int(sum(motor.rows.sum() for motor in self.motors))
 
     def __add__(self, other: Observation) -> Observation:
-        """Rows of both, as `joined`."""
-        return joined((self, other))
+        """Rows of both, as `concatenated`."""
+        return concatenated((self, other))
 
     def __radd__(self, other: Literal[0]) -> Observation:
         """0 + observation, so that `sum` of several observations works."""
@@ -166,7 +166,7 @@ class Observation:
         return Overview(title, ("", "rows", "norm of the torque", "unit"), rows, (condition, *self.notes))
 
 
-def joined(observations: Iterable[Observation]) -> Observation:
+def concatenated(observations: Iterable[Observation]) -> Observation:
     """Rows of several observations of one device together.
 
     Raises:
@@ -234,7 +234,7 @@ def observe(
             if progress:
                 progress(done / total)
         made.append(assemble(plan, parts))
-    return joined(made)
+    return concatenated(made)
 
 
 def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:

@@ -27,7 +27,7 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.batch import observe_all
 from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
-from haptid.observation.observation import Observation, joined
+from haptid.observation.observation import Observation, concatenated
 from haptid.study import LogEntry, Study
 from haptid.study.schema import fault
 from haptid.study.study import silent
@@ -168,10 +168,10 @@ def identify(
     observations = observe_all(model, motions, workers, cache, _pace(progress))
     progress("estimating", 0.0)
     with _naming_still_joints(as_filed, logs, study):
-        conditional = estimate(joined(study.of_fit(observations)), study.method, intervals)
+        conditional = estimate(concatenated(study.of_fit(observations)), study.method, intervals)
     final = _with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
-    use = model_for_use(final, joined(study.of_fit(all_rows)), study.use)
+    use = model_for_use(final, concatenated(study.of_fit(all_rows)), study.use)
     runs = tuple(map(Run, study.logs, observations, all_rows))
     runs = tuple(_validated(run, runs, study, as_filed, use.estimate) for run in runs)
     progress("estimating", 1.0)
@@ -368,7 +368,7 @@ def held_out(
         reference_motion = None if reference_rows is None else reference_rows.motions[0]
         return (predict(model, observation.motions[0], other_motions, study.method, reference_motion, study.use),)
     if study.cross_validation == "leave-one-log-out":
-        return (validate(_usable(study, joined(others)), observation, reference_rows),)
+        return (validate(_usable(study, concatenated(others)), observation, reference_rows),)
     if study.cross_validation == "blocks":
         return (pooled(*_folds(study, observation, others, reference_rows)),)
     return ()
@@ -386,7 +386,7 @@ def _folds(
     def predicted(run: int) -> list[Validation]:
         halves = observation.alternate(run)
         return [
-            validate(_usable(study, joined((fit, *others))), unseen, reference_rows)
+            validate(_usable(study, concatenated((fit, *others))), unseen, reference_rows)
             for fit, unseen in (halves, halves[::-1])
         ]
 

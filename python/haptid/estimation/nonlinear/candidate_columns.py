@@ -15,7 +15,7 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.motion import Motion
-from haptid.observation.observation import Observation, joined, observe
+from haptid.observation.observation import Observation, concatenated, observe
 from haptid.observation.r_factor import r_factor
 
 
@@ -133,7 +133,7 @@ def observed_candidates(model: DynamicModel, sources: Sequence[RowSource]) -> Ob
     Raises:
         HaptidError: as `observe`.
     """
-    return joined(_observed(model, source) for source in sources)
+    return concatenated(_observed(model, source) for source in sources)
 
 
 def _observed(model: DynamicModel, source: RowSource) -> Observation:

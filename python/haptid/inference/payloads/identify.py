@@ -35,7 +35,7 @@ from haptid.inference.payloads.fit import JointFit, LoadedRows, joint_fit
 from haptid.inference.payloads.layout import Layout, embedding, payload_model, removed
 from haptid.motion.holds import Poses
 from haptid.motion.motion import Motion
-from haptid.observation.observation import Observation, joined, observe
+from haptid.observation.observation import Observation, concatenated, observe
 from haptid.observation.plan import shared_block
 from haptid.observation.static import observe_poses
 from haptid.uncertainty.quantities import Quantities
@@ -153,7 +153,7 @@ def _observed(model: DynamicModel, data: Sequence[Recorded]) -> Observation:
     if motions:
         return observe(model, *motions)
     assert isinstance(model, StaticModel)
-    return joined(observe_poses(model, recording) for recording in data if isinstance(recording, Poses))
+    return concatenated(observe_poses(model, recording) for recording in data if isinstance(recording, Poses))
 
 
 def _check_shared(observations: Sequence[Observation]) -> None:
