@@ -279,12 +279,16 @@ def test_a_study_is_drafted_checked_and_identified(bench, tab):
 
 def test_the_result_in_the_workbench_is_the_one_of_the_report(bench, tab):
     """Same numbers, same curves: the charts of the page and of report.html have the same paths."""
+    study, out = bench.folder / "studies/two-links.toml", bench.folder / "results/reported"
+    out.parent.mkdir(exist_ok=True)
+    done = CliRunner().invoke(app, ["identify", str(study), "--out", str(out)])
+    assert (out / "report.html").is_file(), done.output
     curves = "[...document.querySelectorAll('#torque path')].map((p) => p.getAttribute('d'))"
     numbers = "document.getElementById('parameters').querySelector('tbody').innerText"
     found = []
     for address in (
-        f"{bench.origin}/results?path=results/two-links-2",
-        (bench.folder / "results/two-links-2/report.html").as_uri(),
+        f"{bench.origin}/results?path=results/reported",
+        (bench.folder / "results/reported/report.html").as_uri(),
     ):
         tab.go(address, LAPTOP)
         tab.wait("document.querySelectorAll('#torque path').length")

@@ -36,22 +36,28 @@ class Chart {
     this.holder = el("div", { class: "plot", role: "group", "aria-label": `${title}: ${names.join(", ")}` }, parent);
     el("h3", {}, this.holder, unit ? `${title}, ${unit}` : title);
     this.names = names;
-    this.scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16; // larger on large screens
-    this.height = height = height * this.scale;
+    this.plain = height;
     this.chart = null;
     document.addEventListener("colours", () => this.make());
     new ResizeObserver(() => {
-      if (this.chart && Math.abs(this.width - this.chart.width) > 1) this.chart.setSize({ width: this.width, height });
+      if (!this.chart) return;
+      if (this.scale !== this.drawn) this.make();
+      else if (Math.abs(this.width - this.chart.width) > 1) this.chart.setSize({ width: this.width, height: this.height });
     }).observe(this.holder);
   }
 
   get width() { return Math.max(240, this.holder.clientWidth); }
+
+  get scale() { return parseFloat(getComputedStyle(document.documentElement).fontSize) / 16; } // larger on large screens
+
+  get height() { return this.plain * this.scale; }
 
   make() {} // of each kind, again when the colours change
 
   // A new chart of uPlot in place of the last, with options beside those of all charts, and of each curve.
   begin(data, options, curve) {
     this.chart?.destroy();
+    this.drawn = this.scale;
     const axis = { font: `${12 * this.scale}px system-ui, sans-serif`, size: 50 * this.scale, stroke: resolved("soft"), grid: { stroke: resolved("grid"), width: 1 }, ticks: { stroke: resolved("line") } };
     const ink = (k) => resolved(INKS[k % INKS.length]);
     const lines = this.names.map((label, k) => ({ label, stroke: ink(k), width: 1, points: { show: false }, spanGaps: false, ...curve(k, ink) }));
