@@ -8,6 +8,7 @@ import pytest
 
 import haptid
 from haptid.device.terms.friction import DRY
+from haptid.device.terms.term import Sliding
 from haptid.observation.own_instants import own_columns
 from haptid.observation.rows import Rows
 from haptid.treatment_choice.delay_estimate import find_delays
@@ -78,3 +79,16 @@ def test_a_column_in_python_is_the_one_of_the_core(kind, width):
     made = model.mechanism.regressor(v, v, v, np.zeros((0, 40)), [column], model.loops(v, v))[:, 0]
     row = int(np.flatnonzero(term.weights)[0])
     np.testing.assert_allclose(term.weights[row] * term.sliding(model.speed(term, v, v)), made[row], atol=1e-12)
+
+
+def test_columns_at_once_are_each_of_its_own_term():
+    term = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).terms[0]
+    constants = [(kind, width) for kind in DRY for width in (0.0, 0.3)]
+    terms = [
+        replace(term, kind=kind, settings=(0.5, 1.5, width) if kind == "stribeck" else (width, 0.0, 0.0))
+        for kind, width in constants
+    ]
+    v = np.random.default_rng(0).normal(size=(len(terms), 40))
+    v[:, 0] = 0.0
+    np.testing.assert_array_equal(Sliding(terms)(v), [term.sliding(x) for term, x in zip(terms, v, strict=True)])
+    assert Sliding(())(v[:0]).shape == (0, 40)

@@ -162,6 +162,10 @@ class CustomColumn:
             made = _evaluate(self.tree, {**self.constants, "pi": math.pi, **motion})
         return np.broadcast_to(np.asarray(made, dtype=float), (samples,))
 
+    def at(self, state: Mapping[str, float]) -> float:
+        """The column at one instant, from q_<joint>, v_<joint> and a_<joint>."""
+        return float(_evaluate(self.tree, {**self.constants, "pi": math.pi, **state}))
+
     def reads(self, names: set[str]) -> bool:
         """Whether it uses one of these names."""
         return any(isinstance(node, ast.Name) and node.id in names for node in ast.walk(self.tree))
@@ -338,7 +342,7 @@ def _function(node: ast.expr) -> Callable[[Mapping[str, Any]], Any]:
             constant = np.float64(value)  # type: ignore[arg-type]
             return lambda _: constant
         case ast.Name(id=name):
-            return lambda values: np.asarray(values[name], dtype=float)[()]
+            return lambda values: _numpys(values[name])
         case ast.UnaryOp(op=op, operand=operand):
             of = _function(operand)
             return (lambda values: -of(values)) if isinstance(op, ast.USub) else of
@@ -349,6 +353,11 @@ def _function(node: ast.expr) -> Callable[[Mapping[str, Any]], Any]:
             call, inner = {**FUNCTIONS, **GEOMETRY}[name], [_function(argument) for argument in arguments]
             return lambda values: call(*(one(values) for one in inner))
     raise TypeError(f"{ast.dump(node)} was not checked")
+
+
+def _numpys(value: Any) -> Any:
+    """An array as it is, a number as NumPy's."""
+    return value if isinstance(value, np.ndarray) else np.float64(value)
 
 
 def _linear(node: ast.expr, constants: Mapping[str, float]) -> Linear:

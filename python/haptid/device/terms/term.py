@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,13 +143,7 @@ class TermColumn:
 
     def sliding(self, v: Array) -> Array:
         """The column of a term of dry friction, as the core computes it, from its velocity, (samples,)."""
-        side = {1: np.maximum(v, 0.0), -1: np.minimum(v, 0.0)}.get(self.side, v)
-        width = self.constant("width")
-        sign = np.tanh(side / width) if width else np.sign(side)
-        if self.kind != "stribeck":
-            return np.asarray(sign)
-        fading = (np.abs(v) / self.constant("velocity")) ** self.constant("exponent")
-        return np.asarray(sign * np.exp(-fading))
+        return np.asarray(Sliding((self,))(v[None])[0])
 
     def moves_as(self, other: TermColumn) -> bool:
         """Whether its velocity is that of another term, or its negative."""
@@ -160,6 +154,32 @@ class TermColumn:
     def for_core(self) -> tuple[str, Array, float, float, float, float]:
         """The term as `haptid._core.Mechanism` takes it."""
         return (self.kind, self.weights, self.offset, *self.settings)
+
+
+class Sliding:
+    """Columns of several terms of dry friction, as the core computes them, from the velocity of each.
+
+    Called with velocities (terms, ...), it gives the columns in the same shape.
+    """
+
+    def __init__(self, terms: Sequence[TermColumn]) -> None:
+        found = [_sliding_constants(term) for term in terms]
+        self._constants = [np.array(values) for values in zip(*found, strict=True)] or [np.zeros(0)] * 5
+
+    def __call__(self, v: Array) -> Array:
+        low, high, width, velocity, exponent = (x.reshape(-1, *[1] * (v.ndim - 1)) for x in self._constants)
+        side = np.minimum(np.maximum(v, low), high)
+        smooth = np.tanh(side / np.where(width > 0, width, 1.0))
+        sign = np.where(width > 0, smooth, np.sign(side))
+        return np.asarray(sign * np.exp(-((np.abs(v) / velocity) ** exponent)))
+
+
+def _sliding_constants(term: TermColumn) -> tuple[float, float, float, float, float]:
+    """Bounds of the velocities at which dry friction acts, its width, and what it fades by: nothing where infinite."""
+    low, high = (0.0 if term.side == side else side * -np.inf for side in (1, -1))
+    if term.kind != "stribeck":
+        return low, high, term.constant("width"), np.inf, 1.0
+    return low, high, term.constant("width"), term.constant("velocity"), term.constant("exponent")
 
 
 def external_columns(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from haptid._internal.arrays import Array
@@ -11,19 +9,11 @@ from haptid.device import TermColumn
 from haptid.device.expressions import CustomColumn
 from haptid.device.terms.presliding import Presliding
 from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import Sliding
 from haptid.device.terms.warming import Warming
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.experiment.bench.bodies import has_counterpart, joint_shares
-
-
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """One term: its parameter and its coordinate as a combination of the joints, (joints,)."""
-
-    term: TermColumn
-    value: float
-    shares: Array
 
 
 class HeldForces:
@@ -41,45 +31,44 @@ class HeldForces:
 
     def __init__(self, model: DynamicModel, chi: Array, step: float) -> None:
         raw = (model.device.parameters.S @ chi)[10 * len(model.device.joints) :]
-        self._names, self._step = model.device.joint_names, step
-        self._held = [
-            _Held(_checked(term, model), float(value), joint_shares(model, term))
-            for term, value in zip(model.terms, raw, strict=True)
-            if value and not has_counterpart(term)
-        ]
-        self._history = np.zeros(len(self._held))
+        held = [(t, x) for t, x in zip(model.terms, raw, strict=True) if x and not has_counterpart(t)]
+        terms, n = [_checked(term, model) for term, _ in held], len(model.device.joints)
+        # Of each term: its coordinate as a combination of the joints, and the force on these where its column is 1.
+        self._shares = np.array([joint_shares(model, term) for term in terms]).reshape(-1, n)
+        self._forces = -np.array([value for _, value in held]).reshape(-1, 1) * self._shares
+        self._names = [f"{letter}_{name}" for letter in "qv" for name in model.device.joint_names]
+        self._shaped = [(k, term.shape) for k, term in enumerate(terms) if term.shape is not None]
+        self._dry = [k for k, term in enumerate(terms) if term.shape is None]
+        self._sliding = Sliding([terms[k] for k in self._dry])
+        self._columns, self._history, self._step = np.zeros(len(terms)), np.zeros(len(terms)), step
         self._last: Array | None = None
 
     def __bool__(self) -> bool:
-        return bool(self._held)
+        return len(self._columns) > 0
 
     def __call__(self, t: float, q: Array, qd: Array, share: float) -> Array:
         """Force on every joint, (joints,), N m or N, from time and state of the joints, a share of a step later."""
-        ahead = q + share * self._step * qd
-        force = np.zeros(len(q))
-        for k, held in enumerate(self._held):
-            force -= held.value * self._column(k, held, t, q, qd, ahead) * held.shares
+        ahead, v = q + share * self._step * qd, self._shares @ qd
+        if self._dry:
+            self._columns[self._dry] = self._sliding(v[self._dry])
+        named = dict(zip(self._names, [*ahead.tolist(), *qd.tolist()], strict=True))
+        for k, shape in self._shaped:
+            if isinstance(shape, CustomColumn):
+                self._columns[k] = shape.at(named)
+            elif isinstance(shape, Warming):
+                self._columns[k] = shape.along(np.asarray(t), v[k])
+            elif isinstance(shape, Counterbalance):
+                self._columns[k] = shape.values(ahead)
+            elif isinstance(shape, Presliding):
+                self._columns[k] = self._slid(k, shape, q, ahead, float(v[k]))
         self._last = q.copy()
-        return force
+        return np.asarray(self._columns @ self._forces)
 
-    def _column(self, k: int, held: _Held, t: float, q: Array, qd: Array, ahead: Array) -> float:
-        shape, v = held.term.shape, float(held.shares @ qd)
-        if isinstance(shape, Presliding):
-            if self._last is not None:
-                self._history[k] = shape.after(self._history[k], float(held.shares @ (q - self._last)), v)
-            return shape.after(self._history[k], float(held.shares @ (ahead - q)), v)
-        if isinstance(shape, Warming):
-            return float(shape.along(np.array([t]), np.array([v]))[0])
-        if isinstance(shape, Counterbalance):
-            return float(shape.values(ahead[:, None])[0])
-        if isinstance(shape, CustomColumn):
-            named = {
-                f"{letter}_{name}": np.array([x])
-                for letter, values in (("q", ahead), ("v", qd))
-                for name, x in zip(self._names, values.tolist(), strict=True)
-            }
-            return float(shape.values(named, 1)[0])
-        return float(held.term.sliding(np.array([v]))[0])
+    def _slid(self, k: int, shape: Presliding, q: Array, ahead: Array, v: float) -> float:
+        """The column of presliding at the position ahead, from its value before."""
+        if self._last is not None:
+            self._history[k] = shape.after(self._history[k], float(self._shares[k] @ (q - self._last)), v)
+        return shape.after(self._history[k], float(self._shares[k] @ (ahead - q)), v)
 
 
 def _checked(term: TermColumn, model: DynamicModel) -> TermColumn:
