@@ -363,3 +363,16 @@ def test_every_error_of_a_log_is_tested() -> None:
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_log_*.py"))
     names = [cls.__name__ for cls in errors.LogError.__subclasses__()]
     assert [name for name in names if f"errors.{name}" not in tests] == []
+
+
+def test_a_joint_that_stands_between_two_steps_of_its_encoder_is_not_wrapped(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(2000) * 1e-3
+    still = 0.4 + 5.75e-4 * (rng.random(t.size) < 0.1) + 1e-12 * rng.standard_normal(t.size)
+    moving = np.sin(3.0 * t)
+    path = tmp_path / "log.npz"
+    np.savez(path, t=t, q1=moving, q2=still, tau1=moving + 0.01 * t, tau2=rng.standard_normal(t.size))
+    assert read_log(path).position.shape[1] == 2
+    np.savez(path, t=t, q1=np.mod(40.0 * t, 25.0) - 12.5, tau1=moving)
+    with pytest.raises(errors.LogDataError, match="jumps by its whole period of 25 rad"):
+        read_log(path)

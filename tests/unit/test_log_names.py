@@ -134,8 +134,8 @@ def test_units_and_elements_in_brackets() -> None:
 
 def test_torques_without_a_known_name_are_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    header = "t,q[1],q[2],m[1],m[2],x_set[1],x_set[2]"
-    np.savetxt(path, np.column_stack((T, Q, Q, TAU, TAU, Q, Q)), delimiter=",", header=header, comments="")
+    header = "t,q[1],q[2],m[1],m[2],x_set[1],x_set[2],acc[1],acc[2]"
+    np.savetxt(path, np.column_stack((T, Q, Q, TAU, TAU, Q, Q, Q, Q)), delimiter=",", header=header, comments="")
     table = survey(path).table
     assert "torque" not in tomllib.loads(table)["channels"]
     assert table.rstrip().endswith("; is it m[1..2]?")
@@ -167,3 +167,12 @@ def test_no_rate_is_stated_of_uneven_times(tmp_path: Path) -> None:
     paused = T + np.where(T > 2.0, 5.0, 0.0)
     (topic,) = survey(written(tmp_path / "paused.csv", "t,q,tau", paused, Q, TAU)).topics
     assert topic.rate_hz == pytest.approx(200.0)
+
+
+def test_a_point_of_the_hand_is_no_set_of_joints(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    joints, hand = np.tile(Q[:, None], 5), np.tile(Q[:, None], 3)
+    np.savez(path, time=T, ee_pos=hand, xyz_position=hand, q=joints, tau_measured=joints + TAU[:, None])
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["position"] == {"field": "q", "joints": [1, 2, 3, 4, 5], "unit": "rad"}
+    assert channels["torque"]["joints"] == [1, 2, 3, 4, 5]

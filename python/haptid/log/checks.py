@@ -135,6 +135,10 @@ def period(signal: Signal, largest: float) -> float | None:
     return PERIODS.get(signal.unit)
 
 
+# A channel of no more values than this, told apart at this many in its range, stands between steps of its encoder.
+_LEVELS, _FINE = 8, 1e6
+
+
 def wrap_period(column: Array, signal: Signal, largest: float) -> tuple[float, int, int] | None:
     """Period by which a channel jumps, the first sample after a jump, and the number of jumps; None where it does not.
 
@@ -158,7 +162,8 @@ def wrap_period(column: Array, signal: Signal, largest: float) -> tuple[float, i
             continue
         if turn != span and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
             return turn, int(at[0]) + 1, at.size
-        if at.size > 1 and size[at].min() >= span - 2 * usual:  # from one end to the other, again and again
+        ends = at.size > 1 and size[at].min() >= span - 2 * usual  # from one end to the other, again and again
+        if ends and np.unique(np.rint(column * (_FINE / span))).size > _LEVELS:
             own = size[at] + size[np.clip(at + 1, 0, size.size - 1)]  # the motion goes on, against the jump
             return _round(float(np.median(own)), 0.5 * usual), int(at[0]) + 1, at.size
     return None

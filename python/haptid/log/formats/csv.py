@@ -21,6 +21,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import opened_text, opened_utf8
+from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, blocks
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
 from haptid.log.units import known_unit
@@ -32,8 +33,6 @@ SNIFFED = 200
 # Samples begin below a line of names, or at this number of adjacent lines of numbers: settings have numbers too.
 _ROWS_TOGETHER = 3
 HEAD_BYTES = 2**20
-# Longer than any row, but short: the reader buffers about forty blocks.
-BLOCK_BYTES = 2**19
 # Of a block without pyarrow.
 BLOCK_ROWS = 2**14
 COMMENT = re.compile(r"\s*[#%]")
@@ -46,7 +45,6 @@ _DATE = re.compile(
 )
 _DAY = 86_400 * 10**9
 _UNIT = re.compile(r"[\[(](?P<unit>[^\[\]()\d][^\[\]()]*)[\])]\s*$")
-_RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 # Cells without a number, as pyarrow takes them.
 MISSING = frozenset({"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"}) | {
     *("N/A", "NA", "NULL", "NaN", "n/a", "nan", "null")
@@ -185,22 +183,6 @@ def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
     return max(dialect.start, size - BLOCK_BYTES) + len(block) - len(line), cells
 
 
-class _Part(io.RawIOBase):
-    """A file up to a byte."""
-
-    def __init__(self, file: IO[bytes], stop: int) -> None:
-        self.file, self.left = file, stop - file.tell()
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, out: Any) -> int:
-        block = self.file.read(min(len(out), self.left))
-        out[: len(block)] = block
-        self.left -= len(block)
-        return len(block)
-
-
 def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> Iterator[list[Array]]:
     """The wanted columns up to a byte, block by block, selected by number, so that odd names cannot matter.
 
@@ -209,30 +191,31 @@ def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> It
     with opened_utf8(path) as whole:
         size = whole.seek(0, io.SEEK_END)
         whole.seek(dialect.start)
-        file = whole if stop == size else io.BufferedReader(_Part(whole, stop))
-        source = io.BufferedReader(_Collapsed(file)) if dialect.separator == " " else file
+        file = whole if stop == size else io.BufferedReader(Part(whole, stop))
+        source = io.BufferedReader(Collapsed(file)) if dialect.separator == " " else file
         try:
             import pyarrow as pa
             from pyarrow import csv as arrow
         except ModuleNotFoundError:
             yield from _plain_batches(source, dialect, [int(k) for k in include])
             return
-        for batch in arrow.open_csv(
-            source,
-            read_options=arrow.ReadOptions(
-                column_names=[str(k) for k in range(len(dialect.names))],
-                block_size=BLOCK_BYTES,
-                use_threads=False,
-            ),
-            parse_options=arrow.ParseOptions(delimiter=dialect.separator),
-            convert_options=arrow.ConvertOptions(
-                column_types={k: pa.string() if int(k) in dialect.dated else pa.float64() for k in include},
-                include_columns=include,
-                decimal_point=dialect.decimal,
-                check_utf8=False,
-            ),
-        ):
-            yield [numbers(column) for column in batch.columns]
+        for block in blocks(source):
+            table = arrow.read_csv(
+                pa.BufferReader(block),
+                read_options=arrow.ReadOptions(
+                    column_names=[str(k) for k in range(len(dialect.names))],
+                    block_size=len(block),
+                    use_threads=False,
+                ),
+                parse_options=arrow.ParseOptions(delimiter=dialect.separator),
+                convert_options=arrow.ConvertOptions(
+                    column_types={k: pa.string() if int(k) in dialect.dated else pa.float64() for k in include},
+                    include_columns=include,
+                    decimal_point=dialect.decimal,
+                    check_utf8=False,
+                ),
+            )
+            yield from ([numbers(column) for column in batch.columns] for batch in table.to_batches())
 
 
 def _plain_batches(source: IO[bytes], dialect: _Dialect, include: list[int]) -> Iterator[list[Array]]:
@@ -291,11 +274,15 @@ def _dialect(path: Path) -> _Dialect:
     if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
         units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
     stated: list[str] = []
-    if first == 0:
-        header, start = _without_header(texts, filled[0], rows, separator, width, stated)
-        head = -1
+    fitting = _fitting(rows[head], rows[first:], width) if first else None
+    if fitting is None:
+        header, start = _without_header(
+            texts, filled[first % len(rows)], rows[first:] or rows, separator, width, stated
+        )
+        if first:
+            stated.append(f"the line above the samples has {len(rows[head])} cells where they have {width}: not used")
     else:
-        header, start = rows[head], filled[first - 1] + 1
+        header, start = fitting, filled[first - 1] + 1
         if head > 0:
             stated.append(f"{head} lines before the header are not used")
     if units:
@@ -311,6 +298,24 @@ def _dialect(path: Path) -> _Dialect:
     dated = frozenset(k for k, cell in enumerate(rows[first] if first < len(rows) else []) if _DATE.fullmatch(cell))
     begin = offset + sum(map(len, lines[:start]))
     return _Dialect(separator, decimal, named, start, begin, units, tuple(stated), dated)
+
+
+def _fitting(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
+    """The header with as many names as rows have cells; None where it is none of theirs.
+
+    A separator at the end of each line makes a cell more, and numbers of rows have no name in tables of R.
+    """
+    if not rows or len(header) == width:
+        return header
+    if len(header) > width:
+        return None if any(header[width:]) else header[:width]
+    regular = [row for row in rows if len(row) == width]
+    if not any(cell for row in regular for cell in row[len(header) :]):
+        return [*header, *[""] * (width - len(header))]
+    counts = [row[0] for row in regular]
+    if len(header) == width - 1 and counts == [str(k + int(counts[0] == "1")) for k in range(len(counts))]:
+        return ["row", *header]
+    return None
 
 
 def _numbered(names: list[str], stated: list[str]) -> tuple[str, ...]:
@@ -352,7 +357,7 @@ def _separator(texts: list[str]) -> tuple[str, str]:
         width = _width(rows, decimal)
         first = next((k for k, row in enumerate(rows) if _is_row(row, width, decimal)), len(rows))
         found = sum(_number(cell, decimal) for row in rows if len(row) == width for cell in row)
-        headed = first == 0 or len(rows[first - 1]) == width
+        headed = first == 0 or _fitting(rows[first - 1], rows[first:], width) is not None
         return headed and found > 0, found * (2 if width > 1 else 1)
 
     there = [any(separator in text for text in texts) for separator in SEPARATORS]
@@ -398,28 +403,6 @@ def _cells(text: str, separator: str) -> list[str]:
     with suppress(csv.Error):
         return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
     return []
-
-
-class _Collapsed(io.RawIOBase):
-    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self.file, self.rest = file, b""
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, out: Any) -> int:
-        while not self.rest:
-            block = self.file.read(BLOCK_BYTES)
-            if not block:
-                return 0
-            block += self.file.readline()
-            runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
-            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
-        count = min(len(out), len(self.rest))
-        out[:count], self.rest = self.rest[:count], self.rest[count:]
-        return count
 
 
 def _row_bound(path: Path, dialect: _Dialect) -> int:

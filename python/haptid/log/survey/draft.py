@@ -12,7 +12,16 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.names import COMMAND_WORDS, QUANTITY_WORDS, base_of, drive_unit, element_of, unit_apart, words_of
+from haptid.log.survey.names import (
+    COMMAND_WORDS,
+    NEITHER,
+    QUANTITY_WORDS,
+    base_of,
+    drive_unit,
+    element_of,
+    unit_apart,
+    words_of,
+)
 from haptid.log.units import PERIODS
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
@@ -86,7 +95,8 @@ class _Family:
         """The channels in the order of another family that has the same elements."""
         own = {m["element"]: c for c in self.channels if (m := element_of(c.name))}
         wanted = [m["element"] for c in other.channels if (m := element_of(c.name))]
-        if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels):
+        named = len(own) == len(wanted) or not all(map(str.isdecimal, wanted))  # a number is none of the same joint
+        if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels) and named:
             return replace(self, channels=tuple(own[element] for element in wanted))
         return self
 
@@ -200,6 +210,7 @@ def _left(topics: Sequence[TopicSurvey], position: _Family) -> str:
         if len(family.channels) == len(position.channels)
         and family.topic is position.topic
         and family.rank[:2] == (True, True)
+        and not words_of(family.array) & NEITHER
     ]
     return f" by its name; is it {' or '.join(left[:3])}?" if left else ""
 

@@ -34,10 +34,10 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("position", _ANGLE),
 )
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
-_NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip",
-                      "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
-                      "temp", "temperature", "diff", "deviation", "lag", "direct", "acc", "accel",
-                      "acceleration", "accelerations", "beschleunigung"})  # fmt: skip
+NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip", "ee",
+                      "eef", "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
+                      "temp", "temperature", "diff", "deviation", "lag", "direct", "acc",
+                      "accel", "acceleration", "accelerations", "beschleunigung"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
 # Names of joints and not only of their positions.
@@ -125,7 +125,7 @@ def last_part(name: str) -> str:
 def quantity_of(name: str) -> Quantity:
     """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
     last = words_of(last_part(name))
-    if last & _NEITHER or words_of(name) & _SETTINGS:
+    if last & NEITHER or words_of(name) & _SETTINGS:
         return "other"
     rate = _RATE.search(name.rpartition(".")[2])
     if rate:

@@ -1,0 +1,64 @@
+"""Lines of a text as blocks of bytes: up to a byte, with single blanks, and whole lines together."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from typing import IO, Any
+
+# Longer than any row.
+BLOCK_BYTES = 2**19
+_RUNS, _EDGES = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
+
+
+class Part(io.RawIOBase):
+    """A file up to a byte."""
+
+    def __init__(self, file: IO[bytes], stop: int) -> None:
+        self.file, self.left = file, stop - file.tell()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, out: Any) -> int:
+        block = self.file.read(min(len(out), self.left))
+        out[: len(block)] = block
+        self.left -= len(block)
+        return len(block)
+
+
+class Collapsed(io.RawIOBase):
+    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file, self.rest = file, b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, out: Any) -> int:
+        while not self.rest:
+            block = self.file.read(BLOCK_BYTES)
+            if not block:
+                return 0
+            block += self.file.readline()
+            runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
+            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+        count = min(len(out), len(self.rest))
+        out[:count], self.rest = self.rest[:count], self.rest[count:]
+        return count
+
+
+def blocks(source: IO[bytes]) -> Iterator[bytes]:
+    """Whole lines, a block at a time. A streaming reader of pyarrow would read ahead, and after an error for ever.
+
+    Raises:
+        ValueError: a line is longer than a block.
+    """
+    while block := source.read(BLOCK_BYTES):
+        rest = source.readline()
+        if len(rest) > BLOCK_BYTES:
+            raise ValueError("a line is too long")
+        if not block.isspace() or rest.strip():
+            yield block + rest

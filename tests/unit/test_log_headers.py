@@ -1,0 +1,54 @@
+"""Headers of text that have more or fewer cells than the rows, and the end of a process that refused a table."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid.log.file_format import format_of
+from haptid.log.request import Request
+
+N = 300
+DATA = np.column_stack([np.arange(N) * 0.01, np.sin(np.arange(N)), np.cos(np.arange(N))])
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "names", "note"),
+    [
+        ("t,q,u\n", "{0},{1},{2},\n", ["t", "q", "u", "column 4"], ""),
+        ("t,q,u,\n", "{0},{1},{2}\n", ["t", "q", "u"], ""),
+        ("t,q,u,\n", "{0},{1},{2},\n", ["t", "q", "u", "column 4"], ""),
+        ('"t" "q" "u"\n', '"{k}" {0} {1} {2}\n', ["row", "t", "q", "u"], ""),
+        ("time joint angle torque measured\n", "{0} {1} {2}\n", ["column[1]", "column[2]", "column[3]"], "has 5 cells"),
+        ("time,torque\n", "{0},{1},{2}\n", ["column[1]", "column[2]", "column[3]"], "has 2 cells where they have 3"),
+    ],
+)
+def test_headers_of_another_number_of_cells(tmp_path: Path, header: str, row: str, names: list[str], note: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(header + "".join(row.format(*values, k=k) for k, values in enumerate(DATA, 1)))
+    kind, request = format_of(path), Request()
+    assert kind.names(path) == names
+    found = kind.columns(path, names, request)
+    samples = [column for name, column in found.items() if name not in ("row", "column 4")]
+    np.testing.assert_array_equal(np.column_stack(samples), DATA)
+    assert any(note in one for one in request.notes) or not note
+
+
+def test_a_process_that_refused_a_table_ends(tmp_path: Path) -> None:
+    """A reader that reads ahead in Python's file objects stops the interpreter at its end."""
+    path = tmp_path / "log.csv"
+    path.write_text("t q u\n0 1 2\n0 1\n" + "0.123456  1.234567  2.345678\n" * 300_000)
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom haptid.errors import LogFileError\n"
+        "from haptid.log.file_format import format_of\nfrom haptid.log.request import Request\n"
+        "path = Path(sys.argv[1])\n"
+        "try: format_of(path).columns(path, ['t', 'q'], Request())\nexcept LogFileError as error: print(error)"
+    )
+    for _ in range(3):
+        ended = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=120)
+        assert "line 3: 2 cells where the header has 3" in ended.stdout
+        assert (ended.returncode, ended.stderr) == (0, "")
