@@ -18,6 +18,8 @@ from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 # Product of atoms (node indices), sorted, with repetition.
 Monomial = tuple[int, ...]
 Polynomial = dict[Monomial, Expr]
+# Of outputs, by their nodes and signs: the cheaper of them as they are and factored, and its cost.
+Factorings = dict[tuple[tuple[int, int], ...], tuple[int, list[Expr]]]
 # Number of monomials of all outputs above which the recursion is cheaper.
 _LARGEST = 150
 # Number of angles above which there are too many normal forms: two ways to write the squares of each.
@@ -121,11 +123,12 @@ def _reduced(monomial: Monomial, factor: Expr, squares: Mapping[int, int]) -> li
 def _search(graph: Graph, forms: Sequence[list[Polynomial]], trials: int) -> list[Expr]:
     """Local search: every normal form once, then random changes of the order in the two best ones."""
     rng = random.Random(0)  # a fixed seed: the same code every time
-    first = [_HornerForm.of(graph, form, {}) for form in forms]
+    factorings: Factorings = {}
+    first = [_HornerForm.of(graph, form, {}, factorings) for form in forms]
     best = sorted(first, key=lambda one: one.size)[:2]
     for trial in range(trials):
         k = trial % len(best)
-        candidate = _HornerForm.of(graph, best[k].form, _varied(rng, best[k]))
+        candidate = _HornerForm.of(graph, best[k].form, _varied(rng, best[k]), factorings)
         best[k] = min(candidate, best[k], key=lambda one: one.size)
     return min(best, key=lambda one: one.size).outputs
 
@@ -147,12 +150,16 @@ class _HornerForm:
     size: int
 
     @staticmethod
-    def of(graph: Graph, form: list[Polynomial], weights: Mapping[int, float]) -> _HornerForm:
-        """Horner's rule for every polynomial of a form, then common factors."""
+    def of(graph: Graph, form: list[Polynomial], weights: Mapping[int, float], factorings: Factorings) -> _HornerForm:
+        """Horner's rule for every polynomial of a form, then common factors: once where orders have one result."""
         known: dict[frozenset[tuple[Monomial, int, int]], Expr] = {}
         made = [_horner(graph, polynomial, weights, known) for polynomial in form]
-        outputs = min((made, factored(graph, made)), key=lambda outputs: cost(graph, outputs))
-        return _HornerForm(form, weights, outputs, cost(graph, outputs))
+        key = tuple((out.node, out.sign) for out in made)
+        if key not in factorings:
+            sizes = [(cost(graph, outputs), outputs) for outputs in (made, factored(graph, made))]
+            factorings[key] = min(sizes, key=lambda one: one[0])
+        size, outputs = factorings[key]
+        return _HornerForm(form, weights, outputs, size)
 
 
 def _varied(rng: random.Random, current: _HornerForm) -> dict[int, float]:
