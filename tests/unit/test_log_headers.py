@@ -23,6 +23,7 @@ DATA = np.column_stack([np.arange(N) * 0.01, np.sin(np.arange(N)), np.cos(np.ara
         ("t,q,u,\n", "{0},{1},{2}\n", ["t", "q", "u"], ""),
         ("t,q,u,\n", "{0},{1},{2},\n", ["t", "q", "u", "column 4"], ""),
         ('"t" "q" "u"\n', '"{k}" {0} {1} {2}\n', ["row", "t", "q", "u"], ""),
+        ("t, q, u 20.5, 1.5, -2.5\n", "{0}, {1}, {2}\n", ["t", "q", "u"], ""),
         ("time joint angle torque measured\n", "{0} {1} {2}\n", ["column[1]", "column[2]", "column[3]"], "has 5 cells"),
         ("time,torque\n", "{0},{1},{2}\n", ["column[1]", "column[2]", "column[3]"], "has 2 cells where they have 3"),
     ],

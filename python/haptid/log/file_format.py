@@ -13,6 +13,7 @@ from haptid._internal.bounded_files import LOG_FILE, open_regular
 from haptid._internal.extensions import extension, extension_names
 from haptid._internal.extras import needing
 from haptid.errors import LogFileError
+from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace
 from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files, table_files
 from haptid.log.formats.sniff import RawChannel, empty
@@ -81,8 +82,11 @@ FORMATS = (
     Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
     Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
     Format("folder of tables", (), "table_folder"),
+    Format("text of a controller's variables", (), "assignments"),
 )
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES = (FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12))
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES, _ASSIGNED = (
+    FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12, 13)
+)
 # What Git LFS leaves in place of a file whose content was not fetched.
 _POINTER = b"version https://git-lfs"
 _SHEET = (
@@ -140,6 +144,8 @@ def format_of(path: Path) -> Format:
         if path.suffix.lower() in kind.suffixes:
             if kind is _TEXT and is_trace(head):
                 return _TRACE
+            if kind is _TEXT and is_assignments(head):
+                return _ASSIGNED
             return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
     suffix = path.suffix.lower()
     if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:

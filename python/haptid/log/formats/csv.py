@@ -37,6 +37,8 @@ HEAD_BYTES = 2**20
 BLOCK_ROWS = 2**14
 COMMENT = re.compile(r"\s*[#%]")
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+# The last name of a header, and the first number of the row that follows without an end of line.
+_GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 # ISO 8601, and a time of day alone.
 _DATE = re.compile(
     r"(?:(?P<date>\d{4}[-/]\d\d[-/]\d\d)[T ])?(?P<hours>\d\d?):(?P<minutes>[0-5]\d):(?P<seconds>[0-5]\d)"
@@ -303,10 +305,14 @@ def _dialect(path: Path) -> _Dialect:
 def _fitting(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
     """The header with as many names as rows have cells; None where it is none of theirs.
 
-    A separator at the end of each line makes a cell more, and numbers of rows have no name in tables of R.
+    A separator at the end of each line makes a cell more, numbers of rows have no name in tables of R, and a recorder
+    that ends no line after its header has the first row in it.
     """
     if not rows or len(header) == width:
         return header
+    glued = _GLUED.fullmatch(header[width - 1]) if len(header) == 2 * width - 1 else None
+    if glued and sum(_number(cell, ".") for cell in header[width:]) > width // 2:
+        return [*header[: width - 1], glued["name"].strip()]
     if len(header) > width:
         return None if any(header[width:]) else header[:width]
     regular = [row for row in rows if len(row) == width]

@@ -317,7 +317,7 @@ def _signal_line(key: str, family: _Family) -> str:
     )
     commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or words_of(family.array) <= COMMAND_WORDS)
     side = ', side = "motor"' if commanded else ""
-    if key == "torque" and len(family.channels) > 1 and all(c.low >= 0 for c in family.channels):
+    if key == "torque" and len(family.channels) - len(still) > 1 and all(c.low >= 0 for c in family.channels):
         reason += "; never negative: is it a magnitude without a sign?"
     register = next((c.register for c in family.channels if c.register), Register())
     if register:

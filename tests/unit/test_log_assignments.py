@@ -1,0 +1,62 @@
+"""Variables of a controller as text of IEC 61131-3."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid import errors
+from haptid.log.file_format import format_of
+from haptid.log.survey import survey
+
+T = np.arange(0.0, 4.0, 0.004)
+Q, TAU = np.sin(3.0 * T) + 0.2 * np.cos(8.0 * T), np.cos(5.0 * T)
+
+
+def listed(name: str, values: np.ndarray, bounds: str = "") -> str:
+    return f"{name} : ARRAY[{bounds or f'1..{values.size}'}] OF REAL := [{', '.join(map(str, values.ravel()))}]; \n"
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    kind = format_of(path)
+    return kind.columns(path, kind.names(path))
+
+
+def test_arrays_are_channels_and_settings_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "data.txt"
+    path.write_text(
+        "sample_time : LREAL := 0.004;\n"
+        + listed("q_1", Q)
+        + listed("tau_1", TAU).replace(", ", ",\n  ", 3)
+        + listed("both", np.stack((Q, TAU)), f"1..2, 0..{Q.size - 1}")
+        + f"still : ARRAY[1..{Q.size}] OF LREAL := [2(0.5), {Q.size - 2}(0.25)];\n"
+    )
+    found = read(path)
+    assert list(found) == ["q_1", "tau_1", "both[1]", "both[2]", "still"]
+    for name, values in (("q_1", Q), ("tau_1", TAU), ("both[1]", Q), ("both[2]", TAU)):
+        np.testing.assert_array_equal(found[name], values)
+    assert (found["still"][1], found["still"][2]) == (0.5, 0.25)
+    assert tomllib.loads(survey(path).table)["channels"]["position"]["channels"] == ["q_1"]
+
+
+def test_elements_one_by_one_also_of_structs_and_with_their_bits(tmp_path: Path) -> None:
+    path = tmp_path / "dump.csv"
+    lines = [f"q[{k}]:={value}F16#3F30A3D7" for k, value in enumerate(Q)]
+    lines += [f"arm[{k}].torque := REAL#{value};" for k, value in enumerate(TAU, 1) if k != 3]
+    path.write_text("(* dump of a controller *)\n" + "\n".join(lines))
+    found = read(path)
+    np.testing.assert_array_equal(found["q"], Q)
+    assert np.isnan(found["arm.torque"][2])
+    np.testing.assert_array_equal(np.delete(found["arm.torque"], 2), np.delete(TAU, 2))
+
+
+def test_texts_are_no_channels_and_repetitions_are_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "data.txt"
+    path.write_text("on : BOOL := TRUE;\n" + listed("q", Q) + "word : ARRAY[1..2] OF STRING := ['a', 'b'];\n")
+    assert list(read(path)) == ["q"]
+    path.write_text("on : BOOL := TRUE;\nq : ARRAY[1..9] OF REAL := [99999999999999(0.5)];\n")
+    with pytest.raises(errors.LogFileError, match="more memory than"):
+        read(path)
