@@ -299,3 +299,57 @@ def test_recordings_one_after_the_other_in_a_file_are_segments(tmp_path: Path) -
     np.savez(path, t=np.r_[t[:3000], 1.0 + t[3000:]], q=q, tau=np.cos(2 * t))  # a clock that was set back
     with pytest.raises(errors.LogTimeError, match="time decreases"):
         read_log(path, channels)
+
+
+def test_a_fast_motion_tells_whether_stamps_are_right(tmp_path: Path) -> None:
+    """At 20 samples a period; the speed was taken from 51 samples, and the stamps were called wrong."""
+    rng = np.random.default_rng(0)
+    t = (np.arange(1000) + 0.3 * rng.uniform(-1, 1, 1000)) / 20
+    right = record(tmp_path, t).time_base
+    assert right is not None
+    assert right.method == "stamps"
+    assert right.slope == pytest.approx(1, abs=0.05)
+    wrong = record(tmp_path, t, taken=np.arange(1000) / 20).time_base
+    assert wrong is not None
+    assert wrong.method == "line"
+    assert wrong.slope == pytest.approx(0, abs=0.05)
+
+
+def test_the_rate_of_a_short_log_is_not_that_of_its_first_and_last_stamp(tmp_path: Path) -> None:
+    taken = np.arange(800) / 100
+    t = taken + 5e-3 * np.random.default_rng(0).uniform(-1, 1, 800)
+    t[[0, -1]] = taken[[0, -1]] + [-5e-3, 5e-3]
+    log = record(tmp_path, np.sort(t), taken=taken)
+    assert log.dt == pytest.approx(0.01, rel=1e-4)  # 1.3e-3 by the ends
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_gaps_are_counted_where_stamps_jitter_by_half_a_step(tmp_path: Path, tells: bool) -> None:
+    rng, n = np.random.default_rng(3), 20_000
+    there = np.ones(n, dtype=bool)
+    for start in rng.integers(100, n - 100, 60):
+        there[start : start + rng.integers(3, 9)] = False
+    regular = np.arange(n) / 200
+    t = np.sort(regular + 0.5 / 200 * rng.normal(size=n))
+    log = record(tmp_path, t[there], taken=(t if tells else regular)[there])
+    report = log.time_base
+    assert report is not None
+    assert report.method == ("stamps" if tells else "line")
+    assert report.slope == pytest.approx(float(tells), abs=0.05)
+    assert log.dt == pytest.approx(1 / 200, rel=1e-3)  # 1.7 % too long where each row is a step
+    if not tells:
+        assert max(error(log)) < 0.05  # the stamps alone: 0.015; 0.16 where each row is a step
+
+
+def test_samples_stay_where_others_are_missing(tmp_path: Path) -> None:
+    """What is missing is fitted to the samples around it, which are kept: a spline rounds the jumps of torques."""
+    rng, n = np.random.default_rng(0), 2000
+    there = np.append(True, rng.random(n - 1) > 0.1)
+    there[-1] = True
+    t = np.arange(n) / 1000
+    log = record(tmp_path, t[there], taken=t[there] + 1e-4 * rng.normal(size=there.sum()))
+    assert log.t.size == n
+    with np.load(log.path) as raw:
+        np.testing.assert_array_equal(log.position[there, 0], raw["q"])
+        np.testing.assert_array_equal(log.torque[there, 0], raw["tau"])
+    assert np.abs(log.position[~there, 0] - np.sin(2 * np.pi * t[~there])).max() < 4e-3

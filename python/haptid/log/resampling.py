@@ -43,6 +43,8 @@ class Resampling:
         segments: first grid point and one past the last of each segment.
         samples: first kept row and one past the last of each segment.
         knot: distance of the fitted spline's knots, s.
+        slots: grid point of each kept row, (m,), where the rows are on the grid: only what is missing between them is
+            fitted then.
     """
 
     method: Literal["direct", "interpolated", "fitted"]
@@ -52,6 +54,7 @@ class Resampling:
     segments: Spans
     samples: Spans
     knot: float = 0.0
+    slots: NDArray[np.intp] | None = None
 
     @property
     def unchanged(self) -> bool:
@@ -94,6 +97,10 @@ class Resampling:
                 origin = float(self.t[self.segments[k][0]])
                 times, bridged = bridge(self.times[first:last], values[:, index], self.knot / KNOT)
                 out[:] = least_squares_spline(times, bridged, origin, self.knot, self.t[a:b])
+                if self.slots is not None:
+                    place = self.slots[first:last] - a
+                    inside = (place >= 0) & (place < b - a)
+                    out[:, place[inside]] = values[:, index][:, inside]
             else:
                 from scipy.interpolate import CubicSpline, PchipInterpolator  # slow to import, and few logs need it
 

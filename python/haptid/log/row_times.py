@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid._internal.signals import polynomial_filter
+from haptid.log.lost_rows import lost_rows
 from haptid.log.resampling import Spans
 from haptid.log.sample_counts import count_steps
+from haptid.log.spectrum import Spectrum
 from haptid.log.stale import Stale, find_stale
 
 Sampling = Literal["auto", "stamps", "regular"]
@@ -34,14 +36,17 @@ MISSING_LIMIT = 0.01
 DRIFT_ROWS = 201
 # Change of the rate, as a share, from which on the drift is not neglected.
 DRIFT = 2e-3
-# Jitter, in steps, up to which missing rows are counted by rounding each step.
-COUNTED = 0.12
+# Jitter, in steps, up to which missing rows are counted by rounding each step, and by the means of many. Above it
+# stamps are no longer in the order of their samples, and jitter and gaps are alike.
+COUNTED, COUNTED_IN_MEAN = 0.12, 0.6
 # Slope above which the stamps say when samples were taken, and the most rows that it is computed from.
 TELL, ROWS_OF_SLOPE = 0.5, 2**17
 # Standard errors from 0, or from 1, from which on that slope is clear.
 SLOPE_CLEAR = 2.0
 # Rows of the smoothing filters of that regression: of the speed, and of the roughness.
 _WIDE, _NARROW = 51, 11
+# Periods of the motion in those filters, at most, and their fewest rows: a longer cubic does not follow the motion.
+_FOLLOWS, _SHORTEST = 0.5, 7
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
 _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
 # Steps above which a median is estimated from every second one, every third one, ...
@@ -214,6 +219,8 @@ def irregular_times(
     if tell:
         chosen = "as asked for" if slope is None else f"the stamps say when samples were taken{_said(*slope)}"
         first = tuple(float(seconds[a]) for a, _ in spans)
+        # The grid ends with the stamps.
+        step = sum(float(seconds[b - 1] - seconds[a]) for a, b in spans) / sum(int(slots[b - 1]) for _, b in spans)
         return RowTimes("stamps", step, first, seconds, None, 0, True, jitter, slope, (f"{spread}; {chosen}",))
     first = tuple(float(seconds[a] + np.median(offset[a:b] - follow[a:b]) + follow[a]) for a, b in spans)
     notes = []
@@ -297,9 +304,16 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
         own = np.ones(b - a - 1, dtype=np.intp)
         if spread < COUNTED:
             own = np.rint(np.diff(seconds[a:b]) / median).astype(np.intp)
+        elif spread < COUNTED_IN_MEAN:
+            own = 1 + lost_rows(seconds[a:b], spread)
         index = np.arange(1, b - a)  # no two rows are in one place
         slots[a + 1 : b] = index + np.maximum(np.maximum.accumulate(np.cumsum(own) - index), 0)
-    step = sum(float(seconds[b - 1] - seconds[a]) for a, b in spans) / sum(int(slots[b - 1]) for _, b in spans)
+    # Between the ends alone, their jitter would be an error of the rate: over half a segment the median has little.
+    a, b = max(spans, key=lambda span: span[1] - span[0])
+    half = (b - a) // 2
+    step = float(
+        np.median((seconds[a + half : b] - seconds[a : b - half]) / (slots[a + half : b] - slots[a : b - half]))
+    )
     offset = np.zeros(seconds.size)
     for a, b in spans:
         offset[a:b] = seconds[a:b] - seconds[a] - step * slots[a:b]
@@ -344,7 +358,9 @@ def stamps_tell(
 
 def _roughness(position: Array, deviation: Array, fresh: NDArray[np.bool_]) -> tuple[Array, Array]:
     """High-pass of a position, and of its speed times the deviation, at the fresh rows."""
-    wide = min(position.size // 4 * 2 - 1, _WIDE)
+    fastest = Spectrum.of(position, 1.0).bandwidth  # periods in a row
+    follows = max(int(_FOLLOWS / fastest) // 2 * 2 + 1, _SHORTEST) if fastest else _WIDE
+    wide = min(position.size // 4 * 2 - 1, _WIDE, follows)
     moved_by = polynomial_filter(position, wide, 3, 1) * deviation
-    pair = [(x - polynomial_filter(x, _NARROW, 3))[fresh] for x in (position, moved_by)]
+    pair = [(x - polynomial_filter(x, min(wide, _NARROW), 3))[fresh] for x in (position, moved_by)]
     return pair[0], pair[1]

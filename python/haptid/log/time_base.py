@@ -176,11 +176,16 @@ def _assembled(
         grid = np.concatenate([uniform(f, found.step, n) for f, n in zip(found.first, points, strict=True)])
     t = freeze(grid)
     whole = spans == ((0, count),)
+    on_grid = found.slots
+    if on_grid is not None:
+        on_grid = on_grid.copy()
+        for (a, b), (start, _) in zip(spans, segments, strict=True):
+            on_grid[a:b] += start
 
     def signal_of(old: NDArray[np.bool_] | None) -> Resampling:
         drop = old is not None and bool(old.any())
         kept, bounds = rows, spans
-        times = found.times
+        times, slots = found.times, on_grid
         if drop or not whole:
             chosen = np.concatenate([np.arange(a, b) for a, b in spans])
             if drop:
@@ -188,13 +193,14 @@ def _assembled(
                 chosen = chosen[~old[chosen]]
             bounds = tuple((int(a), int(b)) for a, b in (np.searchsorted(chosen, span) for span in spans))
             kept, times = chosen if rows is None else rows[chosen], times[chosen]
+            slots = None if slots is None else slots[chosen]
         if found.slots is not None and not found.missing and not drop:
             return Resampling("direct", kept, times, t, segments, bounds)
         if found.slots is not None and not drop and not found.smooth:
             return Resampling("interpolated", kept, times, t, segments, bounds)
         long = sum(float(found.times[b - 1] - found.times[a]) for a, b in spans)
         mean = long / max(times.size - len(spans), 1)
-        return Resampling("fitted", kept, times, t, segments, bounds, KNOT * max(found.step, mean))
+        return Resampling("fitted", kept, times, t, segments, bounds, KNOT * max(found.step, mean), slots)
 
     position, torque = (signal_of(None if stale is None else old) for old in _masks(stale))
     knot = max(position.knot, torque.knot)
