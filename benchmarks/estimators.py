@@ -10,8 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import reduce
-from operator import add
 from pathlib import Path
 
 import haptid
@@ -29,7 +27,8 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
-from haptid.study.identify import held_out
+from haptid.observation import concatenated
+from haptid.study.held_out import held_out
 from haptid.validation.validation import pooled
 
 HERE = Path(__file__).resolve().parents[1]
@@ -61,9 +60,9 @@ def unseen(study: haptid.Study, observations: list[haptid.Observation]) -> float
     pairs = list(zip(study.logs, observations, strict=True))
     fitted = [o for entry, o in pairs if entry.role == "identify"]
     if study.cross_validation is None:
-        found = haptid.estimate(reduce(add, fitted), study.method)
+        found = haptid.estimate(concatenated(fitted), study.method)
         return pooled(*(haptid.validate(found, o) for entry, o in pairs if entry.role == "validate")).relative
-    parts = [held_out(study, o, [other for other in fitted if other is not o]) for o in fitted]
+    parts = held_out(study, fitted[0].model, fitted, [None] * len(fitted))
     return pooled(*(v for part in parts for v in part)).relative
 
 

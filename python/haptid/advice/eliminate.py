@@ -6,10 +6,8 @@ from dataclasses import replace
 
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.study import Study
-from haptid.study.identify import Identification, Run, held_out
+from haptid.study.identify import Identification, validated
 from haptid.validation.model_for_use import model_for_use
-from haptid.validation.validation import fit_errors, validate
 
 
 def with_reduced(found: Identification, reduced: Estimate) -> Identification:
@@ -26,16 +24,5 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
     if reduced is found.estimate:
         return found
     study = replace(found.study, method=reduced.method)
-    fitted = [run for run in found.runs if run.entry.role == "identify"]
-    filed = DynamicModel(found.model.device)
-    runs = tuple(_run(study, filed, run, fitted, reduced) for run in found.runs)
+    runs = validated(found.runs, study, DynamicModel(found.model.device), reduced)
     return replace(found, study=study, estimate=reduced, use=model_for_use(reduced), runs=runs)
-
-
-def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
-    """A log with the validations of the reduced estimate."""
-    if run.entry.role == "validate":
-        return replace(run, unseen=(validate(reduced, run.observation, run.reference),))
-    others = [other.observation for other in fitted if other is not run]
-    unseen = held_out(study, filed, run.observation, others, run.reference)
-    return replace(run, fit_errors=fit_errors(reduced, run.observation), unseen=unseen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,8 +13,11 @@ from haptid.observation.plan import Plan
 from haptid.report.source import ReportSource
 from haptid.results.result import Result
 from haptid.study import Study
-from haptid.study.identify import identify
+from haptid.study.identify import Run, identify
 from haptid.validation.prediction import predictions
+
+# Logs whose torque is drawn into a file of its own, at most; the report shows all of them.
+_MOST_PICTURES = 12
 
 
 def write_identification(
@@ -68,7 +71,7 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
     result.write_into(folder)
     report_of(source).write_into(folder)
     progress("writing the report", 1.0)
-    for k, run in enumerate(identification.runs if find_spec("matplotlib") else ()):
+    for k, run in _pictured(identification.runs) if find_spec("matplotlib") else ():
         from haptid.report.plots import plot_torque
 
         name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
@@ -79,3 +82,15 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
         plot_torque(predicted, Plan.of(identification.model, run.motion).rows, title, folder / name)
         progress(f"drawing {name}", 1.0)
     return result
+
+
+def _pictured(runs: Sequence[Run]) -> list[tuple[int, Run]]:
+    """Runs, with their places, whose torque is drawn into a file: of many, those that are predicted worst."""
+    worst = sorted(range(len(runs)), key=lambda k: -_error(runs[k]))[:_MOST_PICTURES]
+    return [(k, runs[k]) for k in sorted(worst)]
+
+
+def _error(run: Run) -> float:
+    """Error on unseen rows, per cent, or where none were held out on those of the fit."""
+    found = run.unseen or ((run.fit_errors,) if run.fit_errors else ())
+    return max((one.comparable.relative for one in found), default=0.0)

@@ -18,7 +18,7 @@ from haptid.errors import EstimationError, IdentifiabilityError, NoRowsError
 from haptid.estimation import Estimate, MotorSide, estimate
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants, has_nonlinear_constants
+from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.executors import Executor
 from haptid.inference.gimbal import GimbalEffect, gimbal_effect
 from haptid.log import Log, is_long, log_size, open_log, read_log
@@ -29,6 +29,7 @@ from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation, concatenated
 from haptid.study import LogEntry, Study
+from haptid.study.held_out import held_out
 from haptid.study.schema import fault
 from haptid.study.study import silent
 from haptid.treatment_choice.calibration import Calibration, find_calibration
@@ -36,15 +37,12 @@ from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sa
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
-from haptid.validation.cross_validation import alternate, each_log
 from haptid.validation.model_for_use import ModelForUse, model_for_use
 from haptid.validation.motor_torques import MotorShare, motor_shares
-from haptid.validation.validation import Validation, fit_errors, pooled, validate
+from haptid.validation.validation import Validation, fit_errors, validate
 
 # Range of a position, rad or m, up to which a joint stands still: that of a constant which was resampled.
 _STILL = 1e-9
-# Time blocks in a row that are held out together, as they are tried.
-_RUNS = (1, 2, 3)
 _Progress = Callable[[str, float], None]
 
 
@@ -173,7 +171,8 @@ def identify(
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     use = model_for_use(final, concatenated(study.of_fit(all_rows)), study.use)
     runs = tuple(map(Run, study.logs, observations, all_rows))
-    runs = tuple(_validated(run, runs, study, as_filed, use.estimate) for run in runs)
+    runs = tuple(replace(run, motors=motor_shares(use.estimate, run.motion)) for run in runs)
+    runs = validated(runs, study, as_filed, use.estimate)
     progress("estimating", 1.0)
     return Identification(study, model, proposal, final, use, runs, projection, calibration, gimbal_effect(final))
 
@@ -188,14 +187,16 @@ def _with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration
     return calibration.with_uncertainty(final) if calibration else final
 
 
-def _validated(run: Run, runs: Sequence[Run], study: Study, as_filed: DynamicModel, final: Estimate) -> Run:
-    """A run with the errors of the model for use on its rows: of the fit and out of sample."""
-    shares = motor_shares(final, run.motion)
-    if run.entry.role == "validate":
-        return replace(run, unseen=(validate(final, run.observation, run.reference),), motors=shares)
-    others = [other.observation for other in runs if other.entry.role == "identify" and other is not run]
-    unseen = held_out(study, as_filed, run.observation, others, run.reference)
-    return replace(run, fit_errors=fit_errors(final, run.observation), unseen=unseen, motors=shares)
+def validated(runs: Sequence[Run], study: Study, as_filed: DynamicModel, final: Estimate) -> tuple[Run, ...]:
+    """Runs with the errors of the model for use on their rows: of the fit and out of sample."""
+    fitted = study.of_fit(runs)
+    unseen = iter(held_out(study, as_filed, [run.observation for run in fitted], [run.reference for run in fitted]))
+    return tuple(
+        replace(run, unseen=(validate(final, run.observation, run.reference),))
+        if run.entry.role == "validate"
+        else replace(run, fit_errors=fit_errors(final, run.observation), unseen=next(unseen))
+        for run in runs
+    )
 
 
 def _check_size(model: DynamicModel) -> None:
@@ -344,60 +345,3 @@ def _pace(progress: _Progress) -> Callable[[Motion, float], None]:
         progress(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
 
     return observing
-
-
-def held_out(
-    study: Study,
-    model: DynamicModel,
-    observation: Observation,
-    others: list[Observation],
-    reference_rows: Observation | None = None,
-) -> tuple[Validation, ...]:
-    """Cross-validation of a log's rows by models for use from other rows, by the study's scheme.
-
-    Args:
-        study: with the method of these fits.
-        model: as its file has it; nonlinear constants and load-dependent friction are estimated again in every fit.
-        observation: of the log.
-        others: of the other logs with the role "identify".
-        reference_rows: all rows of the log behind the reference filter.
-    """
-    if study.cross_validation and has_nonlinear_constants(model):
-        predict = {"leave-one-log-out": each_log, "blocks": alternate}[study.cross_validation]
-        other_motions = [motion for other in others for motion in other.motions]
-        reference_motion = None if reference_rows is None else reference_rows.motions[0]
-        return (predict(model, observation.motions[0], other_motions, study.method, reference_motion, study.use),)
-    if study.cross_validation == "leave-one-log-out":
-        return (validate(_usable(study, concatenated(others)), observation, reference_rows),)
-    if study.cross_validation == "blocks":
-        return (pooled(*_folds(study, observation, others, reference_rows)),)
-    return ()
-
-
-def _folds(
-    study: Study, observation: Observation, others: list[Observation], reference_rows: Observation | None
-) -> list[Validation]:
-    """Both halves of a log's time blocks, predicted from the other one and the other logs.
-
-    Alternate blocks may all have the same part of a periodic motion, as its motion in one direction: longer runs of
-    them then alternate.
-    """
-
-    def predicted(run: int) -> list[Validation]:
-        halves = observation.alternate(run)
-        return [
-            validate(_usable(study, concatenated((fit, *others))), unseen, reference_rows)
-            for fit, unseen in (halves, halves[::-1])
-        ]
-
-    for run in _RUNS[:-1]:
-        try:
-            return predicted(run)
-        except IdentifiabilityError:
-            continue
-    return predicted(_RUNS[-1])
-
-
-def _usable(study: Study, rows: Observation) -> Estimate:
-    """The model for use of some rows, chosen on these rows alone."""
-    return model_for_use(estimate(rows, study.method), None, study.use).estimate

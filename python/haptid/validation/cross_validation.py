@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Method, estimate
 from haptid.estimation.nonlinear import AlternateBlocks
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.motion.motion import Motion
-from haptid.observation.observation import observe
+from haptid.observation.observation import concatenated, observe
 from haptid.validation.model_for_use import model_for_use
 from haptid.validation.validation import Validation, pooled, validate
 
@@ -42,22 +42,28 @@ def each_log(
 
 def alternate(
     model: DynamicModel,
-    motion: Motion,
+    motions: Sequence[Motion],
     others: Sequence[Motion],
     method: Method,
-    reference: Motion | None = None,
+    references: Sequence[Motion | None] | None = None,
     use: str = "auto",
-) -> Validation:
-    """Alternate blocks of a motion predicted by an estimate from its other blocks and the other motions; both folds.
+) -> tuple[Validation, ...]:
+    """Alternate blocks of motions predicted by an estimate from their other blocks and the other motions; both folds.
 
-    Args and raises as for `each_log`.
+    Args:
+        motions: that are predicted; the result has one validation for each.
+        references: of each, the motion behind the reference filter; None for no errors on all rows.
+
+    The others, and what is raised, are as for `each_log`.
     """
-
-    def predicted() -> Iterator[Validation]:
-        for parity in (0, 1):
-            fitted_model, _ = fit_nonlinear_constants(model, [AlternateBlocks(motion, parity), *others], method)
-            halves = observe(fitted_model, motion).alternate()
-            fit = sum((observe(fitted_model, other) for other in others), halves[parity])
-            yield validate(model_for_use(estimate(fit, method), None, use).estimate, halves[1 - parity], reference)
-
-    return pooled(*predicted())
+    references = references or [None] * len(motions)
+    folds: list[list[Validation]] = []
+    for parity in (0, 1):
+        halved = [AlternateBlocks(motion, parity) for motion in motions]
+        fitted_model, _ = fit_nonlinear_constants(model, [*halved, *others], method)
+        halves = [observe(fitted_model, motion).alternate() for motion in motions]
+        fit = concatenated([*(half[parity] for half in halves), *(observe(fitted_model, other) for other in others)])
+        usable = model_for_use(estimate(fit, method), None, use).estimate
+        unseen = [half[1 - parity] for half in halves]
+        folds.append([validate(usable, rows, own) for rows, own in zip(unseen, references, strict=True)])
+    return tuple(pooled(*both) for both in zip(*folds, strict=True))
