@@ -77,6 +77,21 @@ def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: 
     np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
 
 
+def test_torques_that_are_all_reversed_are_known_by_bodies_that_can_exist(tmp_path: Path) -> None:
+    """One of them alone cannot be: the arm's coupling would be of the wrong sign."""
+    study = written(WrongPlant(ARM), tmp_path)
+    text = study.read_text()
+    assert 'side = "motor" }' in text
+    study.write_text(text.replace('side = "motor" }', 'side = "motor", gain = -1.0 }'))
+    wrong = identify(read_study(study))
+    made = advise(wrong)
+    (first, *_) = made.actions
+    assert (first.kind, first.places, first.proof) == ("torque sign", ("motor 1", "motor 2"), "possible bodies")
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
+
+
 def test_a_mounting_is_named_with_those_that_predict_as_well(tmp_path: Path) -> None:
     """Two links in the plane of gravity, read as level: first moments turn with gravity, inertia tells its axis."""
     rivals = []

@@ -108,7 +108,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies([one for one in negative if _reversible(search, base, one)], known)]
+    first = [*_bodies(_reversed(search, base, negative), known)]
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
@@ -317,33 +317,52 @@ def _filter_action(one: OtherFilter, blocks: int) -> Action:
     )  # fmt: skip
 
 
-def _reversible(search: Trials, base: Trial, one: Impossible) -> bool:
-    """Whether the motor's torque reversed leaves no greater error, and nothing negative that must be positive.
+def _reversed(search: Trials, base: Trial, negative: Sequence[Impossible]) -> list[tuple[Impossible, ...]]:
+    """Motors whose torque is reversed, one by one, or all of them where their coupling tells only that of all."""
+    alone: list[tuple[Impossible, ...]] = [(one,) for one in negative if _reversible(search, base, (one,))]
+    if alone or len(negative) < 2:
+        return alone
+    return [tuple(negative)] if _reversible(search, base, negative) else []
+
+
+def _reversible(search: Trials, base: Trial, group: Sequence[Impossible]) -> bool:
+    """Whether the motors' torques reversed leave no greater error, and nothing negative that must be positive.
 
     A reversed motor has all of its torque reversed: where only a trace of it is negative, as in slow motion or where a
     hand moves the device, that says nothing of the channel.
     """
-    if one.share < _SHOWS:
+    if max(one.share for one in group) < _SHOWS:
         return False
     grams = search.bench.grams["used"].copy()
-    column = grams.shape[-1] - search.bench.motors + one.motor
-    grams[:, :, column] *= -1
-    grams[:, :, :, column] *= -1
+    for one in group:
+        column = grams.shape[-1] - search.bench.motors + one.motor
+        grams[:, :, column] *= -1
+        grams[:, :, :, column] *= -1
     trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"), test=False)
     made = gain(base, trial)
-    beta = np.zeros(one.combinations.shape[1])
+    beta = np.zeros(group[0].combinations.shape[1])
     beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]
-    return made.share > -max(LEAST_SE * made.se, _SAME_ERROR) and bool((one.combinations @ beta > 0).all())
+    positive = all(bool((one.combinations @ beta > 0).all()) for one in group)
+    return made.share > -max(LEAST_SE * made.se, _SAME_ERROR) and positive
 
 
-def _bodies(found: Sequence[Impossible], known: set[tuple[str, str]]) -> Iterator[Action]:
+def _bodies(found: Sequence[tuple[Impossible, ...]], known: set[tuple[str, str]]) -> Iterator[Action]:
     """Signs of motors of which everything is negative."""
-    for one in found:
-        if ("torque sign", one.label) in known or any(kind == "position sign" for kind, _ in known):
+    for group in found:
+        labels = tuple(one.label for one in group)
+        if any(("torque sign", label) in known for label in labels) or any(
+            kind == "position sign" for kind, _ in known
+        ):
             continue
-        change = f"reverse the torque or the position channel of {one.label}, whose {joined_names(one.names)} cannot be"
-        edit = Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, one.motor)
-        yield Action("torque sign", (one.label,), change, "possible bodies", one.t, 0.0, None, 1.0, True, (edit,))
+        names = list(dict.fromkeys(name for one in group for name in one.names))
+        channel = "channel" if len(group) == 1 else "channels"
+        change = (
+            f"reverse the torque or the position {channel} of {joined_names(labels)}, whose {joined_names(names)} "
+            f"cannot be"
+        )
+        edits = tuple(Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, one.motor) for one in group)
+        least = min(one.t for one in group)
+        yield Action("torque sign", labels, change, "possible bodies", least, 0.0, None, 1.0, True, edits)
 
 
 def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[tuple[str, str]]) -> Iterator[Action]:
