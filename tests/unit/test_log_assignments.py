@@ -42,9 +42,9 @@ def test_arrays_are_channels_and_settings_are_none(tmp_path: Path) -> None:
     assert tomllib.loads(survey(path).table)["channels"]["position"]["channels"] == ["q_1"]
 
 
-def test_elements_one_by_one_also_of_structs_and_with_their_bits(tmp_path: Path) -> None:
+def test_elements_one_by_one_also_of_structs_and_in_hexadecimal_too(tmp_path: Path) -> None:
     path = tmp_path / "dump.csv"
-    lines = [f"q[{k}]:={value}F16#3F30A3D7" for k, value in enumerate(Q)]
+    lines = [f"q[{k}]:={value}F16#{'-' if value < 0 else ''}3F30A3DH-{k % 16:X}" for k, value in enumerate(Q)]
     lines += [f"arm[{k}].torque := REAL#{value};" for k, value in enumerate(TAU, 1) if k != 3]
     path.write_text("(* dump of a controller *)\n" + "\n".join(lines))
     found = read(path)
@@ -60,3 +60,12 @@ def test_texts_are_no_channels_and_repetitions_are_bounded(tmp_path: Path) -> No
     path.write_text("on : BOOL := TRUE;\nq : ARRAY[1..9] OF REAL := [99999999999999(0.5)];\n")
     with pytest.raises(errors.LogFileError, match="more memory than"):
         read(path)
+
+
+def test_a_folder_of_dumps_is_one_log(tmp_path: Path) -> None:
+    for name, values in (("theta1", Q), ("theta2", 2.0 * Q), ("torque1", TAU), ("torque2", 3.0 * TAU)):
+        lines = [f"Output.Data[{k}]:={value}" for k, value in enumerate(values)]
+        (tmp_path / f"Output_{name}.txt").write_text("\n".join(lines))
+    channels = tomllib.loads(survey(tmp_path).table)["channels"]
+    assert channels["position"]["channels"] == ["Output_theta1", "Output_theta2"]
+    assert channels["torque"]["channels"] == ["Output_torque1", "Output_torque2"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,9 @@ _ASSIGNED = re.compile(
     re.DOTALL,
 )
 _BOUNDS = re.compile(r"(-?\d+)\s*\.\.\s*(-?\d+)")
-# A number, also as `REAL#0.1`, or followed by its bits, `0.1F16#3DCCCCCD`; `3(0.0)` is three of them.
-_NUMBER = r"(?:[A-Za-z]+#)?(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:[A-Za-z]?\d*#[0-9A-Fa-f]+)?"
+# A number, also as `REAL#0.1`, or followed by itself in hexadecimal, `0.75F16#-C000000H-7`; `3(0.0)` is three of them.
+_DECIMAL = r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_NUMBER = rf"(?:[A-Za-z]+#)?{_DECIMAL}(?:[A-Za-z]?\d*#[+-]?[0-9A-Fa-f]+(?:H[+-]?[0-9A-Fa-f]+)?)?"
 _VALUE = re.compile(rf"\s*(?:(?P<times>\d+)\s*\(\s*)?{_NUMBER}\s*\)?\s*[;,]?\s*")
 
 
@@ -58,6 +60,11 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 
 def _arrays(path: Path) -> dict[str, Array]:
     """Arrays of more than one value, by their names."""
+    return _parsed(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)  # a folder of such files is one log, of which each file is asked for several times
+def _parsed(path: Path, _written: int) -> dict[str, Array]:
     found: dict[str, Array] = {}
     elements: dict[str, dict[tuple[int, ...], float]] = {}
     with opened_file(path, _KIND):
