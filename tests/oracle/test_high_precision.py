@@ -56,8 +56,10 @@ def cross(a: np.ndarray) -> np.ndarray:
 
 def solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Least squares of equations that do not contradict each other, (unknowns, right sides)."""
-    inverse = mp.matrix((A.T @ A).tolist()) ** -1
-    return np.array(inverse.tolist(), dtype=object) @ (A.T @ b)
+    n = A.shape[1]
+    pivots, echelon = eliminate(np.hstack([A.T @ A, A.T @ b]), list(range(n)))
+    assert len(pivots) == n
+    return echelon[:, n:]
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,8 @@ class Mechanism:
 
     def rows(self, q: np.ndarray, qda: np.ndarray, qdda: np.ndarray) -> np.ndarray:
         """Torques of the active joints by standard parameter, (active, columns)."""
-        terms = [self._term(term, self.rates(q), qda, qdda) for term in self.model.terms]
+        G = self.rates(q)
+        terms = [self._term(term, G, qda, qdda) for term in self.model.terms]
         return np.hstack([self.bodies(q, qda, qdda), *terms])
 
     def bodies(self, q: np.ndarray, qda: np.ndarray, qdda: np.ndarray) -> np.ndarray:

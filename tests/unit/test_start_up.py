@@ -43,8 +43,9 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
             "haptid.report.run, haptid.report.tables",
             "haptid.advice haptid.report.report jinja2 scipy.optimize",
         ),
+        ("haptid.experiment.excitation", "scipy.stats scipy.signal matplotlib mujoco"),
     ],
-    ids=["with a report", "numbers alone"],
+    ids=["with a report", "numbers alone", "the search for a motion"],
 )
 def test_an_identification_loads_only_what_it_calls(rooms: str, absent: str) -> None:
     """Each takes as long to load as an identification of a short log computes."""

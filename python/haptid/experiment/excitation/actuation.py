@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
@@ -16,6 +16,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels, moved, regressor_columns
 from haptid.errors import SettingError
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
+from haptid.uncertainty.distributions import normal_quantile
 
 # Relative singular values of the handle's Jacobian below this exert no force.
 _SINGULAR = 1e-6
@@ -84,7 +85,7 @@ class Actuation:
                     where="torque_confidence",
                     advice="Give the maximum torques too.",
                 )
-            quantile, root = float(stats.norm.ppf(confidence)), _root(model, covariance)
+            quantile, root = float(normal_quantile(confidence)), _root(model, covariance)
         return Actuation(model, beta, handle_force=handle_force or np.inf, quantile=quantile, root=root, **limits)
 
     @cached_property
@@ -98,7 +99,7 @@ class Actuation:
         tau, labels = self._torques(states), self.model.device.row_labels
         if np.isfinite(self.torque).any():
             margin = self._margin(states)
-            sure = f" with {100 * stats.norm.cdf(self.quantile):.4g} % confidence" if self.quantile else ""
+            sure = f" with {100 * special.ndtr(self.quantile):.4g} % confidence" if self.quantile else ""
             for label, most, x, more in zip(labels, self.torque, tau, margin, strict=True):
                 yield (np.abs(x) + more) / most - 1, f"the torque of {label}{sure}"
         if np.isfinite(self.power).any():

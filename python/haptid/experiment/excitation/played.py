@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import optimize, signal
+from scipy import optimize
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device import Device
@@ -234,6 +234,8 @@ def _at(plan: MotionSamples, times: Array) -> Array:
 
 def _distance(there: Array, wanted: Array) -> tuple[float, int]:
     """Least variance of the difference over all lags, and the sample of the plan at which the log begins."""
+    from scipy import signal  # slow to import, and few commands compare a log with its plan
+
     n, total = len(there), np.zeros(len(wanted) + len(there) + 1)
     for x, w in zip(there.T, wanted.T, strict=True):
         padded = np.concatenate([np.full(n, w[0]), w, np.full(n, w[-1])])
