@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -124,3 +125,19 @@ def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
     assert found.keys() == wanted.keys()
     for name, samples in wanted.items():
         np.testing.assert_allclose(np.ravel(found[name]), samples, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["run.mat", "run.npz"])
+def test_arrays_of_trials(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    trials = np.stack([k * DATA[:, 1:] for k in range(1, 5)])
+    arrays = {"angles": trials, "torques": trials.transpose(1, 2, 0) + 1.0, "pose": np.zeros((200, 200, 300))}
+    np.savez(path, **arrays) if name.endswith("npz") else io.savemat(path, arrays)
+    assert not any(channel.startswith("pose") for channel in format_of(path).names(path))
+    found = read(path, ["angles[3][2]", "torques[4][1]"])
+    np.testing.assert_array_equal(found["angles[3][2]"], 3 * DATA[:, 2])
+    np.testing.assert_array_equal(found["torques[4][1]"], 4 * DATA[:, 1] + 1.0)
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["position"]["field"] == "angles[1]"
+    assert channels["torque"]["field"] == "torques[1]"
+    assert channels["torque"]["joints"] == [1, 2]

@@ -25,6 +25,8 @@ Address: TypeAlias = tuple[slice | int, ...]
 RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
+# Samples of a trial at least, in an array of several.
+_LEAST_TRIAL = 50
 
 MAGIC = (
     (b"PAR1", "Parquet"),
@@ -251,13 +253,16 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
 
     A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the
     channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square). Sides of one
-    element are left out, as of Simulink's arrays of 7 x 1 x n.
+    element are left out, as of Simulink's arrays of 7 x 1 x n. An array of trials has `name[trial][channel]`: its
+    longest side is that of the samples, and that of the trials is the first, or the last where the samples' is first.
     """
     every = slice(None)
     sides = [k for k, count in enumerate(shape) if count != 1]
     if len(shape) > 2 and 0 < len(sides) <= 2:
         inner = addresses(name, tuple(shape[k] for k in sides))
         return {own: _within(at, sides, len(shape)) for own, at in inner.items()}
+    if len(shape) == 3 and max(shape) >= _LEAST_TRIAL and 0 not in shape:
+        return _of_trials(name, shape)
     if len(shape) == 1:
         return {name: (every,)}
     if len(shape) != 2 or shape == (1, 1):
@@ -269,6 +274,21 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     if count == 1:
         return {name: (every, 0) if along == 0 else (0, every)}
     return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
+
+
+def _of_trials(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
+    """Channels of an array of trials."""
+    along = shape.index(max(shape))
+    trial = 0 if along else 2
+    channel = 3 - along - trial
+    if shape[trial] * shape[channel] > MOST_CHANNELS:
+        return {}
+    made: dict[str, Address] = {}
+    for i in range(shape[trial]):
+        for k in range(shape[channel]):
+            at: dict[int, slice | int] = {along: slice(None), trial: i, channel: k}
+            made[f"{name}[{i + 1}][{k + 1}]"] = tuple(at[side] for side in range(3))
+    return made
 
 
 def _within(at: Address, sides: Sequence[int], dimensions: int) -> Address:
