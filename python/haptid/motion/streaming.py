@@ -6,7 +6,9 @@ the result equals that of the whole log, and pieces can be computed in any order
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -141,18 +143,20 @@ def delayed(channels: Array, samples: float | tuple[float, ...], half: int = CUB
         half: samples to either side that are interpolated between.
     """
     n, ends = len(channels), lost(samples, half)
-    result = np.zeros((channels.shape[1], n))
+    result, padded = np.zeros((channels.shape[1], n)), np.empty(n + 2 * ends)
     shifts = np.broadcast_to(np.asarray(samples, dtype=np.float64), (channels.shape[1],))
-    for channel, shift, target in zip(channels.T, shifts, result, strict=True):
-        whole_part = int(np.floor(shift))
-        padded = np.pad(channel, ends, mode="edge")
-        for back, weight in lagrange(float(shift) - whole_part, half).items():
+    for channel, shift, target in zip(channels.T, shifts.tolist(), result, strict=True):
+        whole_part = math.floor(shift)
+        # `np.pad` takes longer than all the rest for a short log.
+        padded[:ends], padded[ends : ends + n], padded[ends + n :] = channel[:1], channel, channel[-1:]
+        for back, weight in lagrange(shift - whole_part, half).items():
             if weight:
                 begin = ends - whole_part - back
                 target += weight * padded[begin : begin + n]
     return freeze(result).T
 
 
+@lru_cache(maxsize=64)  # the channels of a log are shifted again and again
 def lagrange(x: float, half: int) -> dict[int, float]:
     """Weights of the samples 1 - half .. half before a time that is x of a step before a sample, 0 <= x < 1."""
     nodes = range(1 - half, half + 1)
