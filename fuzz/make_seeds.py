@@ -120,6 +120,13 @@ def tables(made: dict[str, np.ndarray]) -> None:
     nested = [{"t": row["t"], "name": ["a", "b"], "q": [row["q1"], row["q2"]], "s": {"x": None}} for row in rows]
     save("log-jsonl", "nested.jsonl", "\n".join(map(json.dumps, nested)).encode())
     save("log-jsonl", "plain.jsonl", "\n".join(map(json.dumps, rows)).encode())
+    lists = [
+        f"{name} : ARRAY[1..{x.size}] OF REAL := [{', '.join(map(repr, x.tolist()))}];" for name, x in some.items()
+    ]
+    elements = [f"{name}[{k}] := {value!r};" for name, x in some.items() for k, value in enumerate(x.tolist(), 1)]
+    save("log-csv", "lists.txt", "\n".join(lists).encode())
+    save("log-csv", "elements.txt", "\n".join(elements).encode())
+    save("log-csv", "utf-16.csv", "\n".join(["t;q", *(f"{k};{k % 5}" for k in range(30))]).encode("utf-16"))
     lines = [" ".join([name, *map(repr, column.tolist())]) for name, column in some.items()]
     save("log-rows", "named.txt", "\n".join(lines).encode())
     lines = ["[key]; [value]", "Flags; 16"]

@@ -10,6 +10,7 @@ import pytest
 
 from haptid import errors
 from haptid.log.file_format import format_of
+from haptid.log.formats import assignments
 from haptid.log.survey import survey
 
 T = np.arange(0.0, 4.0, 0.004)
@@ -69,3 +70,12 @@ def test_a_folder_of_dumps_is_one_log(tmp_path: Path) -> None:
     channels = tomllib.loads(survey(tmp_path).table)["channels"]
     assert channels["position"]["channels"] == ["Output_theta1", "Output_theta2"]
     assert channels["torque"]["channels"] == ["Output_torque1", "Output_torque2"]
+
+
+def test_numbers_of_thousands_of_digits_are_no_places(tmp_path):
+    """Found by fuzzing: an index that no integer of NumPy holds, and numbers that Python refuses to convert."""
+    many = "1" * 5000
+    text = f"q[{many}] := 1.0;\nq[1] := 2.0;\nq[2] := 3.0;\nb : ARRAY[1..{many}] OF REAL := [{many}(0.0), 2.0];\n"
+    (tmp_path / "a.txt").write_text(text)
+    assert assignments.names(tmp_path / "a.txt") == ["q"]
+    np.testing.assert_array_equal(assignments.columns(tmp_path / "a.txt", ["q"])["q"], [2.0, 3.0])

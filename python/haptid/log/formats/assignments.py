@@ -19,6 +19,8 @@ from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.sniff import Budget, RawChannel, addresses, check_members, collect, opened_file
 
 _KIND = "text of variables"
+# An element's index is below; one of a matrix or of an array of arrays has several.
+_MOST_ELEMENTS = 2**31
 # Lines at the top of the file of which most assign a value.
 _LINES = 5
 _ASSIGNED = re.compile(
@@ -26,11 +28,11 @@ _ASSIGNED = re.compile(
     r"(?P<type>:(?!=)[^=]*?)?:=\s*(?P<value>.*)",
     re.DOTALL,
 )
-_BOUNDS = re.compile(r"(-?\d+)\s*\.\.\s*(-?\d+)")
+_BOUNDS = re.compile(r"(-?\d{1,9})\s*\.\.\s*(-?\d{1,9})(?!\d)")
 # A number, also as `REAL#0.1`, or followed by itself in hexadecimal, `0.75F16#-C000000H-7`; `3(0.0)` is three of them.
 _DECIMAL = r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _NUMBER = rf"(?:[A-Za-z]+#)?{_DECIMAL}(?:[A-Za-z]?\d*#[+-]?[0-9A-Fa-f]+(?:H[+-]?[0-9A-Fa-f]+)?)?"
-_VALUE = re.compile(rf"\s*(?:(?P<times>\d+)\s*\(\s*)?{_NUMBER}\s*\)?\s*[;,]?\s*")
+_VALUE = re.compile(rf"\s*(?:(?P<times>\d{1, 12})\s*\(\s*)?{_NUMBER}\s*\)?\s*[;,]?\s*")
 
 
 def is_assignments(head: bytes) -> bool:
@@ -70,9 +72,9 @@ def _parsed(path: Path, _written: int) -> dict[str, Array]:
     with opened_file(path, _KIND):
         Budget(path).take(_KIND, 4 * path.stat().st_size)
         for name, index, kind, text in _assignments(path):
-            if index:
+            if index and max(index) < _MOST_ELEMENTS:
                 elements.setdefault(name, {})[index] = float(_values(text)[0])
-            elif "[" in text:
+            elif not index and "[" in text:
                 values = _values(text.strip().rstrip(";").strip().strip("[]"))
                 sizes = [int(b) - int(a) + 1 for a, b in _BOUNDS.findall(kind)]
                 found[name] = values.reshape(sizes) if np.prod(sizes) == values.size else values
@@ -94,7 +96,8 @@ def _assignments(path: Path) -> Iterator[tuple[str, tuple[int, ...], str, str]]:
             if value.lstrip().startswith("["):
                 while "]" not in parts[-1] and (more := file.readline()):
                     parts.append(more)
-            index = tuple(int(k) for k in re.findall(r"\d+", match["index"]))
+            digits = re.findall(r"\d+", match["index"])
+            index = tuple(int(k) if len(k) < 10 else _MOST_ELEMENTS for k in digits)
             yield match["name"] + match["member"], index, match["type"] or "", "".join(parts)
 
 
