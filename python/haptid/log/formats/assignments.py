@@ -24,15 +24,16 @@ _MOST_ELEMENTS = 2**31
 # Lines at the top of the file of which most assign a value.
 _LINES = 5
 _ASSIGNED = re.compile(
-    r"\s*(?P<name>[A-Za-z_][\w.]*)(?P<index>(?:\[[\d,\s]+\])*)(?P<member>(?:\.[A-Za-z_][\w.]*)?)\s*"
+    r"\s*(?P<name>[A-Za-z_][\w.]*)(?:(?P<index>(?:\[[\d,\s]+\])+)(?P<member>\.[A-Za-z_][\w.]*)?)?\s*"
     r"(?P<type>:(?!=)[^=]*?)?:=\s*(?P<value>.*)",
     re.DOTALL,
 )
 _BOUNDS = re.compile(r"(-?\d{1,9})\s*\.\.\s*(-?\d{1,9})(?!\d)")
 # A number, also as `REAL#0.1`, or followed by itself in hexadecimal, `0.75F16#-C000000H-7`; `3(0.0)` is three of them.
-_DECIMAL = r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
-_NUMBER = rf"(?:[A-Za-z]+#)?{_DECIMAL}(?:[A-Za-z]?\d*#[+-]?[0-9A-Fa-f]+(?:H[+-]?[0-9A-Fa-f]+)?)?"
-_VALUE = re.compile(rf"\s*(?:(?P<times>\d{1, 12})\s*\(\s*)?{_NUMBER}\s*\)?\s*[;,]?\s*")
+# No two parts in a row take the same characters, so that the time does not grow as a power of the length.
+_DECIMAL = r"(?P<number>[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)"
+_HEXADECIMAL = r"(?:(?:[A-Za-z]\d*)?#[+-]?[0-9A-Fa-f]+(?:H[+-]?[0-9A-Fa-f]+)?)?"
+_VALUE = re.compile(r"(?:(?P<times>\d{1,18})\s*\(\s*)?(?:[A-Za-z]+#)?" + _DECIMAL + _HEXADECIMAL + r"(?:\s*\))?")
 
 
 def is_assignments(head: bytes) -> bool:
@@ -96,14 +97,14 @@ def _assignments(path: Path) -> Iterator[tuple[str, tuple[int, ...], str, str]]:
             if value.lstrip().startswith("["):
                 while "]" not in parts[-1] and (more := file.readline()):
                     parts.append(more)
-            digits = re.findall(r"\d+", match["index"])
+            digits = re.findall(r"\d+", match["index"] or "")
             index = tuple(int(k) if len(k) < 10 else _MOST_ELEMENTS for k in digits)
-            yield match["name"] + match["member"], index, match["type"] or "", "".join(parts)
+            yield match["name"] + (match["member"] or ""), index, match["type"] or "", "".join(parts)
 
 
 def _values(text: str) -> Array:
     """The numbers of a list, or the one of an element; one NaN where they are none."""
-    cells = [cell for cell in text.split(",") if cell.strip(" \r\n\t;")]
+    cells = [cell for part in text.split(",") if (cell := part.strip(" \r\n\t;"))]
     found = [match for cell in cells if (match := _VALUE.fullmatch(cell))]
     if not found or len(found) < len(cells):
         return np.array([np.nan])
