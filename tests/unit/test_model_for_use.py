@@ -114,7 +114,17 @@ def test_a_fit_of_no_body_is_used_where_held_out_rows_prefer_it(bare):
     assert free.excess[0] < -3 * free.excess[1]
     assert f"{free.error:.3g} %" in use.reason
     assert f"{use.candidates[0].error:.3g} %" in use.reason
+    assert "No bodies that can exist move as the log says" in use.reason
+    assert use.candidates[0].error > 2 * free.error
     assert model_for_use(made, wanted="consistent").name == "consistent"
+
+
+def test_a_small_clash_of_bodies_and_log_is_not_called_one(bare):
+    """Friction slightly below zero: held-out rows prefer the free fit, by less than would say that signs are wrong."""
+    made = haptid.estimate(observed(bare, truth(bare, friction=-0.05), 0.1), WLS())
+    use = model_for_use(made)
+    assert use.name == "free"
+    assert "No bodies" not in use.reason
 
 
 def test_a_right_prior_lowers_the_held_out_error_of_a_poor_log(model):

@@ -46,6 +46,8 @@ _FEWEST_BLOCKS = 2 * _IN_FOLD
 # Least gain of the error, as a share of it: held-out blocks are of the same motion, and a smaller gain does not
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 _LEAST_GAIN = 0.02
+# Error of the consistent fit, in those of the free one, from which on what is wrong is not the noise.
+_CLASH = 2.0
 CONSISTENT, FREE, RIDGE, ENTROPIC, ANCHORED = "consistent", "free", "ridge", "entropic", "anchored"
 # Parameters that are named in a sentence.
 _NAMED = 4
@@ -204,10 +206,15 @@ def _reason(best: UseCandidate, candidates: Sequence[UseCandidate]) -> str:
             f"differences and 2 %."
         )
     difference, se = best.excess
+    clash = (
+        " No bodies that can exist move as the log says: look for a torque or position of wrong sign or unit, swapped "
+        "channels, axes or lengths of the device file that are not the device's, and missing terms. Until that is "
+        "mended, this fit predicts motion like the log's, and no other."
+    )
     return (
         f"The model for use is {NAMES[best.name]}: its error on held-out blocks is {best.error:.3g} %, against "
         f"{candidates[0].error:.3g} % of {NAMES[CONSISTENT]}, better by {-difference / se:.2g} standard errors of the "
-        f"paired differences."
+        f"paired differences.{clash if best.name == FREE and candidates[0].error > _CLASH * best.error else ''}"
     )
 
 
