@@ -320,8 +320,9 @@ def _check(
 
 
 # Symbolic and numeric coefficients may differ by this much: relatively, and relative to a coefficient that makes both
-# columns equally long. The numeric method solves with columns whose lengths differ by orders of magnitude.
-RELATIVE, ROUNDING = 1e-6, 1e-7
+# columns equally long. The numeric method solves with columns whose lengths differ by orders of magnitude, and its
+# rounding is up to so many units in the last place times the row of the inverse that makes the coefficient.
+RELATIVE, ROUNDING, _UNITS = 1e-6, 1e-7, 16
 
 
 def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
@@ -349,8 +350,11 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise _disagreement(len(exact), len(numeric), only[0], only[1])
     difference = np.abs(exact.values - numeric.regrouping)
-    lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
-    limit = ROUNDING * lengths / lengths[list(exact.independent_columns)][:, None] + RELATIVE * np.abs(exact.values)
+    W, kept = random_regressor(model, seed=0), list(exact.independent_columns)
+    lengths = np.linalg.norm(W, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(W[:, kept] / lengths[kept], mode="r"))
+    rounding = np.maximum(ROUNDING, _UNITS * np.finfo(float).eps * np.linalg.norm(inverse, axis=1))
+    limit = rounding[:, None] * lengths / lengths[kept][:, None] + RELATIVE * np.abs(exact.values)
     if (difference > limit).any():
         row, column = np.unravel_index(int(np.argmax(difference - limit)), difference.shape)
         place = f"{exact.standard[column]} in {exact.names[row]}"
