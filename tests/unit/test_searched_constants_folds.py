@@ -66,7 +66,7 @@ def test_a_fold_knows_nothing_of_what_it_predicts(model):
     seen = variable_projection(model, [near, far]).model
     leaked = haptid.validate(haptid.estimate(haptid.observe(seen, near), haptid.WLS()), haptid.observe(seen, far))
     assert leaked.relative < fold.relative
-    both = alternate(model, near, [], haptid.WLS())
+    (both,) = alternate(model, [near], [], haptid.WLS())
     assert not both.seen
     assert both.relative < 5.0
 
