@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import Impossible, impossible
 from haptid.advice.edits import Edit, edits_of
@@ -55,6 +56,7 @@ _SAME_ERROR = 1e-6
 _SIGN = 0.3
 
 
+@on_one_blas_thread
 def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     """Try every change that haptid knows on the rows of an identification, and keep those with a proof.
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from haptid._internal.blas_threads import on_one_blas_thread
 from haptid._internal.bounded_files import BASE_PARAMETERS
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
@@ -123,6 +124,7 @@ class Identification:
         return Overview(title, shown.headings, shown.rows, (*errors, self.use.reason))
 
 
+@on_one_blas_thread
 def identify(
     study: Study,
     data: str | Path | None = None,

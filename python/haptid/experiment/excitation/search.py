@@ -11,6 +11,7 @@ import numpy as np
 from scipy import optimize
 
 from haptid._internal.arrays import Array
+from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoopClosureError, SettingError, SingularityError, TrajectoryError
 from haptid.estimation.methods.constrained import indices
@@ -160,6 +161,7 @@ def phases(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
 
 
+@on_one_blas_thread
 def design_excitation(
     model: DynamicModel,
     family: Family,

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from haptid._internal.blas_threads import on_one_blas_thread
 from haptid._internal.display import Overview, displayed
 from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import index_of
@@ -78,6 +79,7 @@ class Diagnosis:
         return Overview(f"Diagnosis: {self.status}", ("check", "status", "finding"), rows, self.verdict.sentences)
 
 
+@on_one_blas_thread
 def diagnose(estimate: Estimate, validation: Validation | None = None, controller: PID | None = None) -> Diagnosis:
     """Diagnose an estimate: excitation, residuals, missing terms, delay, errors in variables, influence, drift.
 
