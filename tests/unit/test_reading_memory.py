@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,9 +15,11 @@ from pyarrow import parquet
 from scipy import signal
 
 import haptid
+from haptid.errors import LogFileError
 from haptid.log import as_array, checks, is_long
 from haptid.log.lazy import CHUNK, OnDisk
 from haptid.motion.streaming import SAMPLES_FILTERED, filtered, memory
+from small_study import write_study
 
 
 class Constrained(OnDisk):
@@ -78,6 +81,30 @@ def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.
     assert not is_long(tmp_path / "log.parquet")
     monkeypatch.setattr("haptid.log.read._LARGE", 3)
     assert is_long(tmp_path / "log.parquet")
+
+
+def test_a_study_of_logs_that_are_opened_is_that_of_logs_that_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = write_study(tmp_path)
+    for log in tmp_path.glob("*.csv"):
+        parquet.write_table(pa.csv.read_csv(log), log.with_suffix(".parquet"))
+    study.write_text(study.read_text().replace(".csv", ".parquet"))
+    read = haptid.identify(haptid.read_study(study))
+    monkeypatch.setattr("haptid.log.read._LARGE_TOGETHER", 0)
+    monkeypatch.setattr("haptid.log.read._LARGE_AMONG_MANY", 0)
+    opened = haptid.identify(haptid.read_study(study))
+    logs = [[run.motion.log for run in found.runs] for found in (read, opened)]
+    assert [isinstance(log.position, np.ndarray) for several in logs for log in several] == [True] * 2 + [False] * 2
+    np.testing.assert_allclose(opened.estimate.beta, read.estimate.beta, rtol=1e-9)
+
+
+def test_a_path_that_cannot_be_is_an_error_of_the_log(tmp_path: Path) -> None:
+    """The system refuses the name; it was called one of the results."""
+    study = write_study(tmp_path)
+    study.write_text(study.read_text().replace("log.csv", "a" * 300 + ".csv"))
+    with pytest.raises(LogFileError):
+        haptid.identify(haptid.read_study(study))
 
 
 def test_of_logs_that_are_large_together_shorter_ones_are_opened(tmp_path: Path) -> None:

@@ -170,10 +170,10 @@ def is_long(path: Path, together: int = 0) -> bool:
         together: bytes of all logs that are used at once; of very many, shorter ones are opened too.
     """
     largest = _LARGE if together <= _LARGE_TOGETHER else _LARGE_AMONG_MANY
-    if path.is_dir():
+    if os.path.isdir(path):  # which is false, and no error, of a path that cannot be
         return format_of(path).by_rows and log_size(path) > largest
     suffixes = [suffix for kind in FORMATS if kind.by_rows for suffix in kind.suffixes]
-    return path.is_file() and path.suffix.lower() in suffixes and path.stat().st_size > largest
+    return os.path.isfile(path) and path.suffix.lower() in suffixes and path.stat().st_size > largest
 
 
 def open_log(

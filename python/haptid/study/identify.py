@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -150,7 +151,7 @@ def identify(
     _check_size(as_filed)
     study = study.on(as_filed.device)
     folder = Path(data or study.path.parent)
-    together = sum(log_size(path) for entry in study.logs if (path := folder / entry.path).exists())
+    together = sum(log_size(path) for entry in study.logs if os.path.exists(path := folder / entry.path))
     logs = [read_entry(entry, folder, progress, together) for entry in study.logs]
     expect_fast_sampling(as_filed, logs)
     study, logs = _completed(study, as_filed, logs, progress)

@@ -91,7 +91,7 @@ def _files(folder: Path) -> list[_File]:
 
 
 def _in_turn(file: _File, column: RawChannel, rows: int) -> _File:
-    """A file of one column as that of several joints where it has so many times the rows of the shortest one.
+    """A file of one column, as samples of several joints in turn where its rows are a multiple of the shortest file's.
 
     The same would be true of a signal of a higher rate, whose samples change little from one to the next.
     """
