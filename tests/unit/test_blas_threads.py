@@ -1,12 +1,16 @@
 """BLAS has one thread while haptid computes, and as many as before afterwards."""
 
+from importlib import import_module
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import haptid
 from haptid._internal.blas_threads import on_one_blas_thread
-from motions import motion, truth
+from haptid.advice import advise
+from haptid.experiment.excitation import FourierSeries, design_excitation
 
 
 def threads() -> set[int]:
@@ -27,11 +31,34 @@ def test_threads_of_blas(monkeypatch, chosen, inside):
         assert threads() == {2}
 
 
-def test_a_diagnosis_has_one_thread(monkeypatch):
+class Reached(Exception):
+    """The function has begun."""
+
+
+@pytest.mark.parametrize(
+    ("function", "module", "first"),
+    [
+        (haptid.identify, "haptid.study.identify", "check_kind"),
+        (haptid.diagnose, "haptid.inference.diagnosis.diagnosis", "fit_errors"),
+        (advise, "haptid.advice.advise", "subsample"),
+        (design_excitation, "haptid.experiment.excitation.search", "indices"),
+    ],
+)
+def test_what_users_call_has_one_thread(monkeypatch, function, module, first):
+    """Asked at the first thing that each of them does."""
+    seen = []
+
+    def begun(*_):
+        seen.append(threads())
+        raise Reached
+
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    model, seen = haptid.DynamicModel(haptid.read_device("emps")), []
-    estimate = haptid.estimate(haptid.observe(model, motion(model, truth(model), noise=0.1)), haptid.WLS())
-    monkeypatch.setattr("haptid.inference.diagnosis.diagnosis.subsample", lambda one: seen.append(threads()) or one)
+    monkeypatch.setattr(import_module(module), first, begun)  # a package may have a function of the module's name
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    given = {design_excitation: (model, FourierSeries())}.get(function, (SimpleNamespace(estimate=None),))
     with threadpool_limits(limits=2, user_api="blas"):
-        haptid.diagnose(estimate)
+        if threads() != {2}:
+            pytest.skip("this BLAS has one thread")
+        with pytest.raises(Reached):
+            function(*given)
     assert seen == [{1}]
