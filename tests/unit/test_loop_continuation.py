@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import haptid
 from closed_devices import NAMES, bodies, path
 from haptid import errors
+from haptid.cli import app
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.inverse import core_mass, core_torque, rigid
+from haptid.dynamics.kinematics import handle_motion
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -88,3 +92,23 @@ def test_masses_are_the_torques_of_unit_accelerations(rotor: str, tmp_path: Path
     np.testing.assert_allclose(M[:, 0, 0], (tau[0] - tau[1])[0], rtol=1e-12)
     cdd = ForwardDynamics(model, chi).acceleration(c, still, tau[0])
     np.testing.assert_allclose(cdd, 1.0, rtol=1e-10)
+
+
+def test_a_branch_that_does_not_reach_the_handle_is_named(tmp_path: Path) -> None:
+    """By a handle that is too long for both branches, in a command, and by a pose that is too far for one of them."""
+    text = (files("haptid") / "device/library/cea_medical_interface.toml").read_text(encoding="utf-8")
+    held = 'body_b = "H"\nframe_b = { r = "-apart" }'
+    assert held in text
+    (tmp_path / "long.toml").write_text(text.replace(held, 'body_b = "H"\nframe_b = { r = -1.4 }'))
+    refused = CliRunner().invoke(app, ["model", str(tmp_path / "long.toml")])
+    shown = " ".join(refused.stderr.split())
+    assert refused.exit_code == 2
+    for part in ("link LB does not reach link H", "U2 = -1", " m apart (limit", "Check the lengths"):
+        assert part in shown, shown
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_interface"))
+    near, far = [0.0, -1.0, 4.0, 0.0, -1.0, 4.0], [0.0, -1.4, 3.6, 0.0, -0.6, 4.4]
+    with pytest.raises(errors.LoopClosureError) as caught:
+        handle_motion(model, np.array([near, far]).T)
+    assert caught.value.where == 1
+    assert caught.value.found > 1e3 * caught.value.limit
+    assert "link LB does not reach link H" in str(caught.value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -63,6 +63,18 @@ class Chain:
     def _carriers(self, frame: Frame) -> np.ndarray:
         """Whether each joint moves a frame, (joints,)."""
         return np.asarray(self.above[frame.link]) if frame.link >= 0 else np.zeros(len(self.joints), dtype=bool)
+
+    def widest(self, q: Array) -> str:
+        """The links whose cut is furthest from closed at a configuration, (joints,), as text."""
+        each = [replace(self, cuts=(cut,)) for cut in self.cuts]
+        cut = self.cuts[int(np.argmax([np.abs(one.residual(q[None])[0]).max() for one in each]))]
+        names = [f"link {self.joints[f.link].name}" if f.link >= 0 else "the base" for f in (cut.frame_a, cut.frame_b)]
+        return f"{names[0]} does not reach {names[1]}"
+
+    def attempts(self, qa: Array, starts: int, q: Array) -> str:
+        """How loops were tried to close at a pose, (active,), and what is furthest at the best configuration there."""
+        tried = f", from {starts} starts" if starts > 1 else ""
+        return f"at the start pose ({self.active_text(qa)}){tried}, {self.widest(q)},"
 
     @property
     def units(self) -> Array:

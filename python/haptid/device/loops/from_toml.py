@@ -239,7 +239,7 @@ def _with_linear_motions(problem: ClosureProblem, place: Place) -> tuple[Closure
     search = find_linear_motions(problem, _CLOSED)
     if not search.closed:
         limit = _CLOSED * problem.chain.size
-        raise open_loops(place, search.best, limit, f"from {search.starts} starts, at best,")
+        raise open_loops(place, search.best, limit, search.attempts)
     if search.free:
         count = len(problem.unknown)
         raise DeviceFileError(

@@ -125,15 +125,15 @@ class LinearSearch:
         closed: tangents of the motions that close at some pose.
         linear: distinct motions that close at all poses.
         free: number of directions of the passive joints that the cuts do not determine.
-        best: least gap reached, m.
-        starts: number of starts.
+        best: least gap reached at the start pose, m.
+        attempts: how, as text: the start pose, and the links that are furthest apart.
     """
 
     closed: tuple[LinearMotion, ...]
     linear: tuple[LinearMotion, ...]
     free: int
     best: float
-    starts: int
+    attempts: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +186,10 @@ def find_linear_motions(problem: ClosureProblem, closed: float) -> LinearSearch:
     tangents, free = _tangents(problem, q[closes], qa[closes])
     linear = [_polished(chain, motion, unknown) for motion in ([] if free else _lasting(chain, tangents))]
     linear = [motion for motion in linear if chain.gap(motion.G, motion.offset, 64) < closed * chain.size]
-    best = float(gaps.min())
-    return LinearSearch(tuple(tangents), tuple(_distinct(chain, linear, unknown)), free, best, len(q))
+    found = tuple(_distinct(chain, linear, unknown))
+    best = len(q) - _STARTS + int(np.argmin(gaps[-_STARTS:]))
+    attempts = chain.attempts(problem.start_pose, _STARTS, q[best])
+    return LinearSearch(tuple(tangents), found, free, float(gaps[best]), attempts)
 
 
 def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, Array]:

@@ -136,7 +136,7 @@ class NewtonClosure:
         gaps, jacobian = chain.residual(q[None])
         gap, pose = float(np.abs(gaps).max()), chain.active_text(self.at)
         if gap > _CLOSED * chain.size:
-            raise open_loops(Place("loops"), gap, _CLOSED * chain.size, f"at the start pose ({pose})")
+            raise open_loops(Place("loops"), gap, _CLOSED * chain.size, chain.attempts(self.at, 1, q))
         open_by = float(conditioning(jacobian[:, :, list(self.unknown)])[0])
         if open_by < _SINGULAR:
             raise _singular("at the start pose", pose, open_by, "loops")
@@ -189,12 +189,12 @@ class NewtonClosure:
             )
         positions = qa[sample] @ self.constant.T + self.offset
         positions[list(self.unknown)] = q[list(self.unknown)]
-        gap = least_gap(self.chain, positions, self.unknown)
+        gap, nearest = least_gap(self.chain, positions, self.unknown)
         if gap > 1e-6 * self.chain.size:
             limit = _CLOSED * self.chain.size
             raise LoopClosureError(
-                f"at sample {sample} the loops do not close: with {pose} the cut frames are still {gap:.3g} m apart "
-                f"(limit {limit:.1e} m).",
+                f"at sample {sample} the loops do not close: with {pose} {self.chain.widest(nearest)}, their "
+                f"cut frames are still {gap:.3g} m apart (limit {limit:.1e} m).",
                 where=sample,
                 found=gap,
                 limit=limit,
@@ -204,13 +204,15 @@ class NewtonClosure:
         raise _singular(f"up to sample {sample}", pose, float(self.conditioning(q[None])[0]), sample)
 
 
-def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
-    """Least gap over the Gauss-Newton steps, m: where the cuts cannot close, the steps do not converge."""
-    poses, gaps = q[None], []
+def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> tuple[float, Array]:
+    """Least gap over the Gauss-Newton steps, m, and where: the steps do not converge where the cuts cannot close."""
+    poses, gaps, seen = q[None], [], []
     for _ in range(NEWTON_STEPS):
         gaps.append(float(np.abs(chain.residual(poses)[0]).max()))
+        seen.append(poses[0])
         poses = close_cuts(chain, poses, unknown, steps=1)
-    return min(gaps)
+    best = int(np.argmin(gaps))
+    return gaps[best], seen[best]
 
 
 @lru_cache(maxsize=32)
@@ -282,7 +284,7 @@ def _assembly_modes(problem: ClosureProblem, q: Array, place: Place) -> list[Arr
     starts = close_cuts(chain, starts, unknown)
     gaps = np.abs(chain.residual(starts)[0]).max(axis=1)
     if not (gaps < _CLOSED * chain.size).any():
-        attempts = f"at the start pose ({chain.active_text(problem.start_pose)}), from {_STARTS + 1} starts,"
+        attempts = chain.attempts(problem.start_pose, _STARTS + 1, starts[int(np.argmin(gaps))])
         raise open_loops(place, float(gaps.min()), _CLOSED * chain.size, attempts)
     modes: list[Array] = []
     for pose in starts[gaps < _CLOSED * chain.size]:
@@ -328,12 +330,13 @@ def _nearest_mode(problem: ClosureProblem, modes: list[Array], place: Place) -> 
 def open_loops(place: Place, gap: float, limit: float, attempts: str) -> LoopClosureError:
     """The error for loops of a device file that do not close."""
     return LoopClosureError(
-        f"{place}: the loop does not close: {attempts} its cut frames are still {gap:.3g} m apart (limit "
+        f"{place}: the loop does not close: {attempts} the cut frames are still {gap:.3g} m apart (limit "
         f"{limit:.1e} m).",
         where=place.key,
         found=gap,
         limit=limit,
-        advice="Check the lengths and frames of the cut, and that the active joints can move independently.",
+        advice="Check the lengths and frames of the cut, the start pose (at), and that the active joints can move "
+        "independently.",
     )
 
 
