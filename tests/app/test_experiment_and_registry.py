@@ -15,10 +15,10 @@ pytest.importorskip("starlette")
 from test_live_page import until
 
 from browser import LAPTOP, needs_browser
-from conftest import pictured
 from haptid.app.jobs import JobState
 from haptid.cli import app
 from haptid.device import read_device
+from workbenches import pictured
 
 DEVICE = "devices/two-links.toml"
 SEARCH = {"device": DEVICE, "name": "motion", "evaluations": "40", "seconds": "6", "speed": "2,2.5"}

@@ -21,11 +21,11 @@ from typer.testing import CliRunner
 pytest.importorskip("starlette")
 
 import haptid
-from conftest import ended, started
 from haptid.app.jobs import JobRecord, Jobs, JobState
 from haptid.cli import app
 from haptid.inference import drift
 from small_study import columns
+from workbenches import ended, started
 
 STUDY, OUT = "studies/two-links.toml", "results/two-links"
 PATIENCE = 120.0

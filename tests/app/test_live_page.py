@@ -17,9 +17,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from browser import LAPTOP, needs_browser
-from conftest import pictured
 from haptid.live import pack_frame
 from small_study import columns
+from workbenches import pictured
 
 STUDY, RATE = "studies/two-links.toml", 500.0
 BEGIN = {"study": STUDY, "name": "live", "rate": "500", "port": "0"}

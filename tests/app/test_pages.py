@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 pytest.importorskip("starlette")
 
 from browser import HUGE, LAPTOP, NARROW, needs_browser
-from conftest import pictured
 from haptid.cli import app
 from haptid.robot_files import import_robot
+from workbenches import pictured
 
 pytestmark = needs_browser
 PROJECT = Path(__file__).resolve().parents[2]

@@ -12,8 +12,8 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from conftest import ended, started
 from haptid.app.guard import HEADERS
+from workbenches import ended, started
 
 
 def contents(folder: Path) -> dict[str, str]:
