@@ -73,7 +73,7 @@ class _Table:
             raise refused(file, "it has no header and row", "Write a header such as name,alpha_deg,a,theta_deg,d.")
         delimiter = max(",;\t", key=kept[0][1].count)
         try:
-            cells = list(csv.reader([line for _, line in kept], delimiter=delimiter, strict=True))
+            cells = [next(csv.reader([line], delimiter=delimiter, strict=True)) for _, line in kept]
         except csv.Error as error:
             raise refused(file, f"it is not CSV ({error})", "Correct its quotes.") from None
         self.lines = [k for k, _ in kept][1:]

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.numerals import whole_number
 from haptid.device.geometry import shift
 from haptid.robot_files.limited import run_limited
 from haptid.robot_files.paths import Roots
@@ -82,7 +83,8 @@ def _count(root: Element) -> None:
         element, copies = stack.pop()
         if element.tag in ("replicate", "composite", "flexcomp"):
             for word in element.attributes.get("count", "1").split():
-                copies *= max(1, int(word)) if word.isdigit() and len(word) < 10 else MOST_REPLICATES + 1
+                count = whole_number(word)
+                copies *= MOST_REPLICATES + 1 if count is None else max(1, count)
         total += copies
         if copies > MOST_REPLICATES or total > 50 * MOST_REPLICATES:
             element.refuse(f"makes {copies} copies; at most {MOST_REPLICATES} are read", "Replicate less.")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from haptid._internal.numerals import whole_number
 from haptid.robot_files.paths import Roots
 from haptid.robot_files.xml import Element, parse, read_bytes
 
@@ -78,7 +79,7 @@ class Models:
 
 
 def _version(element: Element) -> list[int]:
-    return [int(number) for number in element.attributes.get("version", "0").split(".") if number.isdigit()]
+    return [whole_number(part) or 0 for part in element.attributes.get("version", "0").split(".")]
 
 
 def _within(place: Element, model: Element) -> Iterator[Element]:

@@ -14,6 +14,7 @@ from typing import Literal, NoReturn
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.numerals import whole_number
 from haptid.device.expressions import number
 from haptid.device.geometry import modified_dh
 from haptid.device.toml.errors_at import Place
@@ -84,9 +85,10 @@ class _Par:
 
     def _count(self, key: str) -> int:
         value = self.values.get(key)
-        if not isinstance(value, str) or not value.isdigit() or len(value) > 4:
+        count = whole_number(value, 4) if isinstance(value, str) else None
+        if count is None:
             raise refused(self.file, f"it has no whole number {key}", f"Write {key} = ..., as SYMORO does.")
-        return int(value)
+        return count
 
     def _list(self, key: str, least: int, default: str | None = None) -> list[str]:
         value = self.values.get(key)
@@ -170,8 +172,8 @@ class _Par:
         )
 
     def _parent(self, text: str, k: int) -> int:
-        value = int(text) if text.isdigit() and len(text) < 5 else -1
-        if not 0 <= value <= self.bodies:
+        value = whole_number(text, 4)
+        if value is None or value > self.bodies:
             self._refuse(f"frame {k + 1} has the antecedent {text!r}", f"Write a number from 0 to {self.bodies}.")
         return value - 1
 

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from haptid._internal.numerals import whole_number
 from haptid.app.answers import Asked
 from haptid.app.pages.device import shipped_text
 from haptid.app.session import PageCalls, Session
@@ -86,9 +87,10 @@ def _file(session: Session, name: str, folder: str) -> str:
 
 def _whole(asked: Asked, name: str, low: int, high: int) -> int:
     text = asked.text(name)
-    if not (text.isdigit() and len(text) < 10 and low <= int(text) <= high):
+    number = whole_number(text)
+    if number is None or not low <= number <= high:
         raise WorkbenchError(f"{name} is {text[:40]!r}; write a whole number from {low} to {high}.", where=name)
-    return int(text)
+    return number
 
 
 EXPERIMENT_CALLS = PageCalls(

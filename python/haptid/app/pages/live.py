@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from haptid._internal.numerals import whole_number
 from haptid.app.answers import Asked
 from haptid.app.session import PageCalls, Session
 from haptid.app.workspace import LOGS, STUDIES
@@ -75,10 +76,10 @@ def _hold(session: Session, asked: Asked) -> dict[str, Any]:
 def _samples(session: Session, request: HttpRequest) -> Response:
     """Samples for drawing, after one that the page has."""
     made = session.live.recording
-    given = request.query_params.get("since", "0")
-    if made is None or not given.isdigit() or len(given) > 15:
+    since = whole_number(request.query_params.get("since", "0"), 15)
+    if made is None or since is None:
         return Response("There is no recording.\n", 404)
-    first, rows = made.since(int(given))
+    first, rows = made.since(since)
     head = json.dumps({"first": first, "rows": len(rows), "next": first + len(rows)}).encode()
     head += b" " * (-(4 + len(head)) % 8)
     parts = [rows[:, 0].astype("<f8").tobytes(), *(column.astype("<f4").tobytes() for column in rows[:, 1:].T)]

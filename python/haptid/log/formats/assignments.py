@@ -15,6 +15,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import LOG_UNPACKED
+from haptid._internal.numerals import whole_number
 from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.sniff import Budget, RawChannel, addresses, check_members, collect, opened_file
 
@@ -98,7 +99,7 @@ def _assignments(path: Path) -> Iterator[tuple[str, tuple[int, ...], str, str]]:
                 while "]" not in parts[-1] and (more := file.readline()):
                     parts.append(more)
             digits = re.findall(r"\d+", match["index"] or "")
-            index = tuple(int(k) if len(k) < 10 else _MOST_ELEMENTS for k in digits)
+            index = tuple(_MOST_ELEMENTS if (n := whole_number(k)) is None else n for k in digits)
             yield match["name"] + (match["member"] or ""), index, match["type"] or "", "".join(parts)
 
 

@@ -17,6 +17,7 @@ from xml.parsers import expat
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid._internal.numerals import whole_number
 from haptid.errors import LogFileError
 from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.sniff import Budget, RawChannel, check_members, collect, corrupt, opened_file
@@ -211,8 +212,7 @@ def _codesys_text(path: Path) -> Iterator[_Group]:
                 yield _Group(np.array(times), {name: np.array(values)}, unit=unit)
                 times, values = [], []
             data = key.endswith(".Data")
-            if key == "Flags" and rest.strip().isdecimal():
-                flags = int(rest)
+            if key == "Flags" and (flags := whole_number(rest)) is not None:
                 unit = "us" if flags & _MICROSECONDS else "ms" if flags & _MILLISECONDS else ""
             elif key.endswith(".Variable"):
                 name = rest.strip()

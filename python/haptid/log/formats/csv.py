@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
+from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import opened_text, opened_utf8
@@ -346,8 +347,7 @@ def _without_header(
         cells = _cells(COMMENT.sub("", texts[commented], count=1), separator)
         if len(cells) == width and not all(_number(cell, ".") for cell in cells):
             return cells, first
-    counted = [cell for cell in rows[0] if cell.isdecimal()]
-    if len(rows) > 1 and width > 1 and counted == rows[0] and [int(c) for c in counted] == list(range(width)):
+    if len(rows) > 1 and width > 1 and [whole_number(cell) for cell in rows[0]] == list(range(width)):
         stated.append("the first line counts the columns from 0: it is taken as the header")
         return rows[0], first + 1
     stated.append(f"there is no header: columns are named column[1..{width}]")

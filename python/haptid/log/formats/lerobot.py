@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from haptid._internal.numerals import whole_number
 from haptid.errors import LogFileError
 from haptid.log.formats import parquet
 from haptid.log.formats.folders import data_set_files
@@ -92,8 +93,8 @@ def names(folder: Path) -> list[str]:
     for name in parquet.names(about.tables[0]):
         feature, bracket, number = name.removesuffix("]").rpartition("[")
         inner = about.elements.get(feature, ())
-        element = bracket and number.isdecimal() and int(number) <= len(inner)
-        found.append(f"{feature}[{inner[int(number) - 1]}]" if element else name)
+        element = whole_number(number) if bracket else None
+        found.append(f"{feature}[{inner[element - 1]}]" if element and element <= len(inner) else name)
     return found
 
 

@@ -46,7 +46,7 @@ MAGIC = (
 
 # Names that most recorders use: t, q1..qn and tau1..taun.
 WHERE = r"(?P<where>(?:.*\.)?)"
-_NUMBER = r"_?\[?(?P<number>\d+)\]?"
+_NUMBER = r"_?\[?(?P<number>\d{1,9})\]?"
 _TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
 _POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + _NUMBER, re.IGNORECASE)
 _TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + _NUMBER, re.IGNORECASE)
