@@ -15,7 +15,7 @@ from haptid._internal.extras import needing
 from haptid.errors import LogFileError
 from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace
-from haptid.log.formats.folders import bag_files, data_set_files, log_files, parquet_files, table_files
+from haptid.log.formats.folders import bag_files, data_set_files, log_files, natural, parquet_files, table_files
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.request import Request
@@ -104,6 +104,8 @@ _CONVERSION = {
     **dict.fromkeys((".pkl", ".pickle", ".pth", ".pt"), _PICKLE),
     **dict.fromkeys((".zip", ".gz", ".7z", ".tar", ".tgz", ".xz", ".bz2", ".rar", ".zst"), _UNPACK),
 }
+# Logs that are named in an error.
+_SHOWN = 8
 _FOLDERS = (
     *((LEROBOT, data_set_files), (MESSAGES, bag_files)),
     *((_PARQUET_FILES, parquet_files), (_TABLES, table_files)),
@@ -117,11 +119,7 @@ def format_of(path: Path) -> Format:
             for kind, files in _FOLDERS:
                 if files(path):
                     return kind
-            raise LogFileError(
-                f"{path} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of tables.",
-                where=path,
-                advice="Name one file in it.",
-            )
+            raise _no_log(path)
         if not path.exists():
             raise LogFileError(
                 f"{path}: no such file.",
@@ -158,6 +156,32 @@ def format_of(path: Path) -> Format:
         found=path.suffix,
         limit=tuple(known),
         advice=f"{_CONVERSION.get(suffix, 'Convert the log, or rename it.')} Formats: {'; '.join(known)}.",
+    )
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Logs in a folder that is none: the folders in it that are, or that hold one file of a log; by their numbers."""
+    found = []
+    for part in sorted(folder.iterdir(), key=lambda path: natural(path.name)):
+        if part.is_dir() and not part.is_symlink():
+            suffixes = {suffix for kind in FORMATS for suffix in kind.suffixes}
+            alone = [file for file in part.iterdir() if file.suffix.lower() in suffixes and file.is_file()]
+            found += [part] if log_files(part) != [] else alone[:1] if len(alone) == 1 else []
+    return found
+
+
+def _no_log(folder: Path) -> LogFileError:
+    """Error of a folder that is no log, with the logs that are in it."""
+    inside = logs_in(folder)
+    shown = ", ".join(log.relative_to(folder).as_posix() for log in inside[:_SHOWN])
+    more = f" and {len(inside) - _SHOWN} more" if len(inside) > _SHOWN else ""
+    return LogFileError(
+        f"{folder} is a folder, and neither a LeRobot data set, nor a ROS 2 bag, nor one of tables.",
+        where=folder,
+        advice=f"Name one of the logs in it: {shown}{more}; `haptid channels {folder} --device DEVICE` drafts a study "
+        "of all of them."
+        if inside
+        else "Name one file in it.",
     )
 
 

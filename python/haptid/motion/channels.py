@@ -217,7 +217,13 @@ def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
         where=kind,
         found=got,
         limit=len(names),
-        advice="Map one channel for each, in this order.",
+        advice="Map one channel for each, in this order."
+        + (
+            " A joint that stands still and that the log lacks is held in the device file: import the robot with "
+            "--hold JOINT=0."
+            if got < len(names)
+            else ""
+        ),
     )
 
 

@@ -12,6 +12,8 @@ import numpy as np
 from haptid._internal.toml_text import basic_string
 from haptid.device import Device
 from haptid.errors import HaptidError
+from haptid.log.file_format import format_of, logs_in
+from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
 
 
@@ -21,7 +23,8 @@ def draft_study(
     """A study of a device and logs, in TOML, and the survey of the first log, from which its channels are.
 
     Args:
-        logs: paths; the second one and later ones validate.
+        logs: paths; the second one and later ones validate. One folder of runs, each a file with all channels or a
+            folder, stands for its runs.
         device: whose active joints the channels are for, by name or alias.
         device_path: as the study names it: a path, or the name of a shipped device.
         folder: where the study will be; paths are relative to it.
@@ -38,7 +41,11 @@ def draft_study(
     names, driven_names = ([tuple(filter(None, g)) for g in groups] for groups in (joints.values(), motors))
     units = {motor.command_unit for motor in device.motors}
     straight = [device.joints[k].prismatic for k in device.active]
+    given, logs = logs, _runs(logs, len(names))
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
+    if logs is not given:
+        said = f"{given[0]} holds {len(logs)} runs: the first one identifies, the others validate; channels are of it"
+        surveyed = replace(surveyed, notes=(said, *surveyed.notes))
     surveyed = replace(surveyed, notes=(*surveyed.notes, *_elsewhere(surveyed, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:
@@ -50,6 +57,23 @@ def draft_study(
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
         lines += ['role = "validate"', ""] if k else [""]
     return "\n".join(lines).rstrip() + "\n", surveyed
+
+
+def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
+    """The runs of one folder that holds several: tables of equal columns with all joints, or folders; else the logs."""
+    folder = Path(logs[0])
+    if len(logs) > 1 or not folder.is_dir():
+        return logs
+    if not log_files(folder):
+        return logs_in(folder) or logs
+    tables = table_files(folder) if format_of(folder).name == "folder of tables" else []
+    try:
+        columns = {tuple(format_of(file).names(file)) for file in tables}
+        first = survey(tables[0]) if len(columns) == 1 else None
+    except HaptidError:  # a note among them, which the folder's own reader passes over
+        return logs
+    positions = sum(c.quantity == "position" for topic in first.topics for c in topic.channels) if first else 0
+    return tables if first and not first.lacking and positions >= joints else logs
 
 
 def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:

@@ -12,6 +12,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.joint_names import are_named, matched
 from haptid.log.survey.names import (
     COMMAND_WORDS,
     NEITHER,
@@ -45,17 +46,20 @@ _A_PART = 0.02
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED | _TREATED
 _SEPARATOR = re.compile(r"([./ _])")
+# Joints that are named in a comment.
+_NAMED = 8
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
 
 
 @dataclass(frozen=True)
 class _Family:
-    """Channels of one quantity that belong together, in order."""
+    """Channels of one quantity that belong together, in order; `known` where they were found by the joints' names."""
 
     topic: TopicSurvey
     array: str
     channels: tuple[ChannelSurvey, ...]
+    known: bool = False
 
     @property
     def rank(self) -> tuple[bool, bool, bool, bool, int, int, int]:
@@ -89,7 +93,10 @@ class _Family:
             return self
         heads = [_joint_words(c.name, self.channels) for c in self.channels]
         found = [[c for c, head in zip(self.channels, heads, strict=True) if head in names] for names in joints]
-        return replace(self, channels=tuple(c for (c,) in found)) if all(len(x) == 1 for x in found) else self
+        if all(len(x) == 1 for x in found):
+            return replace(self, channels=tuple(c for (c,) in found), known=True)
+        order = matched([unit_apart(c.name)[0] for c in self.channels], joints)
+        return replace(self, channels=tuple(self.channels[k] for k in order), known=True) if order else self
 
     def ordered(self, other: _Family) -> _Family:
         """The channels in the order of another family that has the same elements."""
@@ -189,7 +196,7 @@ def channels_table(
         position = replace(position, channels=tuple(map(_of_joint, position.channels, straight)))
         if torque is not None and len(torque.channels) == len(straight):
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
-    lines.append(_signal_line("position", position))
+    lines.append(_signal_line("position", position) + _unlike(position, joints))
     if torque is None:
         lines.append(
             "# torque = ...  # no channel of torques, currents or commands was found" + _left(topics, position)
@@ -200,6 +207,22 @@ def channels_table(
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity")], position)
     return "\n".join(lines) + "\n"
+
+
+def _unlike(position: _Family, joints: Sequence[tuple[str, ...]]) -> str:
+    """What to check where positions are not as many as the device's joints, or have names that are none of them."""
+    count = len(position.channels)
+    names = ", ".join(joint[-1] for joint in joints[:_NAMED]) + (", ..." if len(joints) > _NAMED else "")
+    if joints and count < len(joints):
+        return (
+            f"; the device has {len(joints)} joints ({names}), and these are {count}: a joint that the log lacks and "
+            "that stands still is held in the device file (haptid import --hold JOINT=0)"
+        )
+    if joints and count > len(joints):
+        return f"; the device has {len(joints)} joints, and these are {count}: keep those of {names}"
+    if joints and not position.known and are_named([unit_apart(c.name)[0] for c in position.channels]):
+        return f"; none is named as a joint of the device: put them, and the torques, in the order of {names}"
+    return ""
 
 
 def _left(topics: Sequence[TopicSurvey], position: _Family) -> str:

@@ -1,0 +1,97 @@
+"""Drafts of studies: joints found by names that are part of a channel's, and folders of runs."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptid import errors
+from haptid.device import read_device
+from haptid.log.survey import survey
+from haptid.log.survey.joint_names import are_named, matched
+from haptid.study.draft import draft_study
+
+ARM = 'schema = 1\nname = "arm"\ngravity = [0.0, 0.0, -9.81]\n'
+
+
+def device(folder: Path, *joints: str) -> str:
+    parents = ["", *(f'parent = "{name}"\n' for name in joints)]
+    text = ARM + "".join(f'[[joints]]\nname = "{n}"\n{p}alpha = 1.57\n' for n, p in zip(joints, parents, strict=False))
+    (folder / "arm.toml").write_text(text)
+    return str(folder / "arm.toml")
+
+
+def motion(joints: int, seed: float = 0.0, n: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (n,), positions and torques, (n, joints)."""
+    t = np.arange(n) / 100
+    q = np.stack([0.7 * np.sin((2 + k) * t + seed) + 0.1 * k for k in range(joints)], axis=1)
+    return t, q, 5 * np.cos(q) - 0.3 * np.sin(3 * t)[:, None]
+
+
+def written(path: Path, header: str, *columns: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9f")
+
+
+@pytest.mark.parametrize(
+    ("channels", "joints", "found"),
+    [
+        (["elbow_states", "yaw_states", "pitch_states"], [("yaw",), ("pitch",), ("elbow",)], [1, 2, 0]),
+        (["pos.lift", "pos.pan"], [("shoulder_pan_joint", "pan"), ("shoulder_lift_joint", "lift")], [1, 0]),
+        (["wrist_roll_pos", "wrist_pos"], [("wrist",), ("wrist_roll",)], [1, 0]),
+        (["left_elbow", "right_elbow", "base"], [("elbow",), ("base",)], None),
+        (["q1", "q2"], [("1",), ("2",)], None),
+        (["a_pos", "b_pos"], [("x",), ("y",)], None),
+    ],
+)
+def test_channels_by_words_of_their_joints(
+    channels: list[str], joints: list[tuple[str, ...]], found: list[int] | None
+) -> None:
+    assert matched(channels, joints) == found
+
+
+def test_a_file_for_each_joint_is_in_the_device_s_order_and_not_the_alphabet_s(tmp_path: Path) -> None:
+    t, q, tau = motion(3)
+    for k, name in enumerate(("yaw", "pitch", "elbow")):
+        written(tmp_path / "run" / f"{name}_states.csv", "t,pos,effort", t, q[:, k], tau[:, k])
+    text, _ = draft_study([tmp_path / "run"], read_device(device(tmp_path, "yaw", "pitch", "elbow")), "arm.toml")
+    channels = tomllib.loads(text)["channels"]
+    assert channels["position"]["channels"] == [f"{n}_states.pos" for n in ("yaw", "pitch", "elbow")]
+    assert channels["torque"]["channels"] == [f"{n}_states.effort" for n in ("yaw", "pitch", "elbow")]
+    text, _ = draft_study([tmp_path / "run"], read_device(device(tmp_path, "j1", "j2", "j3")), "arm.toml")
+    assert "none is named as a joint of the device: put them, and the torques, in the order of j1, j2, j3" in text
+    assert are_named(["elbow_pos", "yaw_pos"])
+    assert not are_named(["arm_q1", "arm_q2"])
+
+
+def test_joints_that_the_log_lacks_are_named_with_what_to_do(tmp_path: Path) -> None:
+    t, q, tau = motion(2)
+    written(tmp_path / "run.csv", "t,q1,q2,tau1,tau2", t, q, tau)
+    text, _ = draft_study([tmp_path / "run.csv"], read_device(device(tmp_path, "1", "2", "finger")), "arm.toml")
+    assert "the device has 3 joints (1, 2, finger), and these are 2" in text
+    assert "--hold" in text
+
+
+def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
+    for k, path in enumerate(("run2.csv", "run10.csv")):
+        t, q, tau = motion(2, k, 600 + 50 * k)
+        written(tmp_path / "runs" / path, "t,q1,q2,tau1,tau2", t, q, tau)
+        written(tmp_path / "deep" / path[:-4] / "data.csv", "t,q1,q2,tau1,tau2", t, q, tau)
+    arm = read_device(device(tmp_path, "1", "2"))
+    for folder, ends in (("runs", ("run2.csv", "run10.csv")), ("deep", ("run2/data.csv", "run10/data.csv"))):
+        text, surveyed = draft_study([tmp_path / folder], arm, "arm.toml", tmp_path)
+        made = tomllib.loads(text)
+        assert made["channels"]["position"]["channels"] == ["q1", "q2"]
+        assert [log["path"] for log in made["logs"]] == [f"{folder}/{end}" for end in ends]
+        assert [log.get("role") for log in made["logs"]] == [None, "validate"]
+        assert "holds 2 runs" in surveyed.notes[0]
+
+
+def test_a_folder_that_is_no_log_names_the_logs_in_it(tmp_path: Path) -> None:
+    t, q, tau = motion(1)
+    written(tmp_path / "day" / "a" / "data.csv", "t,q1,tau1", t, q, tau)
+    with pytest.raises(errors.LogFileError, match=r"a/data\.csv.*--device"):
+        survey(tmp_path / "day")
