@@ -1,25 +1,33 @@
-"""Redesign: counterweights against closed forms and the published columns, gears and lengths against scaled devices."""
+"""Redesign: counterweights by closed forms and published columns, drives by scaled devices, both by the command."""
 
 import csv
+import json
 from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
-from haptid.dynamics.inverse import inverse_dynamics
+from haptid.cli import app
+from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenParameters, characterise
 from haptid.end_effector.redesign import (
     Counterweight,
+    MotorOption,
     WeightPlace,
+    Wishes,
     balance,
     balance_front,
     drive_changes,
+    least_change,
     pareto,
     places,
+    redesigned,
+    weighed,
     with_counterweights,
 )
 from haptid.experiment.bench import read_experiment
@@ -119,6 +127,75 @@ def test_gears_and_lengths_scale_as_rotors_and_bars_do(model, poses):
     assert all(a.mass < b.mass and a.force < b.force for a, b in pairwise(front))
 
 
+def test_each_gear_and_motor_is_that_of_a_device_with_other_rotors(model, poses):
+    """The rotors' part of the mass matrix and the limits, changed by hand motor by motor."""
+    chi = np.nan_to_num(model.device.chi_prior)
+    known, r = GivenParameters(model, model.base.of(chi)), np.array([1.5, 1.0, 0.5])
+    changes = drive_changes(
+        known, poses, ROTORS, ratios=(0.5, 1.0, 1.5), lengths=(1.0,), motors=(MotorOption("big", 2.0, 3.0),), each=True
+    )
+    assert len(changes) == 27
+    (one,) = [change for change in changes if change.ratios == tuple(r)]
+    found = characterise(known, poses)
+    A = mass_matrix(model, known.beta, poses) + np.diag((3 * r**2 - 1) * list(ROTORS.values()))
+    J = found.handle.jacobian
+    assert one.mass == pytest.approx(np.median(1 / np.linalg.eigvalsh(J @ np.linalg.inv(A) @ J.mT)[:, 0]))
+    limits = dict(zip("123", (2 * r * [1.716, 1.445, 1.445]).tolist(), strict=True))
+    assert one.force == pytest.approx(np.median(found.greatest_force(limits)[0].values))
+
+
+def test_the_least_change_that_reaches_a_wish_or_what_is_reached(model, poses):
+    known = GivenParameters(model, model.base.of(np.nan_to_num(model.device.chi_prior)))
+    changes = drive_changes(known, poses)
+    least = least_change(changes, most_mass=0.085, least_force=9.0)
+    assert least.mass <= 0.085
+    assert least.force >= 9.0
+    assert all(one.size >= least.size for one in changes if one.mass <= 0.085 and one.force >= 9.0)
+    with pytest.raises(errors.SettingError) as raised:
+        least_change(changes, most_mass=0.07, least_force=15.0)
+    heavy = min(one.mass for one in changes if one.force >= 15.0)
+    weak = max(one.force for one in changes if one.mass <= 0.07)
+    assert f"{heavy:.3g} kg" in str(raised.value)
+    assert f"{weak:.3g} N" in str(raised.value)
+
+
+def test_the_command_has_both_pictures_and_refuses_what_cannot_be(model, tmp_path):
+    page, limits = tmp_path / "r.html", ["--limit", "be=-0.7:0.7", "--limit", "df=-0.6:1.1", "--poses", "27"]
+
+    def run(*options, device="phantom_premium_15"):
+        return CliRunner().invoke(app, ["redesign", device, *limits, "--out", str(page), *options])
+
+    done = run("--most-mass", "0.085", "--least-force", "9", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["chosen"]["mass"] <= 0.085
+    assert len(found["counterweights"]) > 1
+    assert "Force against effective mass" in (text := page.read_text(encoding="utf-8"))
+    assert "Static torque against effective mass" in text
+    assert "reaches it" in run("--most-mass", "0.085", "--least-force", "9").stdout
+    one = json.loads(run("--weight", "be=0.3:0.02,0,0", "--json").stdout)["counterweights"]
+    known = GivenParameters(model, model.base.of(np.nan_to_num(model.device.chi_prior)))
+    where = workspace(model, {"be": (-0.7, 0.7), "df": (-0.6, 1.1)}).grid(27)
+    tried = weighed(known, where, [Counterweight("be", 0.3, (0.02, 0, 0))])
+    assert [entry["static_after"] for entry in one] == [pytest.approx(tried.static_after)]
+    page.unlink()
+    for options, what in (
+        (["--weight", "be=0.9:0.02,0,0"], "at most 0.4 kg"),
+        (["--weight", "be=0.1:0.2,0,0"], "(0.1, 0.0, 0.0)"),
+        (["--weight", "be=0.1"], "LINK=MASS:x,y,z"),
+        (["--place", "be=0.4"], "LINK=MOST"),
+        (["--motor", "big=2"], "NAME=TORQUE:INERTIA"),
+        (["--least-force", "500"], "a force up to"),
+        (["--rotor", "1=0.5"], "less than the inertia that was identified"),
+        (["--out", "r.txt"], ".html"),
+    ):
+        refused = run(*options)
+        assert refused.exit_code == 2, refused.output
+        assert what in " ".join(refused.stderr.split()), refused.stderr
+        assert not page.exists()
+    assert "Give a result" in run(device="delta").stderr
+
+
 def test_a_balanced_tree_by_its_static_torques(poses):
     """Another mechanism, true parameters at random: fewer static torques, within the limits."""
     model = haptid.DynamicModel(haptid.read_device("arm3"))
@@ -144,14 +221,25 @@ def test_what_cannot_be(model, normal, poses):
         balance(normal, poses, [WeightPlace("bee", 0.1, (0, 0, 0), (0.1, 0, 0))])
     with pytest.raises(errors.IncompleteDeviceError):
         places(haptid.DynamicModel(haptid.read_device("arm3")))
+    arm = haptid.DynamicModel(haptid.read_device("arm3"))
+    unknown = GivenParameters(arm, arm.base.of(true_parameters(arm)))
+    with pytest.raises(errors.IncompleteDeviceError) as lacks:
+        drive_changes(unknown, poses, {"1": 1e-4})
+    assert lacks.value.where == arm.device.motors[1].name
     with pytest.raises(errors.IncompleteDeviceError):
-        drive_changes(normal, poses, {"1": 1e-4})
+        redesigned(unknown, poses)
+    with pytest.raises(errors.UnknownNameError):
+        drive_changes(normal, poses, {"9": 1e-4})
     for wrong, where in (
         (lambda: WeightPlace("be", 0.0, (0, 0, 0), (1, 0, 0)), "most of be"),
         (lambda: WeightPlace("be", 1.0, (0, 0, 0), (-1, 0, 0)), "place of be"),
         (lambda: balance(normal, poses, price=-1.0), "price"),
         (lambda: drive_changes(normal, poses, dict.fromkeys("123", 1.0)), "rotor_inertia"),
         (lambda: drive_changes(normal, poses, ROTORS, ratios=(0.0,)), "ratios"),
+        (lambda: drive_changes(normal, poses, ratios=np.linspace(0.5, 2, 30), each=True), "changes"),
+        (lambda: MotorOption("m", torque=-1.0), "torque of motor option m"),
+        (lambda: Wishes(most_mass=0.0), "most_mass"),
+        (lambda: Wishes(least_force=-1.0), "least_force"),
     ):
         with pytest.raises(errors.SettingError) as raised:
             wrong()

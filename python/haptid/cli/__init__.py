@@ -16,8 +16,8 @@ from haptid.errors import MissingDependencyError
 
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
-from haptid.cli import check, identify, advise, report, compare, characterise, datasheet, eliminate, friction  # noqa: F401
-from haptid.cli import payload, poses, export, channels, import_, model, devices, excite, bench, workbench  # noqa: F401
+from haptid.cli import check, identify, advise, report, compare, characterise, datasheet, redesign, eliminate  # noqa: F401
+from haptid.cli import friction, payload, poses, export, channels, import_, model, devices, excite, bench, workbench  # noqa: F401
 from haptid.cli import demo, fetch, schema, completion  # noqa: F401
 # isort: on
 

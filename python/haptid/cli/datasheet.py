@@ -68,7 +68,7 @@ def datasheet(
         tools = DeviceInstruments(
             rate, delay, **{key: named(f"--{key}", value or ()) for key, value in settings.items()}
         )
-        given = [_model_and_parameters(device) for device in devices]
+        given = [model_and_parameters(device) for device in devices]
         limits = ranges("--limit", limit or ())
         sheets = [data_sheet(parameters, workspace(model, limits), tools, poses) for model, parameters in given]
         write_sheet(sheets, page)
@@ -83,7 +83,7 @@ def datasheet(
         out.print(f"Data sheet in {page}", highlight=False)
 
 
-def _model_and_parameters(device: str) -> tuple[DynamicModel, GivenParameters | DynamicModel]:
+def model_and_parameters(device: str) -> tuple[DynamicModel, GivenParameters | DynamicModel]:
     """The model of a result or of a device file, and its parameters; the model itself where the file has no values."""
     import numpy as np
 

@@ -31,6 +31,7 @@ from haptid.cli.outputs.of_results import (
     CharacteriseOutput,
     CompareOutput,
     ExportOutput,
+    RedesignOutput,
     ReportOutput,
     SheetRowOutput,
 )
@@ -68,6 +69,7 @@ OUTPUTS: Mapping[str, Any] = {
     "model": ModelOutput,
     "payload": PayloadOutput,
     "poses": PosesOutput,
+    "redesign": RedesignOutput,
     "report": ReportOutput,
 }
 

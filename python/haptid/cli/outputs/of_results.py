@@ -1,4 +1,4 @@
-"""`haptid report`, `compare`, `characterise`, `datasheet` and `export`."""
+"""`haptid report`, `compare`, `characterise`, `datasheet`, `redesign` and `export`."""
 
 from __future__ import annotations
 
@@ -125,6 +125,46 @@ class SheetRowOutput(OutputTable):
     low: Number = Field(description="of the range over the workspace")
     high: Number
     conf_int: Interval | None = Field(description="95 % interval of the value")
+
+
+class CounterweightOutput(OutputTable):
+    link: str
+    mass: Number = Field(description="kg")
+    com: tuple[float, float, float] = Field(description="in the link frame of the device file, m")
+
+
+class BalanceOutput(OutputTable):
+    price: Number = Field(description="of the search; null of weights that were given")
+    weights: list[CounterweightOutput]
+    static_before: Number = Field(description="root mean square over poses and joints, N m or N")
+    static_after: Number
+    mass_before: Number = Field(description="largest effective mass, mean over the poses, kg")
+    mass_after: Number
+
+
+class MotorOptionOutput(OutputTable):
+    name: str
+    torque: float = Field(description="factor of the present motors' torques")
+    inertia: float = Field(description="factor of their rotor inertia")
+
+
+class DriveChangeOutput(OutputTable):
+    ratios: list[float] = Field(description="factors of the motors' transmission ratios")
+    length: float = Field(description="factor of all lengths")
+    motor: MotorOptionOutput
+    mass: Number = Field(description="largest effective mass, median over the poses, kg")
+    force: Number = Field(description="in the worst direction, median over the poses, N")
+    poses: int = Field(description="over which the medians are")
+
+
+class RedesignOutput(OutputTable):
+    """Counterweights, and changes of motors, gears and lengths."""
+
+    counterweights: list[BalanceOutput]
+    present: DriveChangeOutput | None = Field(description="without changes; null where rotors or limits are not known")
+    front: list[DriveChangeOutput] = Field(description="changes that no other one beats, by mass")
+    chosen: DriveChangeOutput | None = Field(description="the least change that reaches what is wanted")
+    missing: list[str] = Field(description="why a part is empty")
 
 
 class WrittenOutput(OutputTable):

@@ -1,4 +1,4 @@
-"""The chapter on redesign: counterweights that null the gravity terms of the normal mounting, and their price."""
+"""The chapter on redesign: counterweights that null the gravity terms of the normal mounting, and other drives."""
 
 from __future__ import annotations
 
@@ -6,35 +6,41 @@ import numpy as np
 
 from haptid.demos.phantom_configurations.results import Results, published_beta
 from haptid.end_effector.characterisation import GivenParameters
-from haptid.end_effector.redesign import Balance, balance_front
+from haptid.end_effector.redesign import Balance, Redesign, Wishes, redesigned
 from haptid.inference.targets import target_map
-from haptid.report.chart import Chart, axis, chart_series, packed, plot
 from haptid.report.document import DocumentSection, TextTable
+from haptid.report.redesign import (
+    DRIVES_TEXT,
+    change_text,
+    drives_chart,
+    drives_table,
+    weight_text,
+    weights_chart,
+    weights_table,
+)
 
 # Mounting that is balanced, and the one with the paper's own counterweights.
 _FROM, _THEIRS = "normal", "gc"
 # Cells of the grid over the workspace.
 _POSES = 2000
-# Share of the static torque below which it counts as nulled.
-NULLED = 0.01
+# Half as much force again as the device has, with an eighth less mass.
+_WISHES = Wishes(most_mass=0.06, least_force=10.0)
 
 
-def fronts(results: Results) -> tuple[Balance, ...]:
-    """Balances of the published normal column over the first workspace, at several prices."""
+def found_for(results: Results) -> Redesign:
+    """Weights, and motors, gears and lengths, for the published normal column over the first workspace."""
     like = next(iter(results.fits.values()))["encoders"].targets
     known = GivenParameters(results.model, published_beta(results.demo, like, _FROM))
-    return balance_front(known, results.demo.workspaces[0].of(results.model).grid(_POSES))
+    return redesigned(known, results.demo.workspaces[0].of(results.model).grid(_POSES), _WISHES)
 
 
 def redesign_section(results: Results) -> DocumentSection:
     """The chapter of the page."""
-    front = fronts(results)
-    # Many weights have the same moments: of the balances that leave next to nothing, the lightest at the handle.
-    best = min(
-        (balance for balance in front if balance.static_after <= NULLED * balance.static_before),
-        key=lambda balance: balance.mass_after,
-    )
-    weights = " and ".join(f"{w.mass:.3f} kg on {w.link} at {1e3 * w.com[0]:.1f} mm" for w in best.weights)
+    found = found_for(results)
+    best, present, chosen = found.best, found.present, found.chosen
+    if best is None or present is None or chosen is None:
+        raise RuntimeError("the device file of the PHANToM has places of counterweights, limits and rotors")
+    weights = " and ".join(map(weight_text, best.weights))
     text = (
         f"Counterweights that null the gravity terms of the published Normal column, within the places of the device "
         f"file: {weights}. The root mean square of the static torque over the workspace falls from "
@@ -44,10 +50,18 @@ def redesign_section(results: Results) -> DocumentSection:
         "The paper's mounting GC differs: it carries a gimbal at the tip, which adds to every term and most to pi_4, "
         "and its counterweights balance the gimbal and not the device. Its pi_7 is not small, 0.0735 for -0.0525 "
         "before, and its price in pi_4 to pi_6 is that of the gimbal with its weights.",
+        f"{DRIVES_TEXT}: {present.poses}. As it is, the device "
+        f"has {present.mass:.4f} kg and {present.force:.3g} N by the peak torques. "
+        f"The least change to at most {_WISHES.most_mass:g} kg with at least {_WISHES.least_force:g} N: "
+        f"{change_text(chosen)}. Longer motors give force without the price of a larger ratio, whose rotors count by "
+        f"its square.",
     )
-    return DocumentSection(
-        "redesign", "Counterweights", text, (_parameters(results, best), _front_table(front)), (_chart(front),)
+    tables = (_parameters(results, best), weights_table(found.balances), drives_table(present, found.front, chosen))
+    pictures = (
+        weights_chart(found.balances),
+        drives_chart(present, found.changes, chosen, _WISHES.most_mass, _WISHES.least_force),
     )
+    return DocumentSection("redesign", "Counterweights, motors, gears and lengths", text, tables, pictures)
 
 
 def _parameters(results: Results, best: Balance) -> TextTable:
@@ -62,24 +76,3 @@ def _parameters(results: Results, best: Balance) -> TextTable:
     ):
         cells.append([row[0], *(f"{value:z.4f}" for value in row[1:])])
     return TextTable("Parameters, units of command", cells)
-
-
-def _front_table(front: tuple[Balance, ...]) -> TextTable:
-    cells = [["price", "static torque, N m", "largest effective mass, kg", "weights"]]
-    for balance in front:
-        weights = "; ".join(f"{w.link} {w.mass:.3f} kg at {1e3 * w.com[0]:.1f} mm" for w in balance.weights)
-        cells.append(
-            [f"{balance.price:g}", f"{balance.static_after:.2g}", f"{balance.mass_after:.4f}", weights or "none"]
-        )
-    return TextTable("Static torque against effective mass", cells)
-
-
-def _chart(front: tuple[Balance, ...]) -> Chart:
-    x, y = packed([balance.mass_after for balance in front]), packed([balance.static_after for balance in front])
-    curves = [chart_series("front", "line", "blue", x=x, y=y), chart_series("weights", "points", "blue", x=x, y=y)]
-    none = {"x": packed([front[0].mass_before]), "y": packed([front[0].static_before])}
-    curves.append(chart_series("no weights", "points", "vermillion", **none))
-    drawing = plot(axis("largest effective mass", "kg"), axis("static torque", "N m", zero=True), curves, height=240)
-    caption = f"From {front[0].static_before:.3g} N m and {front[0].mass_before:.4f} kg without weights."
-    alt = "Static torque against effective mass for several prices of mass."
-    return Chart("redesign", "Static torque against effective mass", alt, caption, drawing)

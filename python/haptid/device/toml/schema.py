@@ -117,6 +117,7 @@ class MotorTable(Table):
     continuous_torque: PositiveNumber | None = None
     torque_step: PositiveNumber | None = None
     encoder_counts: PositiveNumber | None = None
+    rotor_inertia: PositiveNumber | None = None
 
 
 class CounterweightTable(Table):

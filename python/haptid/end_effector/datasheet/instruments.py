@@ -23,6 +23,7 @@ class DeviceInstruments:
         peak, continuous: greatest torque of a motor's coordinate for a moment and for ever, N m or N.
         torque_step: smallest change of that torque, N m or N.
         encoder_counts: of the encoder on the motor's shaft, per turn (or metre) after quadrature.
+        rotor_inertia: at the motor's coordinate, kg m^2 or kg.
     """
 
     rate_hz: float = 1000.0
@@ -31,13 +32,14 @@ class DeviceInstruments:
     continuous: Mapping[str, float] = field(default_factory=dict)
     torque_step: Mapping[str, float] = field(default_factory=dict)
     encoder_counts: Mapping[str, float] = field(default_factory=dict)
+    rotor_inertia: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not positive(self.rate_hz):
             raise setting_error("rate_hz", self.rate_hz, "a finite number above 0")
         if not 0 <= self.delay < float("inf"):
             raise setting_error("delay", self.delay, "a finite number from 0")
-        for name in ("peak", "continuous", "torque_step", "encoder_counts"):
+        for name in ("peak", "continuous", "torque_step", "encoder_counts", "rotor_inertia"):
             for motor, value in getattr(self, name).items():
                 if not positive(value):
                     raise setting_error(f"{name} of motor {motor}", value, "a finite number above 0")
@@ -45,7 +47,17 @@ class DeviceInstruments:
     def of(self, model: DynamicModel, what: str) -> dict[str, float] | None:
         """One of the figures for every motor's coordinate; None where one of them is not known.
 
-        Torques of the device file are those of the motor's shaft: gear_ratio times them acts on the coordinate.
+        Raises:
+            UnknownNameError: a figure of a motor that the device does not have.
+        """
+        made = self.known(model, what)
+        return made if len(made) == len(model.device.motors) else None
+
+    def known(self, model: DynamicModel, what: str) -> dict[str, float]:
+        """One of the figures for every motor's coordinate of which it is known.
+
+        Figures of the device file are those of the motor's shaft: gear_ratio times a torque of it acts on the
+        coordinate, and gear_ratio squared times its inertia.
 
         Raises:
             UnknownNameError: a figure of a motor that the device does not have.
@@ -56,17 +68,16 @@ class DeviceInstruments:
                 raise unknown_name(f"{what} is given for {name!r}, which is no motor.", name, names)
         key = {"peak": "peak_torque", "continuous": "continuous_torque"}.get(what, what)
         tables = {table.name: table for table in model.device.tables.motors}
+        power = {"encoder_counts": 0, "rotor_inertia": 2}.get(what, 1)
         made: dict[str, float] = {}
         for motor in model.device.motors:
             shaft = getattr(tables.get(motor.name), key, None)
             if motor.name in given:
                 made[motor.name] = given[motor.name]
             elif shaft is not None:
-                made[motor.name] = shaft * (abs(motor.gear_ratio) if what != "encoder_counts" else 1.0)
+                made[motor.name] = shaft * abs(motor.gear_ratio) ** power
             elif what == "peak" and (limit := limit_of_joint(model, motor)) is not None:
                 made[motor.name] = limit
-            else:
-                return None
         return made
 
     def position_steps(self, model: DynamicModel) -> Array | None:

@@ -1,4 +1,4 @@
-"""Redesign from an identified model: counterweights within limits, and gears and lengths for a wanted mass or force."""
+"""Redesign from an identified model: counterweights within limits; motors, gears and lengths for a mass or a force."""
 
 from haptid.end_effector.redesign.counterweights import (
     Balance,
@@ -7,19 +7,28 @@ from haptid.end_effector.redesign.counterweights import (
     balance,
     balance_front,
     places,
+    weighed,
     with_counterweights,
 )
-from haptid.end_effector.redesign.drives import DriveChange, drive_changes, pareto
+from haptid.end_effector.redesign.drives import MOTORS, DriveChange, MotorOption, drive_changes, least_change, pareto
+from haptid.end_effector.redesign.redesigned import Redesign, Wishes, redesigned
 
 __all__ = [
+    "MOTORS",
     "Balance",
     "Counterweight",
     "DriveChange",
+    "MotorOption",
+    "Redesign",
     "WeightPlace",
+    "Wishes",
     "balance",
     "balance_front",
     "drive_changes",
+    "least_change",
     "pareto",
     "places",
+    "redesigned",
+    "weighed",
     "with_counterweights",
 ]

@@ -78,7 +78,7 @@ class Balance:
 
     Attributes:
         weights: the counterweights; those below a thousandth of their limit are left out.
-        price: of the search.
+        price: of the search; NaN of weights that were given.
         static_before, static_after: root mean square of static torques, N m or N.
         mass_before, mass_after: largest effective mass, mean over the poses, kg.
         identified: the parameters with the weights, with the covariance of those without.
@@ -162,6 +162,17 @@ def balance_front(
     search = _Search(identified, poses, limits)
     found = [search.best(price) for price in prices]
     return pareto_front(found, lambda one: (one.static_after, one.mass_after), margin=1e-9)
+
+
+def weighed(
+    identified: IdentifiedModel,
+    poses: ArrayLike,
+    weights: Sequence[Counterweight],
+    limits: Sequence[WeightPlace] | None = None,
+) -> Balance:
+    """What given counterweights do; arguments and errors as for `balance`, and weights outside their limits."""
+    search = _Search(identified, poses, limits)
+    return search.balance(tuple(weights), float("nan"), with_counterweights(identified, weights, search.places))
 
 
 def _inside(weight: Counterweight, limits: Sequence[WeightPlace]) -> None:
@@ -258,6 +269,9 @@ class _Search:
         found = [optimize.minimize(cost, x, bounds=[(0, 1)] * size, method="SLSQP", options=options) for x in starts]
         made = self.weights(min(found, key=lambda one: float(one.fun)).x)
         kept = tuple(w for w, place in zip(made, self.places, strict=True) if w.mass > 1e-3 * place.most)
-        with_them = with_counterweights(self.identified, kept)
+        return self.balance(kept, price, with_counterweights(self.identified, kept))
+
+    def balance(self, weights: tuple[Counterweight, ...], price: float, with_them: GivenParameters) -> Balance:
+        """What the weights do."""
         static, mass = self.figures(with_them.beta)
-        return Balance(kept, price, self.before[0], static, self.before[1], mass, with_them)
+        return Balance(weights, price, self.before[0], static, self.before[1], mass, with_them)
