@@ -99,8 +99,11 @@ def drives_chart(
 
 def motor_text(motor: MotorOption) -> str:
     """The motors of a change as text."""
-    same = motor.torque == motor.inertia == 1.0
-    return motor.name if same else f"{motor.name} (torque x {motor.torque:g}, rotor x {motor.inertia:g})"
+    return (
+        motor.name
+        if motor.torque == motor.inertia
+        else f"{motor.name} (torque x {motor.torque:g}, rotor x {motor.inertia:g})"
+    )
 
 
 def _ratios(ratios: Sequence[float]) -> str:
