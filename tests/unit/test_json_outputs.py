@@ -57,6 +57,8 @@ def test_of_a_result(folder, tmp_path):
 
 
 def test_of_a_device(tmp_path, request):
+    new = printed("redesign", "phantom_premium_15", "--poses", 30, "--out", tmp_path / "redesign.html")
+    assert new["front"][0]["mass"] < new["present"]["mass"]
     assert printed("model", "emps")["base_parameters"]
     arm = request.config.rootpath / "examples" / "robots" / "arm.urdf"
     assert printed("import", arm, "--out", tmp_path / "arm.toml")["format"] == "urdf"
