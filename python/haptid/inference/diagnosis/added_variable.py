@@ -12,17 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
-from haptid.estimation.intervals.cluster_robust import clustered
-from haptid.estimation.least_squares import Solution
+from haptid.estimation.intervals.added_columns import Bordered
 from haptid.inference.diagnosis.subsample import log_name, row_ranges
 from haptid.motion.motion import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
-from haptid.observation.observation import MotorRows, Observation, stacked
+from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block
 from haptid.observation.r_factor import r_factor
 from haptid.uncertainty.distributions import f_tail
@@ -89,7 +87,9 @@ class AugmentedRows:
     observation: Observation
     first: tuple[int, ...]
     candidates: tuple[CandidateColumns, ...]
-    _picked: dict[tuple[str, bytes], MotorRows] = field(default_factory=dict, init=False, repr=False)
+    _shared: dict[tuple[frozenset[int], int | None], Bordered | None] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def test(
         self, candidates: Sequence[int], excluded: Sequence[int] = (), motor: int | None = None
@@ -102,44 +102,32 @@ class AugmentedRows:
             motor: the one whose rows are fitted; all where None.
         """
         chosen = slice(None) if motor is None else slice(motor, motor + 1)
-        rows, weights = self.observation.motors[chosen], self.estimate.weights[chosen]
-        reached = np.unique(np.concatenate([own.columns for own in rows]))
+        bordered = self._bordered(frozenset({*excluded, *self.estimate.zero}), motor)
         new = [self.first[e] + j for e in candidates for j in range(self.candidates[e].count)]
-        left_out = {*excluded, *self.estimate.zero}
-        columns = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
-        motors = tuple(self._pick(own, columns) for own in rows)
-        factor = r_factor(stacked(motors, weights, len(columns)))
-        R, z, k = factor[:-1, :-1], factor[:-1, -1], len(new)
-        lengths = np.linalg.norm(R, axis=0)
-        if (np.abs(np.diag(R))[-k:] <= INDEPENDENT * lengths[-k:]).any() or (np.diag(R) == 0).any():
+        found = bordered.fit(new, INDEPENDENT) if bordered else None
+        if found is None:
             return None
-        beta = linalg.solve_triangular(R, z)
-        shift = -linalg.solve_triangular(R[:-k, :-k], R[:-k, -k:] @ beta[-k:])
-        dof = int(sum(own.rows.sum() for own in motors)) - len(columns)
-        root = linalg.solve_triangular(R, np.eye(len(R)))
-        solution = Solution(beta, R, root, abs(float(factor[-1, -1])), dof)
-        observation = replace(self.observation, motors=motors)
-        spread = clustered(observation, weights, solution, np.eye(len(columns))[-k:])
         before = [own.residual(self.estimate.beta) for own in self.estimate.observation.motors[chosen]]
-        after = [own.residual(beta) for own in motors]
+        after = [own.residual(found.beta) for own in self.observation.motors[chosen]]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return AddedVariableTest(beta[-k:], spread.covariance, float(spread.dof.min()), explained, shift)
+        return AddedVariableTest(found.values, found.covariance, float(found.dof.min()), explained, found.shift)
 
     def each(self, candidates: Sequence[int], labels: Sequence[str]) -> list[tuple[str, AddedVariableTest]]:
         """Tests of single candidates, one of each motor, with its label; without those that are collinear."""
         tests = [(label, self.test([e])) for label, e in zip(labels, candidates, strict=True)]
         return [(label, test) for label, test in tests if test is not None]
 
-    def _pick(self, motor: MotorRows, columns: np.ndarray) -> MotorRows:
-        """Some columns only, renumbered by their places in `columns`; most candidates are of one motor."""
-        place = {int(column): k for k, column in enumerate(motor.columns)}
-        own = np.array([k for k, column in enumerate(columns) if int(column) in place], dtype=int)
-        positions = np.array([place[int(columns[k])] for k in own] + [len(motor.columns)])
-        key = (motor.name, np.concatenate([own, positions]).tobytes())
-        if key not in self._picked:
-            r_factors = np.asarray(np.linalg.qr(motor.r_factors[:, :, positions], mode="r"))
-            self._picked[key] = replace(motor, columns=own, r_factors=r_factors)
-        return self._picked[key]
+    def _bordered(self, left_out: frozenset[int], motor: int | None) -> Bordered | None:
+        """What all fits have in common that leave out the same base parameters, of one motor or of all."""
+        key = (left_out, motor)
+        if key not in self._shared:
+            chosen = slice(None) if motor is None else slice(motor, motor + 1)
+            rows, base = self.observation.motors[chosen], len(self.estimate.beta)
+            reached = np.unique(np.concatenate([own.columns for own in rows]))
+            kept = np.array([k for k in reached if k < base and k not in left_out], dtype=int)
+            others = base + np.arange(sum(one.count for one in self.candidates))
+            self._shared[key] = Bordered.of(rows, self.estimate.weights[chosen], kept, others)
+        return self._shared[key]
 
 
 def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> AugmentedRows:
