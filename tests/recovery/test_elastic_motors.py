@@ -42,6 +42,8 @@ TERMS = [
 # Link, spring, rotor, friction of both sides; the link on its spring has its resonance at 12.3 Hz.
 J, K, D, IA, FV, FVM = 0.1, 600.0, 1.5, 0.05, 0.05, 0.1
 TRUTH = {"ZZ1": J, "KE1": K, "DE1": D, "IAM1": IA, "FV1": FV, "FVM1": FVM}
+# Of a motion that begins at rest, Hz.
+TONES = (0.9, 2.3, 4.1, 6.7)
 DT, STEP = 1e-3, 2 * np.pi / 4000 / 50
 
 
@@ -252,6 +254,42 @@ def test_driven_joints_follow_the_closed_form_with_exact_slopes():
         numeric = (course(beta + step).torque - course(beta - step).torque)[0, inner] / (2 * step[k])
         trapezoidal = (2 * np.pi * 12.3 * DT) ** 2  # relative error near the resonance
         np.testing.assert_allclose(made.slope[0, k, inner], numeric, atol=trapezoidal * np.abs(numeric).max())
+
+
+def test_segments_meet_as_one_with_its_slopes():
+    """Two joints with gravity: a fifth of a second is shorter than the memory of a link on its spring."""
+    model, rng = arm(), np.random.default_rng(4)
+    values = dict.fromkeys(model.device.parameters.names, 0.02)
+    values |= {"KEa": 400.0, "KEb": 300.0, "DEa": 0.4, "DEb": 0.4, "ZZ1": 0.3, "ZZ2": 0.2, "M2": 1.0, "MX2": 0.2}
+    beta = model.base.of(np.array([values[name] for name in model.device.parameters.names]))
+    t = DT * np.arange(1200)
+    waves = [sum(a * np.sin(2 * np.pi * f * t) for a, f in zip(rng.normal(size=4), TONES, strict=True)) for _ in "ab"]
+    theta = 0.2 * np.minimum(t / 0.3, 1.0) ** 3 * np.array(waves)
+    log = haptid.Log(
+        Path("made"),
+        "",
+        t,
+        np.ascontiguousarray(np.concatenate([theta, theta]).T),
+        np.zeros((len(t), 2)),
+        haptid.Channels(
+            haptid.Signal(("q1", "q2", "a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor"), "t"
+        ),
+    )
+    made = treated(log)
+    smoothed, base = smooth(model, [made], 1e-3), base_columns(model)
+    alone = DrivenJoints(smoothed, made, Segments.of(len(made), len(made), 0), base).course(beta)
+    many = DrivenJoints(smoothed, made, Segments.of(len(made), 200, 1), base)
+    apart = [np.abs(many.course(beta).torque - alone.torque).max() / np.abs(alone.torque).max() for _ in range(4)]
+    course = many.course(beta)
+    assert apart[0] > 1e-4
+    assert apart[-1] < 1e-7
+    np.testing.assert_allclose(course.torque, alone.torque, atol=1e-7 * np.abs(alone.torque).max())
+    size = np.abs(alone.slope).max(axis=(0, 2), keepdims=True)
+    np.testing.assert_allclose(course.slope / size, alone.slope / size, atol=1e-6)
+    # Another step of the parameters: states that segments begin at move with it.
+    other = beta * (1 + 0.02 * rng.standard_normal(len(beta)))
+    moved = DrivenJoints(smoothed, made, Segments.of(len(made), len(made), 0), base).course(other).torque
+    assert np.abs(many.course(other).torque - moved).max() < 0.2 * np.abs(alone.torque - moved).max()
 
 
 def test_positions_of_the_motors_alone_give_stiffness():

@@ -2,8 +2,11 @@
 
 The motors' positions are an input, and not simulated: no controller is needed, and what remains is stable. Rows of the
 inverse model that belong to joints without torque determine their accelerations; those of the motors give the torque.
-Segments are integrated in parallel. Each begins at the state, and at its derivatives by the parameters, that the pass
-before found there: over the passes of an estimation, initial states become those of one continuous motion.
+
+Multiple shooting with condensing (Bock and Plitt 1984, IFAC Proceedings 17(2)): segments are integrated in parallel,
+each from a state of its own. Steps of Newton's method make the states of one segment's end and the next one's beginning
+meet, together with the steps of the parameters; the torque and its derivatives are those of the motion that meets, to
+first order. A link on a spring remembers its state for longer than a segment, so a run-in would not do.
 """
 
 from __future__ import annotations
@@ -21,8 +24,8 @@ from haptid.motion.channels import position_map
 from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import FASTEST, STABLE, Segments
 
-# Steps whose states are linearised together.
-_CHUNK = 64
+# States that are linearised together.
+_CHUNK = 4096
 # Newton steps to the torsion that carries the torque of the motion without torsion.
 _SETTLING = 3
 
@@ -51,7 +54,7 @@ class DrivenJoints:
     Attributes:
         model: the dynamic model, its dry friction smoothed.
         motion: whose positions contain those of the motors; those of the other joints are the first approximation.
-        segments: the segments.
+        segments: the segments; all but the first begin at a sample that another one has as its own.
         base: maps base parameters to the core's columns, (r, p).
     """
 
@@ -60,6 +63,8 @@ class DrivenJoints:
     segments: Segments
     base: Array
     _begin: Array | None = field(default=None, init=False)
+    _by_beta: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
+    _at: Array = field(default_factory=lambda: np.zeros(0), init=False)
 
     def __post_init__(self) -> None:
         device = self.model.device
@@ -78,8 +83,9 @@ class DrivenJoints:
             SimulationError: the simulation diverges, or a joint has no inertia or no spring.
         """
         forward = ForwardDynamics(self.model, self.base @ beta)
-        states = self._simulate(forward)
-        return self._linearised(forward, states)
+        begin, first_by_beta = self._start(forward, beta)
+        states = self._simulate(forward, begin)
+        return self._linearised(forward, beta, begin, states, first_by_beta)
 
     def _known(self, sample: np.ndarray, share: float = 0.0) -> list[Array]:
         """Motion of all active joints, each (active, segments); at a share of the step behind a sample.
@@ -123,22 +129,34 @@ class DrivenJoints:
         except np.linalg.LinAlgError:
             raise self._without("inertia", M) from None
 
-    def _start(self, forward: ForwardDynamics) -> tuple[Array, Array, Array]:
-        """States of all segments at their first sample, and derivatives by the parameters, (segments, 2u, p)."""
-        first, u, p = self.segments.sample[0], len(self.unknown), self.base.shape[1]
-        known = self._known(first)
-        if self._begin is not None:
-            return self._begin[:, :u, 0].T.copy(), self._begin[:, u:, 0].T.copy(), self._begin[:, :, 1:]
+    def _start(self, forward: ForwardDynamics, beta: Array) -> tuple[Array, Array]:
+        """States of all segments at their first sample, (segments, 2u), and derivatives of the first, (2u, p).
+
+        The first segment begins at the torsion that carries its links; so do the others, until a pass has shown where.
+        """
+        if self._begin is None:
+            return self._settled(forward, self.segments.sample[0])
+        first, by_beta = self._settled(forward, self.segments.sample[0, :1])
+        begin = self._begin + self._by_beta @ (beta - self._at)
+        begin[0] = first[0]
+        return begin, by_beta
+
+    def _settled(self, forward: ForwardDynamics, sample: np.ndarray) -> tuple[Array, Array]:
+        """States at samples without vibration, (samples, 2u), and derivatives of the first by parameters, (2u, p)."""
+        known = self._known(sample)
         x, v, a = (part[self.unknown].copy() for part in known)
-        for _ in range(_SETTLING):
-            c, cd, cdd = self._coordinates(known, x, v, a)
-            stiffness = self._projected(forward.gradients(c, cd, cdd)[0])
-            h = (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
-            try:
+        try:
+            for _ in range(_SETTLING):
+                c, cd, cdd = self._coordinates(known, x, v, a)
+                stiffness = self._projected(forward.gradients(c, cd, cdd)[0])
+                h = (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
                 x -= np.linalg.solve(stiffness, h[:, :, None])[:, :, 0].T
-            except np.linalg.LinAlgError:
-                raise self._without("spring", stiffness) from None
-        return x, v, np.zeros((len(first), 2 * u, p))
+            c, cd, cdd = (y[:, :1].copy() for y in self._coordinates(known, x, v, a))
+            Y = regressor_columns(self.model, c, cd, cdd, self.base)[:, :, 0]
+            moved = -np.linalg.solve(stiffness[0], self._B[:, self.unknown].T @ Y)
+        except np.linalg.LinAlgError:
+            raise self._without("spring", stiffness) from None
+        return np.concatenate([x, v]).T.copy(), np.concatenate([moved, np.zeros_like(moved)])
 
     def _without(self, purpose: str, matrix: Array) -> SimulationError:
         names = [self.model.device.joints[self.model.device.active[k]].name for k in self.unknown]
@@ -149,12 +167,12 @@ class DrivenJoints:
             advice="Begin with other values: prior values of the elastic motors' stiffness in the device file.",
         )
 
-    def _simulate(self, forward: ForwardDynamics) -> Array:
+    def _simulate(self, forward: ForwardDynamics, begin: Array) -> Array:
         """Positions, velocities and accelerations at every step, (steps, 3, u, segments), by fourth-order Runge-Kutta.
 
         Dry friction near reversals is integrated in smaller steps.
         """
-        x, v, _ = self._start(forward)
+        x, v = np.split(begin.T, 2)
         h, steps = self.motion.dt, len(self.segments.sample)
         parts = self._parts(forward, x)
         states = np.empty((steps, 3, *x.shape))
@@ -214,73 +232,112 @@ class DrivenJoints:
             advice="Begin with other values of stiffness and damping: priors in the device file.",
         )
 
-    def _linearised(self, forward: ForwardDynamics, states: Array) -> DrivenCourse:
-        """Torques and their derivatives, from the variational equations by the trapezoidal rule."""
-        steps, u, count = len(states), len(self.unknown), states.shape[3]
-        n, p = len(self._B), self.base.shape[1]
-        X = self._start(forward)[2]
-        result = np.empty((n, 4 + p, self.segments.samples))
-        begin = np.empty((count, 2 * u, 1 + p))
-        self._keep(begin, 0, states, X)
+    def _linearised(
+        self, forward: ForwardDynamics, beta: Array, begin: Array, states: Array, first_by_beta: Array
+    ) -> DrivenCourse:
+        """Torques and their derivatives where segments meet, from the variational equations by the trapezoidal rule.
+
+        Derivatives are by the parameters and by the states that segments begin at; afterwards the latter are condensed.
+        """
+        steps, u, count, p = len(states), len(self.unknown), states.shape[3], self.base.shape[1]
+        n, h, B = len(self._B), self.motion.dt, self._B[:, self.unknown]
+        X = np.tile(np.concatenate([np.zeros((2 * u, p)), np.eye(2 * u)], axis=1), (count, 1, 1))
+        result = np.empty((n, 4 + p + 2 * u, self.segments.samples))
+        met, by_all = begin.copy(), X.copy()
         before: tuple[Array, Array] | None = None
-        for first in range(0, steps, _CHUNK):
-            part = slice(first, min(first + _CHUNK, steps))
+        chunk = max(1, _CHUNK // count)
+        for first in range(0, steps, chunk):
+            part = slice(first, min(first + chunk, steps))
             sample = self.segments.sample[part]
-            known = self._known(sample.ravel())
             x, v, a = (np.moveaxis(states[part, i], 1, 0).reshape(u, -1) for i in range(3))
-            c, cd, cdd = self._coordinates(known, x, v, a)
-            by_c, by_cd = forward.gradients(c, cd, cdd)
-            mass, Y = forward.mass(c), regressor_columns(self.model, c, cd, cdd, self.base).transpose(2, 0, 1)
-            B = self._B[:, self.unknown]
-            inverse = np.linalg.inv(B.T @ mass @ B)
-            F = np.concatenate([-inverse @ (B.T @ by_c @ B), -inverse @ (B.T @ by_cd @ B)], axis=2)
-            F, b = (x.reshape(-1, count, *x.shape[1:]) for x in (F, -inverse @ (B.T @ Y)))
-            if before is not None:
-                X = self._ahead(before, (F[0], b[0]), X)
+            c, cd, cdd = self._coordinates(self._known(sample.ravel()), x, v, a)
+            by_c, by_cd = (y @ B for y in forward.gradients(c, cd, cdd))
+            mass, Y = forward.mass(c) @ B, regressor_columns(self.model, c, cd, cdd, self.base).transpose(2, 0, 1)
+            inverse = np.linalg.inv(B.T @ mass)
+            F = -inverse @ (B.T @ np.concatenate([by_c, by_cd], axis=2))  # accelerations by states and parameters
+            b = -inverse @ (B.T @ Y)
+            by_state = np.concatenate([by_c, by_cd], axis=2) + mass @ F
+            F, b = (y.reshape(-1, count, *y.shape[1:]) for y in (F, b))
+            ahead = (F, b) if before is None else tuple(np.concatenate(y) for y in zip(before, (F, b), strict=True))
+            change, forced = _transitions(ahead[0], ahead[1], h)
             S = np.empty((len(F), *X.shape))
             for k in range(len(F)):
-                if k:
-                    X = self._ahead((F[k - 1], b[k - 1]), (F[k], b[k]), X)
+                if first or k:
+                    X = change[k - len(F)] @ X
+                    X[:, :, :p] += forced[k - len(F)]
                 S[k] = X
-                self._keep(begin, first + k, states, X)
-            before = F[-1], b[-1]
-            rate = F @ S + b
-            s, sd, sdd = (y.reshape(-1, u, p) for y in (S[:, :, :u], S[:, :, u:], rate))
-            slope = Y + by_c @ (B @ s) + by_cd @ (B @ sd) + mass @ (B @ sdd)
-            torque = forward.inverse(c, cd, cdd)
-            course = np.concatenate(
-                [np.array([c, cd, cdd, torque]).transpose(1, 0, 2), slope.transpose(1, 2, 0)], axis=1
-            )
+                for segment, other in self._handed.get(first + k, ()):
+                    met[other], by_all[other] = states[first + k, :2, :, segment].ravel(), X[segment]
+            before = F[-1:], b[-1:]
+            slope = by_state @ S.reshape(-1, 2 * u, p + 2 * u)
+            slope[:, :, :p] += Y + mass @ b.reshape(-1, u, p)
+            course = np.array([c, cd, cdd, forward.inverse(c, cd, cdd)]).transpose(1, 0, 2)
             own = self.segments.own[part].ravel()
-            result[:, :, sample.ravel()[own]] = course[:, :, own]
-        self._begin = begin
+            result[:, :4, sample.ravel()[own]] = course[:, :, own]
+            result[:, 4:, sample.ravel()[own]] = slope[own].transpose(1, 2, 0)
+        self._condense(beta, begin, met, by_all, first_by_beta, result)
         c, cd, cdd, torque = (np.ascontiguousarray(result[:, i]) for i in range(4))
-        return DrivenCourse(c, cd, cdd, torque, result[:, 4:])
+        return DrivenCourse(c, cd, cdd, torque, result[:, 4 : 4 + p])
 
-    def _keep(self, begin: Array, step: int, states: Array, X: Array) -> None:
-        """States and derivatives at samples where segments begin, from the segment that has them as its own."""
-        for segment, k in self._handed.get(step, ()):
-            begin[k, :, 0] = states[step, :2, :, segment].ravel()
-            begin[k, :, 1:] = X[segment]
+    def _condense(
+        self, beta: Array, begin: Array, met: Array, by_all: Array, first_by_beta: Array, result: Array
+    ) -> None:
+        """Let segments meet: their beginnings, torques and derivatives, to first order, segment after segment.
+
+        Args:
+            beta: base parameters, (p,).
+            begin, met: states that segments begin at, and where others pass there, (segments, 2u).
+            by_all: derivatives of the latter by parameters and by the other's beginning, (segments, 2u, p + 2u).
+            first_by_beta: of the first beginning, (2u, p).
+            result: motion, torque and derivatives by sample, (n, 4 + p + 2u, samples); changed.
+        """
+        p = self.base.shape[1]
+        moved, by_beta = np.zeros_like(begin), np.zeros((*begin.shape, p))
+        by_beta[0] = first_by_beta
+        passed = {other: segment for pairs in self._handed.values() for segment, other in pairs}
+        for k in range(1, len(begin)):
+            by_begin, other = by_all[k, :, p:], passed[k]
+            moved[k] = met[k] - begin[k] + by_begin @ moved[other]
+            by_beta[k] = by_all[k, :, :p] + by_begin @ by_beta[other]
+        for k, own in enumerate(self.segments.own.T):
+            samples = self.segments.sample[own, k]
+            part = slice(samples[0], samples[-1] + 1)
+            by_begin = result[:, 4 + p :, part]
+            result[:, 3, part] += np.einsum("nus,u->ns", by_begin, moved[k])
+            result[:, 4 : 4 + p, part] += by_beta[k].T @ by_begin
+        self._begin, self._by_beta, self._at = begin + moved, by_beta, np.array(beta)
 
     def _handovers(self) -> dict[int, list[tuple[int, int]]]:
         """By step: which segment has as its own sample the one that another segment begins at."""
-        handovers: dict[int, list[tuple[int, int]]] = {0: [(0, 0)]}
+        handovers: dict[int, list[tuple[int, int]]] = {}
         for k, sample in enumerate(self.segments.sample[0].tolist()):
             for step, segment in np.argwhere((self.segments.sample == sample) & self.segments.own).tolist():
-                handovers.setdefault(step, []).append((segment, k))
+                if k:
+                    handovers.setdefault(step, []).append((segment, k))
         return handovers
 
-    def _ahead(self, now: tuple[Array, Array], then: tuple[Array, Array], X: Array) -> Array:
-        """One step of the trapezoidal rule of s'' = F (s, s') + b, (segments, 2u, p)."""
-        u, half = len(self.unknown), 0.5 * self.motion.dt
-        right = X.copy()
-        right[:, :u] += half * X[:, u:]
-        right[:, u:] += half * (now[0] @ X + now[1] + then[1])
-        A = np.tile(np.eye(2 * u), (len(X), 1, 1))
-        A[:, :u, u:] -= half * np.eye(u)
-        A[:, u:] -= half * then[0]
-        return np.asarray(np.linalg.solve(A, right))
+
+def _transitions(F: Array, b: Array, h: float) -> tuple[Array, Array]:
+    """Steps of the trapezoidal rule of s'' = F (s, s') + b: (s, s') of a step from the one before, change and offset.
+
+    Args:
+        F: (steps, segments, u, 2u).
+        b: (steps, segments, u, p).
+        h: sampling period, s.
+
+    Returns:
+        (steps - 1, segments, 2u, 2u) and (steps - 1, segments, 2u, p).
+    """
+    u, unit = F.shape[2], np.eye(F.shape[2])
+    by_s, by_v = F[..., :u], F[..., u:]
+    ahead = 0.25 * h * h * by_s[1:]
+    inverse = np.linalg.inv(unit - 0.5 * h * by_v[1:] - ahead)
+    lower = inverse @ np.concatenate([0.5 * h * (by_s[:-1] + by_s[1:]), unit + 0.5 * h * by_v[:-1] + ahead], axis=-1)
+    upper = 0.5 * h * lower
+    upper[..., :u] += unit
+    upper[..., u:] += 0.5 * h * unit
+    offset = 0.5 * h * inverse @ (b[:-1] + b[1:])
+    return np.concatenate([upper, lower], axis=-2), np.concatenate([0.5 * h * offset, offset], axis=-2)
 
 
 def _hermite(y: Array, rate: Array, before: np.ndarray, after: np.ndarray, share: float, h: float) -> Array:

@@ -16,8 +16,9 @@ from haptid.estimation.methods.simulation_based import Linearised, SimulationBas
 from haptid.estimation.methods.wls import WLS
 from haptid.log.spectrum import spectra
 from haptid.motion.channels import coordinate_torque
+from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
-from haptid.simulation import smooth
+from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenJoints
 from haptid.simulation.driven_noise import noise_moments
 
@@ -35,15 +36,20 @@ class MotorSide(SimulationBased):
 
     Attributes:
         initial: base parameters to begin with by name, SI; those of `start` where left out.
+        run_in: not used, because segments meet.
     """
 
     weighting: Method = field(default_factory=WLS)
     initial: Mapping[str, float] = field(default_factory=dict)
     most: int = 25
     tolerance: float = 0.3
-    segment: float = 1.0
-    run_in: float = 0.25
+    segment: float = 0.25
     _joints: dict[int, DrivenJoints] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def segments(self, motion: Motion) -> Segments:
+        """Of one motion; each begins at the last sample of the one before."""
+        samples = len(motion.unbroken("a method that simulates"))
+        return Segments.of(samples, max(1, round(self.segment / motion.dt)), 1)
 
     def rows(self, observation: Observation) -> Observation:
         """As of every method that simulates; passes share the initial states of their segments."""
