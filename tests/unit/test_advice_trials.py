@@ -39,6 +39,28 @@ def test_a_fit_is_least_squares():
     np.testing.assert_allclose(fitted.theta, expected, rtol=1e-8)
 
 
+def test_fits_on_one_bench_do_not_share_what_differs_between_them():
+    """Torque channels, factors, weights and blocks, one after another, each against least squares."""
+    rows, plain = bench(extra=1.0)
+    weights, term = np.array([1.0, 3.0]), (((3,),),)
+    made = replace(plain, weights=weights)
+    every, half = np.arange(12), np.arange(0, 12, 2)
+    for setting, blocks, factor in (
+        (Setting(), every, 1.0),
+        (Setting(terms=term), every, 1.0),
+        (Setting(terms=term, source=(1, 0)), every, 1.0),
+        (Setting(terms=term), half, 1.0),
+        (Setting(factors=((0, 2.0),)), every, 2.0),
+        (Setting(), every, 1.0),
+    ):
+        columns = [0, 1, 2, *(setting.terms and (3,))]
+        fit, source = np.isin(rows.block, blocks), list(setting.source or (0, 1))
+        W = rows.W[:, fit][:, :, columns] * (weights * [factor, 1.0])[:, None, None]
+        y = rows.y[source][:, fit] * weights[:, None]
+        expected = np.linalg.lstsq(W.reshape(-1, len(columns)), y.ravel())[0]
+        np.testing.assert_allclose(made.fit(setting, blocks).theta, expected, rtol=1e-7)
+
+
 def test_errors_are_those_of_fits_on_the_other_half():
     rows, made = bench(extra=1.0)
     trial = made.run(Setting())

@@ -149,6 +149,7 @@ class Bench:
     channel_factors: Array
     artefact: Array | None = None
     _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
+    _weighed: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
     _sources: dict[tuple[int, ...], tuple[np.ndarray, Array]] = field(default_factory=dict, init=False, repr=False)
     _trials: dict[tuple[Setting, str | None, bool], Trial] = field(default_factory=dict, init=False, repr=False)
 
@@ -247,8 +248,18 @@ class Bench:
     ) -> tuple[Array, float, np.ndarray]:
         """Parameters, weighted squared error and columns, from Gram matrices (motors, size, size)."""
         columns = self._columns(setting, chosen)
-        A, r, yy = _weighted(self._normal(G, setting, columns), factors, self.weights**2)
+        if (factors == 1).all():
+            w, A = self.weights**2, self._over_motors(G)[np.ix_(columns, columns)]
+            r, yy = w @ self._right(G, setting, columns), float(w @ self._squares(G, setting))
+        else:
+            A, r, yy = _weighted(self._normal(G, setting, columns), factors, self.weights**2)
         return *_least_squares(A, r, yy), columns
+
+    def _over_motors(self, G: Array) -> Array:
+        """W'W of all columns summed over the weighted motors, (size, size): most candidates pick from the same one."""
+        if id(G) not in self._weighed:  # the matrices are kept with their sum, so that no others get their id
+            self._weighed[id(G)] = G, np.tensordot(self.weights**2, G, axes=1)
+        return self._weighed[id(G)][1]
 
     def _columns(self, setting: Setting, chosen: Sequence[int]) -> np.ndarray:
         """Base parameters' columns and those of the alternatives."""
