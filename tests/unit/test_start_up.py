@@ -38,7 +38,10 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
 @pytest.mark.parametrize(
     ("rooms", "absent"),
     [
-        ("haptid.advice, haptid.report.page", "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial"),
+        (
+            "haptid.advice, haptid.report.report",
+            "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial scipy.ndimage",
+        ),
         (
             "haptid.report.run, haptid.report.tables",
             "haptid.advice haptid.report.report jinja2 scipy.optimize",

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from haptid._internal.arrays import Array, freeze_fields, positive
+from haptid._internal.signals import running_maximum, running_mean
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
@@ -139,9 +139,10 @@ def friction_curve(
     if estimate is not None:
         tau = tau - _without_friction(model, estimate, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
+    smooth = np.array([running_mean(own, width) for own in cd])
     curves, idle = [], []
     for k in [int(k) for k in np.flatnonzero(model.device.measured)]:
-        passes = list(_passes(constant, alone, width, k, cd))
+        passes = list(_passes(constant, alone, width, k, cd, smooth))
         cells = [cell for poses in _by_pose(k, c, passes, alone) for cell in _cells(poses, c[k], tau[k], cdd[k])]
         found = _points(_usable(cells), alone)
         if found is None:
@@ -200,15 +201,14 @@ def _without_friction(model: DynamicModel, estimate: Estimate, c: Array, cd: Arr
     return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
 
 
-def _passes(constant: ConstantVelocity, alone: bool, width: int, k: int, cd: Array) -> Iterator[_Pass]:
-    """Passes of coordinate k at a constant velocity."""
-    v = ndimage.uniform_filter1d(cd, width, axis=1)
-    change = ndimage.maximum_filter1d(v[k], width) - ndimage.minimum_filter1d(v[k], width)
+def _passes(constant: ConstantVelocity, alone: bool, width: int, k: int, cd: Array, v: Array) -> Iterator[_Pass]:
+    """Passes of coordinate k at a constant velocity; `v` are means of the velocities cd over `width` samples."""
+    change = running_maximum(v[k], width) + running_maximum(-v[k], width)
     speed = np.abs(v[k])
     good = (speed >= constant.slowest) & (change <= constant.tolerance * speed)
     if alone:
         others = np.delete(np.abs(v), k, axis=0).max(axis=0, initial=0.0)
-        good &= ndimage.maximum_filter1d(others, width) <= constant.still * speed
+        good &= running_maximum(others, width) <= constant.still * speed
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2):
         middle = float(np.median(v[k, start:stop]))
