@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,10 +87,51 @@ def test_torques_that_are_all_reversed_are_known_by_bodies_that_can_exist(tmp_pa
     wrong = identify(read_study(study))
     made = advise(wrong)
     (first, *_) = made.actions
-    assert (first.kind, first.places, first.proof) == ("torque sign", ("motor 1", "motor 2"), "possible bodies")
+    assert (first.kind, first.places, first.proof) == ("torque sign", ("motor 1", "motor 2"), "consistent fit")
     after = applied(made, wrong, tmp_path / "out")
     assert after is not None
     np.testing.assert_allclose(after.identification.estimate.beta, -wrong.estimate.beta, rtol=1e-6)
+
+
+def test_torques_that_are_all_reversed_are_known_where_a_motor_alone_tells_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bodies that can exist explain the whole arm only with the other sign, whatever single parameters show."""
+    study = written(WrongPlant(ARM), tmp_path)
+    right = identify(read_study(study))
+    study.write_text(study.read_text().replace('side = "motor" }', 'side = "motor", gain = -1.0 }'))
+    wrong = identify(read_study(study))
+    monkeypatch.setattr(sys.modules["haptid.advice.advise"], "impossible", lambda *_: iter(()))
+    (first, *_) = advise(wrong).actions
+    assert (first.kind, first.places, first.proof) == ("torque sign", ("motor 1", "motor 2"), "consistent fit")
+    assert first.after == pytest.approx(right.use.candidates[0].error if right.use.candidates else first.after, rel=0.1)
+    assert first.after < 0.5 * first.before
+
+
+def test_joints_in_another_order_are_put_into_the_device_s(tmp_path: Path) -> None:
+    """Positions and torques of the joints exchanged: no change of one channel mends that."""
+    study, log = written(WrongPlant(ARM), tmp_path), tmp_path / "log.csv"
+    right = identify(read_study(study)).unseen[0].comparable.relative
+    log.write_text(log.read_text().replace("q1", "q[1]").replace("q2", "q[2]"))
+    text = study.read_text().replace('channels = ["q1", "q2"]', 'field = "q", joints = [2, 1]')
+    study.write_text(text.replace('["u1", "u2"], unit = "N m"', '["u2", "u1"], unit = "N m", gain = [1.0, 1]'))
+    wrong = identify(read_study(study))
+    made = advise(wrong)
+    assert [action.kind for action in made.actions] == ["joint order"]
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    assert after.identification.study.path.read_text().count("joints = [1, 2]") == 1
+    assert after.after == pytest.approx(right, rel=0.02)
+    assert after.before > 4 * right
+
+
+def test_the_description_of_another_robot_is_questioned(tmp_path: Path) -> None:
+    study, device = written(WrongPlant(ARM), tmp_path), tmp_path / "device.toml"
+    device.write_text(device.read_text().replace("d = 0.25", "d = 0.25\nalpha = 0.8"))
+    made = advise(identify(read_study(study)))
+    assert any("Check first that the device file is of this robot" in line for line in made.undetermined)
+    study = written(WrongPlant(ARM), tmp_path)
+    assert not any("Check first" in line for line in advise(identify(read_study(study))).undetermined)
 
 
 def test_a_mounting_is_named_with_those_that_predict_as_well(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from haptid.advice.more_motion import MoreMotion
 from haptid.inference.diagnosis.finding import joined_names
 from haptid.uncertainty.figures import per_cent
 
-Proof = Literal["unseen error", "possible bodies", "prior bodies"]
+Proof = Literal["unseen error", "consistent fit", "possible bodies", "prior bodies"]
 # Actions that are shown.
 SHOWN = 6
 # Kinds that leave rows out.
@@ -41,6 +41,7 @@ CHANGES: Mapping[str, str] = {
     "torque swap": "exchange the torque channels of {where}",
     "position sign": "reverse the position channel of {where}",
     "position swap": "exchange the position channels of {where}",
+    "joint order": "put the channels into the device's order of joints: give {where}",
     "position unit": "read the positions in {where}",
     "zero offset": "correct the zero of the position of {where}",
     "length": "correct {where} in the device file",
@@ -82,8 +83,9 @@ class Action:
         places: where.
         change: what to do, and by how much.
         proof: kind of the proof.
-        before, after: error of torque on unseen rows, per cent; for "possible bodies" the distance of the parameters
-            from bodies that can exist, in standard errors; for "prior bodies" the ratio of the torque to theirs.
+        before, after: error of torque on unseen rows, per cent, for "consistent fit" that of this fit; for "possible
+            bodies" the distance of the parameters from bodies that can exist, in standard errors; for "prior bodies"
+            the ratio of the torque to theirs.
         se: paired standard error of before - after, None where the error is not the proof.
         share: of the weighted squared unseen error that goes away.
         adds: whether it belongs to the best combination.
@@ -121,6 +123,9 @@ class Action:
         if self.proof == "unseen error":
             size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
             return f": {on} falls from {size}."
+        if self.proof == "consistent fit":
+            size = f"falls from {self.before:.3g} to {self.after:.3g} %"
+            return f": on {self.blocks} unseen time blocks the error of the fit with bodies that can exist {size}."
         if self.proof == "possible bodies":
             return f" negative: without it they are {self.before:.3g} standard errors below zero or more."
         return f": the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."

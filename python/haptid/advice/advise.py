@@ -10,9 +10,11 @@ import numpy as np
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import Impossible, impossible
+from haptid.advice.clash import clash, reversed_torques
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
+from haptid.advice.orders import other_order
 from haptid.advice.search import (
     LARGE_GAIN,
     LEAST_SE,
@@ -95,6 +97,14 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
+    if (order := _order(found, part, after / max(before, 1e-300))) is not None:  # nothing else can be judged with it
+        return Advice(
+            (order,),
+            order.before,
+            order.after,
+            tuple(_other_robot(order.after, (0.0, 0.0))),
+            len(search.candidates) + 1,
+        )
     if (
         mounting := _mounting(found, part, after / max(before, 1e-300))
     ) is not None:  # nothing else can be judged with it
@@ -110,16 +120,41 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    first = [*_bodies(_reversed(search, base, negative), known)]
+    every_sign = reversed_torques(found)
+    first = [every_sign] if every_sign else [*_bodies(_reversed(search, base, negative), known)]
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])
     every = [*first, *listed]
     unknown = undetermined(search, base, {action.kind for action in every}, not every)
-    sentences = [*_other_motion(found, before), *unknown]
+    sentences = [
+        *_other_robot(after, (0.0, 0.0) if first else clash(found.use)),
+        *_other_motion(found, before),
+        *unknown,
+    ]
     # Columns and noise of a model that is known to be wrong predict nothing.
     more = None if every else more_motion(part)
     return Advice(tuple(every), start, after, tuple(sentences), len(search.candidates), more)
+
+
+def _other_robot(after: float, errors: tuple[float, float]) -> Iterator[str]:
+    """A sentence on a description that no change reconciles with the log.
+
+    Args:
+        after: unseen error with all that is proven, per cent.
+        errors: of the fit with bodies that can exist and of the free fit, where they clash; zeros otherwise.
+    """
+    check = (
+        "Check first that the device file is of this robot: its axes and lengths, and the order, directions and zeros "
+        "of its joints as the channels have them. Terms may only make up for a wrong description."
+    )
+    if after > _ROUGH:
+        yield f"What is proven leaves an error of {after:.3g} % on unseen blocks. {check}"
+    elif errors[0] > _LARGE:
+        yield (
+            f"Bodies that can exist leave an error of {errors[0]:.3g} %, where a fit of any numbers leaves "
+            f"{errors[1]:.3g} %. {check}"
+        )
 
 
 def _other_motion(found: Identification, before: float) -> Iterator[str]:
@@ -170,6 +205,24 @@ def _side(found: Identification, part: Estimate) -> Action | None:
     return Action(
         "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
         one.gain.share, True, one.edits, one.blocks,
+    )  # fmt: skip
+
+
+def _order(found: Identification, part: Estimate, left: float) -> Action | None:
+    """Another order of the joints' channels, where the best other changes leave more.
+
+    Args:
+        left: share of the unseen error that the others leave.
+    """
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _ROUGH:
+        return None
+    one = other_order(found.model, part.observation.motions, part.beta, part.zero)
+    if one is None or one.after > MOST_LEFT * left * one.before:
+        return None
+    change = CHANGES["joint order"].format(where=one.words)
+    return Action(
+        "joint order", one.places, change, "unseen error", one.before, one.after, one.se, one.gain.share, True,
+        one.edits, one.blocks,
     )  # fmt: skip
 
 

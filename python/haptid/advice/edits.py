@@ -48,8 +48,8 @@ class Edit:
 
     Attributes:
         file: which file.
-        operation: append to a list, set, add to a number, multiply it, exchange two entries of a list, exclude
-            ranges of time, or remove a log.
+        operation: append to a list, set, add to a number, multiply it, exchange two channels (of positions with their
+            velocities), exclude ranges of time, or remove a log.
         path: keys from the top of the file; "channels" is every table of channels.
         value: what is appended, set, added, multiplied by; indices of the entries; ranges, s.
         index: entry of a list of numbers, one for each channel; None for all.
@@ -89,9 +89,9 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             factor = -1.0 if kind == "torque sign" else 1.0 / float(found.trial.whole.factors[one.indices[0]])
             yield Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{factor:.6g}"), one.indices[0])
         case "torque swap":
-            yield Edit("study", "exchange", ("channels", "torque", "channels"), list(one.indices))
+            yield Edit("study", "exchange", ("channels", "torque"), list(one.indices))
         case "position swap":
-            yield Edit("study", "exchange", ("channels", "position", "channels"), list(one.indices))
+            yield Edit("study", "exchange", ("channels", "position"), list(one.indices))
         case "position unit":
             yield Edit("study", "set", ("channels", "position", "unit"), one.places[0].split()[0])
         case "position sign":
@@ -212,6 +212,8 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
                 if "channels" in table:
                     signal = table["channels"][edit.path[1]]
                     _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints") or ()))
+                    if edit.operation == "exchange" and edit.path[1] == "position" and "velocity" in table["channels"]:
+                        _apply(table, ("channels", "velocity"), edit)
         else:
             _apply(plan, edit.path, edit)
     plan["logs"] = [log for k, log in enumerate(plan["logs"]) if k not in gone]
@@ -248,7 +250,9 @@ def _apply(table: dict[str, Any], path: Sequence[str | int], edit: Edit, channel
             at[last] = edit.value
         case "exchange":
             i, j = edit.value
-            at[last][i], at[last][j] = at[last][j], at[last][i]
+            for every in at[last].values():  # names, gains, units: one for each channel
+                if isinstance(every, list):
+                    every[i], every[j] = every[j], every[i]
         case "add" | "multiply":
             neutral = 1.0 if last == "gain" else 0.0
             now = at.get(last, neutral) if isinstance(at, dict) else at[last]

@@ -122,7 +122,7 @@ def _tried(
     if there.used.shape != rows.used.shape:
         return None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
-    _, figures = _compared(model, (rows, there), (beta, beta), (kept, kept))
+    _, figures = compared(model, (rows, there), (beta, beta), (kept, kept))
     return OtherSide(position, torque, *figures)
 
 
@@ -175,7 +175,7 @@ def other_mounting(
         start = np.zeros(len(turned.base))
         there = trial_rows(turned, now, start)
         kept = np.arange(len(beta)), np.arange(len(start))
-        trial, figures = _compared(model, (rows, there), (beta, start), kept)
+        trial, figures = compared(model, (rows, there), (beta, start), kept)
         tried.append(OtherMounting(tuple((0.0 - magnitude * axis).tolist()), (), *figures))
         trials.append(trial)
     held = [
@@ -191,7 +191,7 @@ def other_mounting(
     return replace(tried[best], rivals=alike)
 
 
-def _compared(
+def compared(
     model: DynamicModel,
     rows: tuple[TrialRows, TrialRows],
     start: tuple[Array, Array],

@@ -350,7 +350,7 @@ class ResultAction(ResultTable):
     kind: str
     places: list[str]
     change: str
-    proof: Literal["unseen error", "possible bodies", "prior bodies"]
+    proof: Literal["unseen error", "consistent fit", "possible bodies", "prior bodies"]
     before: float = Field(description="error on unseen rows, per cent; standard errors; or ratio to the prior bodies")
     after: float
     se: Number = Field(description="paired standard error of before - after; null where the error is not the proof")

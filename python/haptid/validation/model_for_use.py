@@ -47,7 +47,7 @@ _FEWEST_BLOCKS = 2 * _IN_FOLD
 # outweigh what parameters of no body, or a wrong prior, do in another motion (benchmarks/model_for_use.py).
 _LEAST_GAIN = 0.02
 # Error of the consistent fit, in those of the free one, from which on what is wrong is not the noise.
-_CLASH = 2.0
+CLASH = 2.0
 CONSISTENT, FREE, RIDGE, ENTROPIC, ANCHORED = "consistent", "free", "ridge", "entropic", "anchored"
 # Parameters that are named in a sentence.
 _NAMED = 4
@@ -214,7 +214,7 @@ def _reason(best: UseCandidate, candidates: Sequence[UseCandidate]) -> str:
     return (
         f"The model for use is {NAMES[best.name]}: its error on held-out blocks is {best.error:.3g} %, against "
         f"{candidates[0].error:.3g} % of {NAMES[CONSISTENT]}, better by {-difference / se:.2g} standard errors of the "
-        f"paired differences.{clash if best.name == FREE and candidates[0].error > _CLASH * best.error else ''}"
+        f"paired differences.{clash if best.name == FREE and candidates[0].error > CLASH * best.error else ''}"
     )
 
 
