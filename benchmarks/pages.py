@@ -152,11 +152,12 @@ def motions(figures: Figures) -> str:
         tuple(
             f"{figures[f'{device}, {other} over optimal, {sort}, median standard error']:.2g}"
             for other in ("random", "hand-made")
-            for sort in ("predicted", "identified")
+            for sort in ("predicted", "identified", "errors")
         )
         for device in devices
     ]
-    columns = ("device", "random, predicted", "identified", "hand-made, predicted", "identified")
+    sorts = ("identified", "errors")
+    columns = ("device", "random, predicted", *sorts, "hand-made, predicted", *sorts)
     return aligned([columns, *((device, *row) for device, row in zip(devices, cells, strict=True))])
 
 
