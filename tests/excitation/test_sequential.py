@@ -140,8 +140,8 @@ def test_it_beats_the_motion_that_knows_nothing(campaign, further):
     assert max(further.after) < max(again)
 
 
-def test_information_is_that_of_the_explicit_rows(campaign, further):
-    known = log_information(campaign[1])
+def test_information_is_that_of_the_explicit_rows_where_the_treatment_is_not_known(campaign, further):
+    known = replace(log_information(campaign[1]), treated=None)
     made = further.motions[0].trajectory(1 / SEARCH.rows_hz)
     model = known.model
     W = rows(model, *(np.ascontiguousarray(x.T) for x in (made.q, made.qd, made.qdd)))

@@ -6,9 +6,12 @@ import numpy as np
 
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, ResultFileError, listed
+from haptid.estimation.intervals.model_based import Autoregression
 from haptid.experiment.excitation import LogInformation
 from haptid.experiment.excitation.sequential import standard_errors_of
+from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.results.result import CLUSTERS, Result
+from haptid.results.tables import treatment_of
 
 
 def log_information(result: Result, model: DynamicModel | None = None) -> LogInformation:
@@ -53,8 +56,28 @@ def log_information(result: Result, model: DynamicModel | None = None) -> LogInf
     dof = np.array([np.inf if p.dof is None else p.dof for p in parameters])
     seconds = sum(block.stop - block.start for block in result.blocks)
     return LogInformation(
-        model, result.beta, information / size**2, factor, dof, estimated, _noise(result, model, seconds), seconds
+        model,
+        result.beta,
+        information / size**2,
+        factor,
+        dof,
+        estimated,
+        _noise(result, model, seconds),
+        seconds,
+        _treated(result, model),
     )
+
+
+def _treated(result: Result, model: DynamicModel) -> TreatedNoise | None:
+    """Treatment and serial correlation of the logs; None of results of earlier versions, or where a motor has none."""
+    found = {table.motor: table for table in result.residuals}
+    names = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
+    periods = [log.dt for log in result.logs]
+    if not periods or any(name not in found or not found[name].variance > 0 for name in names):
+        return None
+    own = [found[name] for name in names]
+    models = [Autoregression((np.array(one.filter),), np.array([one.white_variance])) for one in own]
+    return TreatedNoise(treatment_of(result.treatment), periods[0], tuple(models), tuple(one.variance for one in own))
 
 
 def _noise(result: Result, model: DynamicModel, seconds: float) -> np.ndarray:

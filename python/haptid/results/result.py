@@ -33,6 +33,7 @@ from haptid.results.schema import (
     GimbalBound,
     ModelForUseTable,
     ObservationTable,
+    ResidualTable,
     ResultAdvice,
     ResultCondition,
     ResultEstimate,
@@ -53,6 +54,7 @@ from haptid.results.tables import (
     grade_tables,
     interval,
     parameter_tables,
+    residual_tables,
     target_tables,
     treatment,
     use_table,
@@ -89,6 +91,7 @@ class Result(ResultTable):
     observation: ObservationTable | None = None
     estimate: ResultEstimate
     model_for_use: ModelForUseTable
+    residuals: list[ResidualTable] = Field(default=[], description="serial correlation in the fit, motor by motor")
     validation: list[ErrorTable]
     criteria: Criteria
     verdict: list[ResultUse] = Field(default=[])
@@ -141,6 +144,7 @@ class Result(ResultTable):
                 covariance=estimate.covariance.tolist(),
             ),
             model_for_use=use_table(identification),
+            residuals=list(residual_tables(estimate)),
             validation=[entry for run in identification.runs for entry in error_tables(run)],
             criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
             verdict=list(grade_tables(verdict)),

@@ -96,6 +96,15 @@ class ResultCondition(ResultTable):
     scaled: Number = Field(description="with columns of unit length")
 
 
+class ResidualTable(ResultTable):
+    """Serial correlation of one motor's residual from row to row of the fit: an autoregressive model."""
+
+    motor: str
+    filter: list[float] = Field(description="1, a1, a2, ..: e(t) + a1 e(t-1) + .. is white")
+    white_variance: float = Field(description="of that white noise, (N m)^2 or N^2")
+    variance: float = Field(description="of the residual, (N m)^2 or N^2")
+
+
 class ObservationTable(ResultTable):
     """The rows of the fit."""
 

@@ -19,9 +19,11 @@ from haptid.estimation import (
     PhysicallyConsistent,
     Reduced,
 )
+from haptid.estimation.intervals.model_based import Sandwich, burg, runs_of
 from haptid.estimation.nonlinear import VariableProjection
+from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.targets import targets
-from haptid.motion.filters import Causal
+from haptid.motion.filters import SHAPES, Causal, HighPass, KaiserSmoother
 from haptid.motion.treatment import Treatment
 from haptid.results.schema import (
     BetweenLogsTable,
@@ -33,6 +35,7 @@ from haptid.results.schema import (
     ModelForUseTable,
     NonlinearConstant,
     PhysicalConstraints,
+    ResidualTable,
     ResultCost,
     ResultParameter,
     ResultUse,
@@ -81,6 +84,31 @@ def treatment(treated: Treatment) -> dict[str, Any]:
     differentiator = settings.pop("velocity")
     settings["velocity_cutoff_hz"] = differentiator and differentiator["cutoff_hz"]
     return settings
+
+
+def treatment_of(settings: Mapping[str, Any]) -> Treatment:
+    """The treatment that has these settings, as `treatment` gives them and a result file has them."""
+    shape, order, rate = (settings.get(key) for key in ("parallel_shape", "parallel_order", "velocity_cutoff_hz"))
+    known = {field.name for field in dataclasses.fields(Treatment)}
+    given = {key: value for key, value in settings.items() if key in known}
+    given["cutoff_hz"] = None if settings.get("cutoff_hz") == "none" else settings.get("cutoff_hz")
+    given["parallel_shape"] = Causal(order) if order else SHAPES.get(str(shape), KaiserSmoother())
+    return Treatment(**given | {"velocity": None if rate is None else HighPass(rate)})
+
+
+def residual_tables(estimate: Estimate) -> Iterator[ResidualTable]:
+    """Autoregressive models of the residuals; variances are corrected for the degrees of freedom of the fit."""
+    for motor, e in zip(estimate.observation.motors, residuals(estimate).e, strict=True):
+        runs = [e[run] for run in runs_of(np.isfinite(e))]
+        rows = sum(map(len, runs))
+        if rows:
+            found, per_dof = burg(runs, Sandwich().most_order), rows / max(1, rows - len(motor.columns))
+            yield ResidualTable(
+                motor=motor.name,
+                filter=found.filters[-1].tolist(),
+                white_variance=per_dof * float(found.powers[-1]),
+                variance=per_dof * float(found.powers[0]),
+            )
 
 
 def finite(value: Any) -> Any:

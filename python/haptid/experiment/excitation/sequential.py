@@ -1,7 +1,7 @@
 """Sequential design: the next motion, given the information of the logs so far, and the intervals it will give.
 
 The information of a motion is that of its regressor, known before it is recorded; that of independent logs adds. Noise
-per row, and what serial correlation and misfit add to a standard error, are those of the logs so far.
+is that of the logs so far, its serial correlation too (`haptid.experiment.excitation.treated`).
 
 Source: Fedorov (1972), Theory of Optimal Experiments, chapter 4; Pronzato (2008), Automatica 44(2), section 5.
 """
@@ -22,6 +22,7 @@ from haptid.experiment.excitation.criteria import LargestDeviation
 from haptid.experiment.excitation.families import Family, FourierSeries
 from haptid.experiment.excitation.limits import Limits
 from haptid.experiment.excitation.search import Excitation, Search, design_excitation
+from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.uncertainty.quantities import half_width
 
 # Parameters whose torque is a smaller share than this of the whole are not essential.
@@ -46,6 +47,8 @@ class LogInformation:
         estimated: indices of the parameters that are estimated; the others are fixed.
         noise: standard deviation of a torque row at one row a second, (motors,), N m s^0.5 or N s^0.5.
         seconds: duration of the logs, s.
+        treated: their treatment and the spectra of their residuals, for the information of planned motions; where None,
+            rows of these are as they are, under white noise, and `factor` stays the same.
     """
 
     model: DynamicModel
@@ -56,6 +59,7 @@ class LogInformation:
     estimated: tuple[int, ...]
     noise: Array
     seconds: float
+    treated: TreatedNoise | None = None
 
     def __post_init__(self) -> None:
         p, measured = len(self.model.base), sum(self.model.device.measured)
@@ -127,12 +131,14 @@ class LogInformation:
 
     def of_motion(self, found: Excitation) -> Array:
         """Information of a motion on all base parameters, (p, p), in these units."""
-        rows_hz = found.after.rows / len(self.noise) / found.seconds
-        R = found.after.observation.stack(1 / (self.noise * math.sqrt(rows_hz)))[:-1, :-1]
-        fixed = np.setdiff1d(np.arange(len(self.values)), self.estimated)
-        R = R.copy()
-        R[:, fixed] = 0.0
-        return np.asarray(R.T @ R)
+        if self.treated is not None:  # `widths` multiplies by the factor, which serial correlation is a part of
+            whole = self.treated.information(self.model, found.trajectory) * self.factor[:, None] * self.factor
+        else:
+            rows_hz = found.after.rows / len(self.noise) / found.seconds
+            R = found.after.observation.stack(1 / (self.noise * math.sqrt(rows_hz)))[:-1, :-1]
+            whole = R.T @ R
+        estimated = np.isin(np.arange(len(self.values)), self.estimated)
+        return np.asarray(np.where(np.outer(estimated, estimated), whole, 0.0))
 
     def after(self, more: Array, seconds: float) -> LogInformation:
         """With a further motion recorded."""

@@ -1,0 +1,88 @@
+"""Information of a planned motion behind the treatment of earlier logs, under the noise of their residuals.
+
+Rows of W pass the parallel filter and the decimation, and those near reversals are dropped, as those of a log are.
+
+Source: covariance of least squares under serially correlated noise, Hannan (1970), Multiple Time Series, section VII.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import MotionTooShortError
+from haptid.estimation.intervals.model_based import Autoregression
+from haptid.experiment.bench.trajectories import Trajectory
+from haptid.motion.motion import Motion
+from haptid.motion.treatment import Treatment
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk
+
+# Relative eigenvalues of the information of white noise below which a combination of parameters has none.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class TreatedNoise:
+    """What becomes of planned motions in an identification: a treatment, and the noise that it leaves in the rows.
+
+    Attributes:
+        treatment: of the logs so far.
+        dt: their sampling period, s.
+        models: of the serial correlation of each measured motor's residual, from row to row, N m or N.
+        variances: of each residual, (motors,), (N m)^2 or N^2.
+    """
+
+    treatment: Treatment
+    dt: float
+    models: tuple[Autoregression, ...]
+    variances: tuple[float, ...]
+
+    def information(self, model: DynamicModel, planned: Callable[[float], Trajectory]) -> Array:
+        """Inverse of the covariance of weighted least squares along a motion, (p, p), SI.
+
+        With A = W'W and M = W'SW of rows in units of their noise, S its correlation, the covariance is A^-1 M A^-1;
+        its inverse A M^-1 A is zero for what the motion does not excite. All of it is zero of a motion that is too
+        short for the filter.
+
+        Args:
+            planned: the motion in steps of a period, s.
+        """
+        try:
+            plan = Plan.of(model, self._motion(model, planned(self.dt)))
+        except MotionTooShortError:
+            return np.zeros((len(model.base),) * 2)
+        A, M = np.zeros((2, len(model.base), len(model.base)))
+        for start, stop in plan.segments():
+            for W, own, variance in zip(Chunk.of(plan, start, stop).W, self.models, self.variances, strict=True):
+                length = fft.next_fast_len(2 * len(W), real=True)
+                once = np.full(length // 2 + 1, 2.0)
+                once[0] = 1.0
+                once[-1] -= 1.0 - length % 2  # the Nyquist frequency, which even lengths have, has no counterpart
+                X = fft.rfft(W, length, axis=0)
+                A += W.T @ W / variance
+                M += ((X.conj().T * (own.spectrum(length) * once / length)) @ X).real / variance**2
+        return _sandwiched(A, M)
+
+    def _motion(self, model: DynamicModel, made: Trajectory) -> Motion:
+        """As a treated log: exact rates, so that only the filter of the rows and the drop of slow ones remain."""
+        treatment = replace(self.treatment, cutoff_hz=None, velocity=None, torque_delay_s=0.0)
+        still = np.zeros((len(made), sum(model.device.measured)))
+        return Motion(made.dt, made.q, still, treatment, rates=(made.qd, made.qdd))
+
+
+def _sandwiched(A: Array, M: Array) -> Array:
+    """A M^-1 A in the directions that have information, (p, p)."""
+    size = np.sqrt(np.diag(A))
+    there = size > 0
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=there)
+    values, vectors = np.linalg.eigh(A * scale[:, None] * scale)
+    kept = vectors[:, values > _ROUNDING * values[-1]] if there.any() else vectors[:, :0]
+    Z = scale[:, None] * kept
+    right = Z.T @ A
+    return np.asarray(right.T @ np.linalg.solve(Z.T @ M @ Z, right))
