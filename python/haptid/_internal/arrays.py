@@ -24,6 +24,16 @@ def read_only(array: ArrayLike) -> Array:
     return freeze(view.copy(order="K")) if view.flags.writeable else view
 
 
+def cross_product(a: Array, b: Array) -> Array:
+    """Cross products over the last axis, as `numpy.cross`, which takes twice as long for few vectors."""
+    made = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    (a0, a1, a2), (b0, b1, b2) = ((x[..., 0], x[..., 1], x[..., 2]) for x in (a, b))
+    made[..., 0] = a1 * b2 - a2 * b1
+    made[..., 1] = a2 * b0 - a0 * b2
+    made[..., 2] = a0 * b1 - a1 * b0
+    return made
+
+
 def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
     """Raise ShapeError unless `got` fits `wanted`, in which None is any length."""
     if got == wanted:

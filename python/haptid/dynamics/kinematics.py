@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array, expect, freeze, freeze_fields
+from haptid._internal.arrays import Array, cross_product, expect, freeze, freeze_fields
 from haptid.device import Handle, poses
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
@@ -90,7 +90,7 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
         if joint.prismatic:
             tree[:, :3, link] = axis
         else:
-            tree[:, :3, link] = np.cross(axis, position - pose[:, link, :3, 3])
+            tree[:, :3, link] = cross_product(axis, position - pose[:, link, :3, 3])
             tree[:, 3:, link] = axis
         link = joint.parent
     return HandleMotion(model, qa, position, link_pose[:, :3, :3] @ handle.rotation, tree @ followed.G)

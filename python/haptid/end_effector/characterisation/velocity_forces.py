@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, cross_product
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of, link_poses
 from haptid.dynamics.model import DynamicModel
@@ -28,8 +28,7 @@ def velocity_product_acceleration(model: DynamicModel, qa: Array, qda: Array) ->
         qda: their velocities.
     """
     handle, at = handle_of(model), link_poses(model, qa)
-    rates = model.tree(qa, qda, np.zeros_like(qda))[1]
-    accelerations = model.tree(qa, qda, np.zeros_like(qda))[2]
+    _, rates, accelerations = model.tree(qa, qda, np.zeros_like(qda))
     chain, link = list[int](), handle.link
     while link >= 0:
         chain.append(link)
@@ -39,15 +38,15 @@ def velocity_product_acceleration(model: DynamicModel, qa: Array, qda: Array) ->
         here, z = at[:, i, :3, 3], at[:, i, :3, 2]
         rate, change = rates[i][:, None], accelerations[i][:, None]
         arm = here - origin
-        a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+        a = a + cross_product(wd, arm) + cross_product(w, cross_product(w, arm))
         if model.device.joints[i].prismatic:
-            a = a + 2 * np.cross(w, z * rate) + z * change
+            a = a + 2 * cross_product(w, z * rate) + z * change
         else:
-            wd = wd + np.cross(w, z * rate) + z * change
+            wd = wd + cross_product(w, z * rate) + z * change
             w = w + z * rate
         origin = here
     arm = at[:, handle.link, :3, :3] @ handle.translation
-    a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+    a = a + cross_product(wd, arm) + cross_product(w, cross_product(w, arm))
     return np.concatenate([a, wd], axis=1)
 
 
