@@ -1,5 +1,7 @@
 """Data sheets: figures against the characterisation, finite differences and stepped devices; pages; bad input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,7 +14,8 @@ from haptid.device.toml.terms import ElasticTerm
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenParameters, characterise
-from haptid.end_effector.compensation import TYPICAL_HAND, SampledLoop
+from haptid.end_effector.characterisation.friction import viscous_matrix
+from haptid.end_effector.compensation import TYPICAL_HAND, Compensation, SampledLoop
 from haptid.end_effector.datasheet import (
     DeviceInstruments,
     StepDevice,
@@ -100,6 +103,97 @@ def test_a_stepped_device_without_friction_is_stable_up_to_the_passive_bound(del
     assert stepped_stiffness(StepDevice(m, b, 0.0, 0.0, T, delay), None) == pytest.approx(bound, rel=0.1)
     rubbed = stepped_stiffness(StepDevice(m, b, 0.5, 1e-5, T, delay), TYPICAL_HAND)
     assert rubbed > bound
+
+
+@pytest.fixture(scope="module")
+def interface():
+    """The whole interface with a covariance, its sheet, and the handle at the sheet's poses."""
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_interface"))
+    beta = model.base.of(true_parameters(model, FVM=0.02, FCM=0.05))
+    known = GivenParameters(model, beta, np.diag((0.02 * beta) ** 2))
+    motors = [motor.name for motor in model.device.motors]
+    tools = DeviceInstruments(
+        peak=dict.fromkeys(motors, 500.0),
+        encoder_counts=dict.fromkeys(motors, 40000.0),
+        torque_step=dict.fromkeys(motors, 1e-3),
+    )
+    return known, tools, data_sheet(known, workspace(model), tools, 64)
+
+
+def test_a_spring_of_the_interface_is_passive_up_to_the_damping_that_carries_it(interface):
+    """K (T / 2) J' J <= B at every pose, by the largest K in the coordinates; of the point and of the rotation."""
+    known, _, sheet = interface
+    J = handle_motion(known.model, sheet.poses).jacobian
+    B = viscous_matrix(known.model, known.beta, sheet.poses)
+    root = np.linalg.inv(np.linalg.cholesky(B))
+    for name, rows in (("passive stiffness", slice(0, 3)), ("passive rotational stiffness", slice(3, 6))):
+        scaled = J[:, rows] @ root.mT
+        most = 1 / np.linalg.eigvalsh(scaled.mT @ scaled)[:, -1] / (T / 2)
+        row = sheet[name]
+        assert (row.low, row.high) == pytest.approx((most.min(), most.max()), rel=1e-6)
+        assert row.conf_int[0] < row.value < row.conf_int[1]
+    simulated = sheet["passive stiffness, simulated"]
+    assert simulated.value == pytest.approx(sheet["passive stiffness"].value, rel=0.1)
+    assert sheet["stable stiffness, in a hand"].method.endswith("rotation held")
+
+
+def test_the_interface_has_figures_with_rotation(interface):
+    known, tools, sheet = interface
+    point, turned = (characterise(known, sheet.poses, rows) for rows in ((0, 1, 2), (3, 4, 5)))
+    assert sheet["largest effective mass"].high == pytest.approx(point.apparent_mass.values[:, 0].max())
+    assert sheet["largest rotational inertia"].unit == "kg m^2"
+    assert sheet["peak moment"].low == pytest.approx(turned.greatest_force(dict(tools.peak))[0].values.min())
+    # One step of every encoder in turn, positions of the joints by least squares: as rates, so the motors' are met.
+    B = known.model.device.drive_jacobian(known.model.device.row_map @ sheet.poses)
+    turn = handle_motion(known.model, sheet.poses).jacobian @ np.linalg.pinv(B) * (2 * np.pi / 40000.0)
+    row = sheet["position resolution"]
+    assert row.high == pytest.approx(np.linalg.norm(turn[:, :3], axis=1).max())
+    assert sheet["angular resolution"].unit == "rad"
+    assert sheet["moment resolution"].value > 0
+
+
+def test_intervals_of_simulated_bounds_are_those_of_moved_parameters(given, sheet):
+    """Slopes of an eigenvalue, against the bound itself with other parameters; dry friction moves the stepped one."""
+    row = sheet["stable stiffness, linear, in a hand"]
+    at = next(
+        k
+        for k in range(sheet.poses.shape[1])
+        if stable_stiffness(_free(given, given.beta, sheet.poses[:, k]), TYPICAL_HAND)
+        == pytest.approx(row.value, rel=1e-9)
+    )
+    variance = 0.0
+    for k, size in enumerate(0.02 * given.beta):
+        up, down = (
+            stable_stiffness(
+                _free(given, given.beta + sign * size * np.eye(len(given.beta))[k], sheet.poses[:, at]), TYPICAL_HAND
+            )
+            for sign in (1, -1)
+        )
+        variance += ((up - down) / 2) ** 2
+    assert (row.conf_int[1] - row.conf_int[0]) / 2 == pytest.approx(1.96 * np.sqrt(variance), rel=0.05)
+    low, high = sheet["stable stiffness, free"].conf_int
+    assert low < sheet["stable stiffness, free"].value < high
+
+
+def _free(known, beta, qa):
+    loop = Compensation(GivenParameters(known.model, beta), 0.0, weight=0.0).loop(qa, T)
+    return replace(loop, stiffness=0 * loop.stiffness)
+
+
+def test_a_limit_cycle_of_one_encoder_step_is_no_rest():
+    """At 4 kN/m a step of 1 mm is 4 N, without bound on the motion; a spring softer than a stable one may swing."""
+    coarse, fine = (StepDevice(0.1, 0.05, 0.05, step, T) for step in (1e-3, 1e-5))
+    assert stepped_stiffness(coarse, TYPICAL_HAND) < 4000.0 < stepped_stiffness(fine, TYPICAL_HAND)
+    assert stepped_stiffness(fine, None) < 1e4  # 10 kN/m alone would pass
+
+
+def test_a_whole_turn_of_the_joints_leaves_no_figure_out():
+    """Poses at which the handle is singular do not count for the directions in which it can move."""
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
+    known = GivenParameters(model, model.base.of(true_parameters(model)))
+    made = data_sheet(known, workspace(model), DeviceInstruments(), 216)
+    assert made["back-drive friction along x"].value > 0
+    assert made["passive stiffness"].value > 0
 
 
 def test_what_is_not_known_is_said(given):

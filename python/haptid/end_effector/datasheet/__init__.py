@@ -1,7 +1,8 @@
 """The data sheet of a device: its figures in the terms of haptics, each with interval and method."""
 
 from haptid.end_effector.datasheet.instruments import DeviceInstruments
-from haptid.end_effector.datasheet.sheet import DataSheet, SheetRow, data_sheet
+from haptid.end_effector.datasheet.rows import SheetRow
+from haptid.end_effector.datasheet.sheet import DataSheet, data_sheet
 from haptid.end_effector.datasheet.z_width import StepDevice, passive_stiffness, stable_stiffness, stepped_stiffness
 
 __all__ = [

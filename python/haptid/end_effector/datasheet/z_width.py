@@ -22,8 +22,12 @@ from haptid.end_effector.compensation import Feedback, HandModel, SampledLoop
 
 # Bounds of a stiffness, N/m, and halvings of the search (in the logarithm).
 _LEAST, _MOST, _HALVINGS = 1e-2, 1e6, 18
-# Steps in a control period, seconds of a trial, the push, N, and its duration, s.
-_STEPS, _SECONDS, _PUSH, _PUSHED = 10, 1.0, 1.0, 0.02
+# Steps in a control period, seconds of a trial, the push above dry friction, N, and its duration, s.
+_STEPS, _SECONDS, PUSH, _PUSHED = 10, 1.0, 1.0, 0.02
+
+# Motion that counts as rest, m. Stiffnesses of a scan, in a decade, and halvings after it; natural frequency of the
+# softest one, rad/s: three periods in a trial.
+_REST, _DECADE, _AFTER, _SLOWEST = 1e-9, 6, 9, 6 * np.pi
 
 
 def passive_stiffness(damping: Array, dt: float, delay: float = 0.0) -> float:
@@ -74,13 +78,36 @@ class StepDevice:
     delay: float = 0.0
 
 
-def stepped_stiffness(device: StepDevice, hand: HandModel | None) -> float:
-    """Stiffest virtual spring at which a push dies out, with dry friction, encoder steps and a hand, N/m.
+def stepped_stiffness(device: StepDevice, hand: HandModel | None, near: float | None = None) -> float:
+    """Stiffest virtual spring up to which a push dies out, with dry friction, encoder steps and a hand, N/m.
 
-    The handle is pushed for a moment at the wall's surface, which holds it from both sides; the spring is stable where
-    the motion of the last third of a second is within two encoder steps of rest, or still shrinks.
+    The handle is pushed for a moment, harder than dry friction, at the wall's surface, which holds it from both sides.
+    The spring is stable where in the last third of a second the motion still shrinks, or is within two encoder steps of
+    rest while the spring's force changes by no more than the push: a limit cycle of one encoder step is felt at a stiff
+    wall. With dry friction a softer spring, which swings further, may be unstable where a stiffer one is not. So they
+    are tried in turn, from the passive bound, or from the softest one with some periods in a trial.
+
+    Args:
+        device: along one direction.
+        hand: that holds the handle, None for a free one.
+        near: the result is sought from half of this to twice this, where a bound of a similar device is known.
+
+    Returns:
+        The stiffness; the passive bound where none above it is stable.
     """
-    return _largest(lambda K: _settles(device, hand, K))
+    passive = device.damping / (device.dt / 2 + device.delay)
+    first, last = (max(passive, device.mass * _SLOWEST**2), _MOST) if near is None else (near / 2, near * 2)
+    tried = np.linspace(np.log10(first), np.log10(last), max(2, round(np.log10(last / first) * _DECADE) + 1))
+    fails = next((k for k, x in enumerate(tried) if not _settles(device, hand, 10**x)), None)
+    if fails is None:
+        return float("inf")
+    if fails == 0:
+        return passive if near is None else float(first)
+    low, high = tried[fails - 1], tried[fails]
+    for _ in range(_AFTER):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _settles(device, hand, 10**middle) else (low, middle)
+    return float(10**low)
 
 
 def _largest(held: Callable[[float], bool]) -> float:
@@ -107,18 +134,22 @@ def _settles(device: StepDevice, hand: HandModel | None, K: float) -> bool:
     made = linalg.expm(np.block([[A, column], [np.zeros((1, 5))]]) * h)
     F, g, slip = made[:4, :4], made[:4, 4], device.friction * h / mass
     x, queue = np.zeros(4), [0.0] * (late + _STEPS + 1)
-    size = np.empty(periods)
+    size, reads = np.empty(periods), np.empty(periods)
     for k in range(periods):
         read = device.step * np.rint(x[0] / device.step) if device.step else x[0]
+        reads[k] = read
         for _ in range(_STEPS):
             queue = [-K * read, *queue[:-1]]
-            push = _PUSH if k * device.dt < _PUSHED else 0.0
-            x = F @ x + g * (queue[late] + push)
+            push = device.friction + PUSH if k * device.dt < _PUSHED else 0.0
+            before, x = x, F @ x + g * (queue[late] + push)
             # Dry friction stops the mass within a step where it can, and brakes it where it cannot.
             x[2] = np.sign(x[2]) * max(abs(x[2]) - slip, 0.0)
+            if x[2] == before[2] == 0.0:
+                x[0] = before[0]
         size[k] = abs(x[0])
         if size[k] > 1.0:
             return False
     third = periods // 3
     middle, end = np.ptp(size[third : 2 * third]), np.ptp(size[2 * third :])
-    return bool(end <= 2 * device.step or end < 0.98 * middle)
+    quiet = end <= 2 * device.step + _REST and K * np.ptp(reads[2 * third :]) <= PUSH
+    return bool(quiet or end < 0.98 * middle)
