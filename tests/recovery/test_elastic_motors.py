@@ -42,6 +42,7 @@ TERMS = [
 # Link, spring, rotor, friction of both sides; the link on its spring has its resonance at 12.3 Hz.
 J, K, D, IA, FV, FVM = 0.1, 600.0, 1.5, 0.05, 0.05, 0.1
 TRUTH = {"ZZ1": J, "KE1": K, "DE1": D, "IAM1": IA, "FV1": FV, "FVM1": FVM}
+MOTOR_B = {"name": "b", "drives": {"2": 1.0}}
 # Of a motion that begins at rest, Hz.
 TONES = (0.9, 2.3, 4.1, 6.7)
 DT, STEP = 1e-3, 2 * np.pi / 4000 / 50
@@ -439,6 +440,39 @@ def test_stiffness_is_found_from_motor_positions_without_initial_values():
     (made,), found = complete_logs(model, [log], [True], torque_delay_s=0.0)
     assert_within(with_noise_uncertainty(found), times=4.5)  # converged to one standard error
     assert np.array_equal(made.position[:, 1], log.position[:, 0])
+
+
+def test_links_that_inertia_couples_are_found_from_their_motors_alone():
+    """Two joints on the bench: nothing but the motors' positions and commands is given."""
+    pytest.importorskip("mujoco")
+    joints = [{"name": "1"}, {"name": "2", "d": 0.3}]
+    model = axis(gravity=[0.0, -9.81, 0.0], joints=joints, motors=[{"name": "a", "drives": {"1": 1.0}}, MOTOR_B])
+    values = dict.fromkeys(("XX1", "XX2"), 0.03) | dict.fromkeys(("YY1", "YY2", "ZZ1", "ZZ2"), 0.06)
+    values |= {"MX1": 0.15, "MX2": 0.15, "M1": 1.0, "M2": 1.0}
+    for motor, stiffness in (("a", 400.0), ("b", 150.0)):
+        values |= {f"KE{motor}": stiffness, f"DE{motor}": 0.3, f"IAM{motor}": 0.02, f"FVM{motor}": 0.05}
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
+    setup = bench.Setup(
+        model,
+        chi,
+        bench.Controller((40.0,), (1.5,), gravity=True),
+        bench.Encoders((80_000.0,)),
+        bench.Amplifiers(noise=(0.02,)),
+    )
+    kind = bench.Multisine(8.0, (0.0,), (0.5,), frequencies_hz=(0.3, 7.0), count=8)
+    made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
+    signals = haptid.Signal(("a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor")
+    seen, command = np.ascontiguousarray(made.position[:, 2:]), np.ascontiguousarray(made.command)
+    log = haptid.Log(Path("made"), "", made.t, seen, command, haptid.Channels(*signals, "t"))
+    assert lacks_links(model, log)
+    _, found = complete_logs(model, [log], [True])
+    found = with_noise_uncertainty(found)
+    for name, value, se in zip(found.names, found.beta, found.se, strict=True):
+        if name in values:  # the others have regroupings
+            assert abs(value - values[name]) < 4.5 * se, (name, value, se)
+    for motor, stiffness in (("a", 400.0), ("b", 150.0)):
+        assert abs(found[f"KE{motor}"].value / stiffness - 1) < 0.02
+        assert abs(found[f"DE{motor}"].value / 0.3 - 1) < 0.1
 
 
 def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():

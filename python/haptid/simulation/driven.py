@@ -47,6 +47,28 @@ class DrivenCourse:
     slope: Array
 
 
+@dataclass(frozen=True, eq=False)
+class SegmentCourses:
+    """Torques of segments that do not meet, each from a beginning of its own, as the model predicts them.
+
+    Attributes:
+        begin: states that the segments begin at, (segments, 2u).
+        motion: of the coordinates, (n, 3, samples), SI.
+        torque: of the rows, (n, samples), N m or N.
+        by_beta, by_begin: derivatives by base parameters and by the beginning, (n, p, samples) and (n, 2u, samples).
+        met, met_by_beta, met_by_begin: where another segment passes each beginning, (segments, 2u), and derivatives.
+    """
+
+    begin: Array
+    motion: Array
+    torque: Array
+    by_beta: Array
+    by_begin: Array
+    met: Array
+    met_by_beta: Array
+    met_by_begin: Array
+
+
 @dataclass(eq=False)
 class DrivenJoints:
     """Joints of one motion that springs alone move.
@@ -77,15 +99,30 @@ class DrivenJoints:
         self._handed = self._handovers()
 
     def course(self, beta: Array) -> DrivenCourse:
-        """Simulate with these base parameters, (p,).
+        """Simulate with these base parameters, (p,): one motion, whose segments meet to first order.
 
         Raises:
             SimulationError: the simulation diverges, or a joint has no inertia or no spring.
         """
         forward = ForwardDynamics(self.model, self.base @ beta)
         begin, first_by_beta = self._start(forward, beta)
-        states = self._simulate(forward, begin)
-        return self._linearised(forward, beta, begin, states, first_by_beta)
+        return self._condensed(beta, self._linearised(forward, begin, self._simulate(forward, begin)), first_by_beta)
+
+    def apart(self, beta: Array, begin: Array | None = None) -> SegmentCourses:
+        """Simulate segments from beginnings of their own, (segments, 2u); without vibration where None.
+
+        Raises:
+            SimulationError: as `course`.
+        """
+        forward = ForwardDynamics(self.model, self.base @ beta)
+        begin = self._settled(forward, self.segments.sample[0])[0] if begin is None else begin
+        return self._linearised(forward, begin, self._simulate(forward, begin))
+
+    def inertia(self, beta: Array) -> Array:
+        """Mean mass matrix of the joints without motor where segments begin, (u, u)."""
+        known = self._known(self.segments.sample[0])
+        c = self._coordinates(known, *(part[self.unknown] for part in known))[0]
+        return np.asarray(self._projected(ForwardDynamics(self.model, self.base @ beta).mass(c)).mean(axis=0))
 
     def _known(self, sample: np.ndarray, share: float = 0.0) -> list[Array]:
         """Motion of all active joints, each (active, segments); at a share of the step behind a sample.
@@ -232,13 +269,8 @@ class DrivenJoints:
             advice="Begin with other values of stiffness and damping: priors in the device file.",
         )
 
-    def _linearised(
-        self, forward: ForwardDynamics, beta: Array, begin: Array, states: Array, first_by_beta: Array
-    ) -> DrivenCourse:
-        """Torques and their derivatives where segments meet, from the variational equations by the trapezoidal rule.
-
-        Derivatives are by the parameters and by the states that segments begin at; afterwards the latter are condensed.
-        """
+    def _linearised(self, forward: ForwardDynamics, begin: Array, states: Array) -> SegmentCourses:
+        """Torques and their derivatives, from the variational equations by the trapezoidal rule."""
         steps, u, count, p = len(states), len(self.unknown), states.shape[3], self.base.shape[1]
         n, h, B = len(self._B), self.motion.dt, self._B[:, self.unknown]
         X = np.tile(np.concatenate([np.zeros((2 * u, p)), np.eye(2 * u)], axis=1), (count, 1, 1))
@@ -251,15 +283,15 @@ class DrivenJoints:
             sample = self.segments.sample[part]
             x, v, a = (np.moveaxis(states[part, i], 1, 0).reshape(u, -1) for i in range(3))
             c, cd, cdd = self._coordinates(self._known(sample.ravel()), x, v, a)
-            by_c, by_cd = (y @ B for y in forward.gradients(c, cd, cdd))
+            by_state = np.concatenate([y @ B for y in forward.gradients(c, cd, cdd)], axis=2)
             mass, Y = forward.mass(c) @ B, regressor_columns(self.model, c, cd, cdd, self.base).transpose(2, 0, 1)
-            inverse = np.linalg.inv(B.T @ mass)
-            F = -inverse @ (B.T @ np.concatenate([by_c, by_cd], axis=2))  # accelerations by states and parameters
-            b = -inverse @ (B.T @ Y)
-            by_state = np.concatenate([by_c, by_cd], axis=2) + mass @ F
+            inverse = -np.linalg.inv(B.T @ mass)
+            F, b = inverse @ (B.T @ by_state), inverse @ (B.T @ Y)  # accelerations by states and by parameters
+            own_slopes, by_state = Y + mass @ b, by_state + mass @ F
             F, b = (y.reshape(-1, count, *y.shape[1:]) for y in (F, b))
             ahead = (F, b) if before is None else tuple(np.concatenate(y) for y in zip(before, (F, b), strict=True))
             change, forced = _transitions(ahead[0], ahead[1], h)
+            before = F[-1:], b[-1:]
             S = np.empty((len(F), *X.shape))
             for k in range(len(F)):
                 if first or k:
@@ -268,44 +300,41 @@ class DrivenJoints:
                 S[k] = X
                 for segment, other in self._handed.get(first + k, ()):
                     met[other], by_all[other] = states[first + k, :2, :, segment].ravel(), X[segment]
-            before = F[-1:], b[-1:]
             slope = by_state @ S.reshape(-1, 2 * u, p + 2 * u)
-            slope[:, :, :p] += Y + mass @ b.reshape(-1, u, p)
-            course = np.array([c, cd, cdd, forward.inverse(c, cd, cdd)]).transpose(1, 0, 2)
+            slope[:, :, :p] += own_slopes
+            motion = np.array([c, cd, cdd, forward.inverse(c, cd, cdd)]).transpose(1, 0, 2)
             own = self.segments.own[part].ravel()
-            result[:, :4, sample.ravel()[own]] = course[:, :, own]
+            result[:, :4, sample.ravel()[own]] = motion[:, :, own]
             result[:, 4:, sample.ravel()[own]] = slope[own].transpose(1, 2, 0)
-        self._condense(beta, begin, met, by_all, first_by_beta, result)
-        c, cd, cdd, torque = (np.ascontiguousarray(result[:, i]) for i in range(4))
-        return DrivenCourse(c, cd, cdd, torque, result[:, 4 : 4 + p])
+        by_beta, by_begin = result[:, 4 : 4 + p], result[:, 4 + p :]
+        return SegmentCourses(
+            begin, result[:, :3], result[:, 3], by_beta, by_begin, met, by_all[:, :, :p], by_all[:, :, p:]
+        )
 
-    def _condense(
-        self, beta: Array, begin: Array, met: Array, by_all: Array, first_by_beta: Array, result: Array
-    ) -> None:
-        """Let segments meet: their beginnings, torques and derivatives, to first order, segment after segment.
+    def _condensed(self, beta: Array, made: SegmentCourses, first_by_beta: Array) -> DrivenCourse:
+        """Torques and derivatives where segments meet, to first order, segment after segment; the next begin there.
 
         Args:
             beta: base parameters, (p,).
-            begin, met: states that segments begin at, and where others pass there, (segments, 2u).
-            by_all: derivatives of the latter by parameters and by the other's beginning, (segments, 2u, p + 2u).
-            first_by_beta: of the first beginning, (2u, p).
-            result: motion, torque and derivatives by sample, (n, 4 + p + 2u, samples); changed.
+            made: segments that do not meet.
+            first_by_beta: derivatives of the first beginning by the parameters, (2u, p).
         """
-        p = self.base.shape[1]
-        moved, by_beta = np.zeros_like(begin), np.zeros((*begin.shape, p))
+        moved, by_beta = np.zeros_like(made.begin), np.zeros_like(made.met_by_beta)
         by_beta[0] = first_by_beta
         passed = {other: segment for pairs in self._handed.values() for segment, other in pairs}
-        for k in range(1, len(begin)):
-            by_begin, other = by_all[k, :, p:], passed[k]
-            moved[k] = met[k] - begin[k] + by_begin @ moved[other]
-            by_beta[k] = by_all[k, :, :p] + by_begin @ by_beta[other]
+        for k in range(1, len(moved)):
+            by_begin, other = made.met_by_begin[k], passed[k]
+            moved[k] = made.met[k] - made.begin[k] + by_begin @ moved[other]
+            by_beta[k] = made.met_by_beta[k] + by_begin @ by_beta[other]
+        torque, slope = np.array(made.torque), np.array(made.by_beta)
         for k, own in enumerate(self.segments.own.T):
             samples = self.segments.sample[own, k]
             part = slice(samples[0], samples[-1] + 1)
-            by_begin = result[:, 4 + p :, part]
-            result[:, 3, part] += np.einsum("nus,u->ns", by_begin, moved[k])
-            result[:, 4 : 4 + p, part] += by_beta[k].T @ by_begin
-        self._begin, self._by_beta, self._at = begin + moved, by_beta, np.array(beta)
+            torque[:, part] += np.einsum("nus,u->ns", made.by_begin[:, :, part], moved[k])
+            slope[:, :, part] += by_beta[k].T @ made.by_begin[:, :, part]
+        self._begin, self._by_beta, self._at = made.begin + moved, by_beta, np.array(beta)
+        c, cd, cdd = (np.ascontiguousarray(made.motion[:, i]) for i in range(3))
+        return DrivenCourse(c, cd, cdd, torque, slope)
 
     def _handovers(self) -> dict[int, list[tuple[int, int]]]:
         """By step: which segment has as its own sample the one that another segment begins at."""

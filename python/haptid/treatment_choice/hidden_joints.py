@@ -1,8 +1,7 @@
 """Logs of elastic motors without their links: positions of the joints behind springs, simulated, as more channels.
 
-Initial values need no knowledge of the device. A link on its spring follows its motor like a filter of second order
-with the frequency of the link on its spring; for a frequency, positions of the links follow from those of the motors,
-and the model is linear in its parameters. The frequency of each motor is the one whose model predicts the torque best.
+Initial values need no knowledge of the device: see `spring_start`. They are found on a part of one log; all logs then
+determine the parameters, each as one motion.
 """
 
 from __future__ import annotations
@@ -36,13 +35,12 @@ from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
 from haptid.treatment_choice.elasticity import expect_known
 from haptid.treatment_choice.propose import propose
+from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
-# Damping ratio of the filters and, of initial values, the least one.
-_DAMPING, _LEAST_DAMPING = 0.05, 0.02
-# Frequencies tried in an octave, and the last refinement of one, octaves.
-_PER_OCTAVE, _FINEST = 2, 1 / 16
-# Frequencies from this share of the bandwidth to this multiple of it, and length of log that they are tried on, s.
-_FROM, _TO, _SECONDS = 0.3, 4.0, 20.0
+# Least damping ratio of initial values.
+_LEAST_DAMPING = 0.02
+# Length of log that initial values are found on, s.
+_SECONDS = 10.0
 # Highest frequency of a link that is simulated from sample to sample, over the sampling rate.
 _SAMPLED = 0.2
 # Convergence of the first estimate, standard errors.
@@ -86,31 +84,34 @@ def complete_logs(
     # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
     proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
     treatment = _shared(proposal.treatment)
-    part = chosen[0]
-    frequencies = _frequencies(model, part.busiest(_SECONDS), treatment, proposal.bandwidth_hz)
-    _expect_between_samples(part, frequencies, proposal.bandwidth_hz)
-    first = estimate(_rows(model, [_followed(model, log, frequencies) for log in chosen], treatment), WLS())
-    initial = _stable(first, frequencies)
+    part = chosen[0].busiest(_SECONDS)
+    rigid_fit = estimate(_rows(rigid, [part], treatment), WLS())
+    observation = _rows(model, [_followed(model, log) for log in chosen], treatment)
+    method = MotorSide(tolerance=_ROUGH)
+    frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
     try:
-        found = estimate(first.observation, MotorSide(initial=initial, tolerance=_ROUGH))
+        motion = treat(_followed(model, part), treatment)
+        start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction)
+        frequencies = start.frequencies
+        _expect_between_samples(part, frequencies)
+        initial = _stable(observation, start)
+        found = estimate(observation, replace(method, initial=initial))
     except (ConvergenceError, SimulationError) as error:
         raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
     expect_known(found, proposal.bandwidth_hz)
-    return [_simulated(found, _followed(model, log, frequencies), treatment) for log in logs], found
+    return [_simulated(found, _followed(model, log), treatment) for log in logs], found
 
 
-def _stable(first: Estimate, frequencies: Array) -> dict[str, float]:
+def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:
     """Base parameters by name, their friction not below zero, and with damping enough for stable simulations."""
-    found = dict(zip(first.names, first.beta.tolist(), strict=True))
-    names = {name.removesuffix("R"): name for name in found}
-    for term in first.model.terms:
+    found = dict(zip(observation.base.names, start.beta.tolist(), strict=True))
+    names, model = {name.removesuffix("R"): name for name in found}, observation.model
+    for term in model.terms:
         if term.resists and term.name in names:
             found[names[term.name]] = max(found[names[term.name]], 0.0)
-    for drive, frequency in zip(first.model.device.elastic, frequencies.tolist(), strict=True):
-        own = {
-            t.nature: names[t.name] for t in first.model.terms if t.on == f"elastic {drive.name}" and t.name in names
-        }
-        if "spring" in own and "viscous" in own:
+    for drive, frequency in zip(model.device.elastic, start.frequencies.tolist(), strict=True):
+        own = {t.nature: names[t.name] for t in model.terms if t.on == f"elastic {drive.name}" and t.name in names}
+        if "spring" in own and "viscous" in own and np.isfinite(frequency):
             least = 2 * _LEAST_DAMPING * found[own["spring"]] / (2 * np.pi * frequency)
             found[own["viscous"]] = max(found[own["viscous"]], least)
     return found
@@ -135,48 +136,20 @@ def _shared(treatment: Treatment) -> Treatment:
     )
 
 
-def _frequencies(model: DynamicModel, log: Log, treatment: Treatment, bandwidth: float) -> Array:
-    """Frequency of each elastic motor's link on its spring, (motors,), Hz: coordinate search over their logarithms."""
-    highest = min(_TO * bandwidth, _SAMPLED * log.rate_hz)
-    octaves = np.log2(highest / (_FROM * bandwidth))
-    tried = highest / 2 ** np.linspace(0, octaves, max(3, round(octaves * _PER_OCTAVE)))
-    f = np.full(len(model.device.elastic), tried[0])
-    for k in range(len(f)):
-        f[k] = min(tried, key=lambda x: _misfit(model, log, treatment, np.where(np.arange(len(f)) == k, x, f)))
-    step = 0.5 / _PER_OCTAVE
-    while step >= _FINEST:
-        for k in range(len(f)):
-            near = f[k] * 2.0 ** np.array([-step, 0.0, step])
-            f[k] = min(near, key=lambda x: _misfit(model, log, treatment, np.where(np.arange(len(f)) == k, x, f)))
-        step /= 2
-    return f
-
-
-def _misfit(model: DynamicModel, log: Log, treatment: Treatment, frequencies: Array) -> float:
-    """Squared error of the torque, relative to its size, with links that follow their motors by these frequencies."""
-    try:
-        rows = _rows(model, [_followed(model, log, frequencies)], treatment)
-        beta = estimate(rows, WLS()).beta
-    except HaptidError:
-        return np.inf
-    return float(sum((motor.residual(beta) / motor.norm) ** 2 for motor in rows.motors))
-
-
 def _rows(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Observation:
     return observe(model, *(treat(log, treatment) for log in logs))
 
 
-def _followed(model: DynamicModel, log: Log, frequencies: Array) -> Log:
-    """The log with links that follow their motors by filters of second order."""
-    device, dt = model.device, float(log.dt)
+def _followed(model: DynamicModel, log: Log) -> Log:
+    """The log with links that follow their motors as if the springs were rigid."""
+    device = model.device
     known = _known(model, log)
     side = log.channels.position.side
     ratios = [drive.gear_ratio if side == "motor" else 1.0 for drive in device.elastic]
     rotors = [
         known.index(drive.name if side == "motor" else device.joints[drive.first].name) for drive in device.elastic
     ]
-    theta = np.array([np.asarray(log.position[:, k]) / ratio for k, ratio in zip(rotors, ratios, strict=True)])
-    load = np.array([_follow(x, f, dt) for x, f in zip(theta, frequencies, strict=True)])
+    load = np.array([np.asarray(log.position[:, k]) / ratio for k, ratio in zip(rotors, ratios, strict=True)])
     active = list(device.active)
     own = [active.index(drive.first) for drive in device.drives if drive.unloaded]
     rates = np.array([(drive.row - drive.torsion) @ device.closure.constant for drive in device.elastic])
@@ -187,17 +160,6 @@ def _followed(model: DynamicModel, log: Log, frequencies: Array) -> Log:
         load = load - np.outer(rates[:, k], np.asarray(log.position[:, place]))
     links = np.linalg.pinv(rates[:, own]) @ (load - offset[:, None])
     return _with_channels(model, log, links)
-
-
-def _follow(theta: Array, frequency: float, dt: float) -> Array:
-    """A position behind a spring: (2 z w s + w^2) / (s^2 + 2 z w s + w^2), from rest."""
-    from scipy import signal  # loaded only where a device is elastic
-
-    w, z = 2 * np.pi * frequency, _DAMPING
-    made = signal.cont2discrete(([2 * z * w, w * w], [1.0, 2 * z * w, w * w]), dt, method="foh")
-    b, a = np.squeeze(made[0]), made[1]
-    start = signal.lfilter_zi(b, a) * theta[0]
-    return np.asarray(signal.lfilter(b, a, theta, zi=start)[0])
 
 
 def _known(model: DynamicModel, log: Log) -> list[str]:
@@ -231,7 +193,7 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     motion = treat(log, replace(treatment, torque_delay_s=0.0))  # a delay would shift the positions
     base = base_columns(model)
     joints = DrivenJoints(smooth(model, [motion], method.friction), motion, method.segments(motion), base)
-    for _ in range(3):  # initial states of its segments settle
+    for _ in range(3):  # its segments meet
         course = joints.course(found.beta)
     made = np.array(log.position)
     hidden = [k for k, name in enumerate(log.channels.position.channels) if name.endswith(_SIMULATED)]
@@ -239,18 +201,17 @@ def _simulated(found: Estimate, log: Log, treatment: Treatment) -> Log:
     return replace(log, position=made)
 
 
-def _expect_between_samples(log: Log, frequencies: Array, bandwidth: float) -> None:
-    """Raise LogTimeError where the best frequency of a link is the highest that the sampling rate permits."""
-    highest = _SAMPLED * log.rate_hz
-    if highest < _TO * bandwidth and frequencies.max() > 0.9 * highest:
-        needed = _TO * bandwidth / _SAMPLED
+def _expect_between_samples(log: Log, frequencies: Array) -> None:
+    """Raise LogTimeError where the frequency of a link is higher than the sampling rate permits."""
+    highest, found = _SAMPLED * log.rate_hz, float(np.nanmax(frequencies, initial=0.0))
+    if found > highest:
         raise LogTimeError(
             f"{log.path.name} has {log.rate_hz:.4g} samples a second: too few for the resonance of a link that is not "
-            f"measured, which is at {highest:.3g} Hz or above (limit {_SAMPLED:g} of the rate).",
+            f"measured, which is near {found:.3g} Hz (limit {_SAMPLED:g} of the rate).",
             where=log.path.name,
             found=log.rate_hz,
-            limit=needed,
-            advice=f"Record at {needed:.3g} Hz or more, or positions of the joints too.",
+            limit=found / _SAMPLED,
+            advice=f"Record at {found / _SAMPLED:.3g} Hz or more, or positions of the joints too.",
         )
 
 
@@ -276,7 +237,7 @@ def _without_solution(
     why = str(error).removesuffix(error.advice).strip()
     return IdentifiabilityError(
         f"{logs[0].path.name}: no stiffness is found from the motors' positions alone, with motion up to {highest:.3g} "
-        f"Hz. It began with links that follow their motors up to {tried} Hz. {why}",
+        f"Hz. Frequencies of the links on their springs came out as {tried} Hz. {why}",
         where=logs[0].path.name,
         found=highest,
         advice=f"Excite up to {2 * highest:.3g} Hz, or record positions of the joints too. If that shows nothing "
