@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from haptid import errors
+from haptid.cli import app
 from haptid.device import read_device
 from haptid.log.survey import survey
 from haptid.log.survey.joint_names import are_named, matched
+from haptid.study import read_study
 from haptid.study.draft import draft_study
 
 ARM = 'schema = 1\nname = "arm"\ngravity = [0.0, 0.0, -9.81]\n'
@@ -95,3 +99,25 @@ def test_a_folder_that_is_no_log_names_the_logs_in_it(tmp_path: Path) -> None:
     written(tmp_path / "day" / "a" / "data.csv", "t,q1,tau1", t, q, tau)
     with pytest.raises(errors.LogFileError, match=r"a/data\.csv.*--device"):
         survey(tmp_path / "day")
+
+
+def test_a_recording_of_goals_alone_says_what_is_missing(tmp_path: Path) -> None:
+    """As of a hobby arm: positions and the positions that were commanded, `actions`, which are no torques."""
+    t, q, tau = motion(2)
+    rows = [{"time": float(t[k]), "joint_positions": q[k].tolist()} for k in range(len(t))]
+    (tmp_path / "run.json").write_text(json.dumps({"actions": q.tolist(), "sensor_data": rows}))
+    path = device(tmp_path, "1", "2")
+    result = CliRunner().invoke(
+        app, ["channels", str(tmp_path / "run.json"), "--device", path, "--out", str(tmp_path / "study.toml")]
+    )
+    assert result.exit_code == 0, result.output
+    assert "Present_Load" in result.output
+    assert "haptid excite" in result.output
+    assert "is it" not in (tmp_path / "study.toml").read_text()
+    with pytest.raises(errors.StudyFileError, match="without them nothing is identified"):
+        read_study(tmp_path / "study.toml")
+    for row, load in zip(rows, np.round(100 * tau).astype(int), strict=True):
+        row["joint_loads"] = load.tolist()
+    (tmp_path / "run.json").write_text(json.dumps({"actions": q.tolist(), "sensor_data": rows}))
+    text, _ = draft_study([tmp_path / "run.json"], read_device(path), "arm.toml")
+    assert tomllib.loads(text)["channels"]["torque"]["field"] == "sensor_data.joint_loads"

@@ -108,7 +108,13 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     if (
         mounting := _mounting(found, part, after / max(before, 1e-300))
     ) is not None:  # nothing else can be judged with it
-        return Advice((mounting,), mounting.before, mounting.after, (), len(search.candidates) + 1)
+        return Advice(
+            (mounting,),
+            mounting.before,
+            mounting.after,
+            tuple(_other_robot(mounting.after, (0.0, 0.0))),
+            len(search.candidates) + 1,
+        )
     treatment = found.proposal.treatment
     listed = [
         _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))

@@ -65,6 +65,8 @@ def channels(
 
 
 def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
+    from haptid.log.survey.draft import WITHOUT_TORQUE
+
     out.print(f"{surveyed.path}: {surveyed.format}", highlight=False)
     for note in surveyed.notes:
         out.print(f"  {note}", highlight=False)
@@ -78,6 +80,8 @@ def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
         out.print(
             f"Study in {study}; it lacks {lacking}, which were not recognised: name their channels in [channels]."
         )
+        if "torque" in surveyed.lacking and WITHOUT_TORQUE in draft:
+            out.print(f"Where there are none: {WITHOUT_TORQUE}. haptid excite plans a motion for that.")
     elif study is not None:
         out.print(f"Study in {study}. Units and choices are guesses: check them, then haptid identify {study}")
     elif draft:

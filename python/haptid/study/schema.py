@@ -83,8 +83,10 @@ class ChannelsTable(_Table):
         description="irregular stamps: the times of the samples, or jitter of regular ones; auto: by the positions",
     )
     stale: Literal["drop", "keep"] = Field("drop", description="rows that repeat the row before in spite of motion")
-    position: SignalTable
-    torque: SignalTable
+    position: SignalTable = Field(description="of the joints or motors")
+    torque: SignalTable = Field(
+        description="of the motors: torques, currents, a servo's load, or PWM; without them nothing is identified"
+    )
     velocity: SignalTable | None = Field(
         None, description="of the positions, in their order; used where they are less noisy than differences"
     )

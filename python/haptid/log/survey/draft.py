@@ -26,9 +26,9 @@ from haptid.log.survey.names import (
 from haptid.log.units import PERIODS
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
-_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action", "setpoint",
-                     "set", "soll", "external", "ext", "et", "model", "predicted", "pred", "last", "prev", "residual",
-                     "disturbance", "gravity", "friction"})  # fmt: skip
+_WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
+                     "actions", "setpoint", "set", "soll", "external", "ext", "et", "model", "predicted", "pred",
+                     "last", "prev", "residual", "disturbance", "gravity", "friction"})  # fmt: skip
 # More likely than a command, where both are there.
 _MEASURED = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
@@ -46,6 +46,11 @@ _A_PART = 0.02
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED | _TREATED
 _SEPARATOR = re.compile(r"([./ _])")
+# What a log of positions alone is good for, such as one of a servo arm that was guided by hand.
+WITHOUT_TORQUE = (
+    "positions alone, or with goals (actions), tell nothing of mass and friction: record beside them each servo's "
+    "load, current or PWM (Present_Load, Present_Current, Present_PWM) or ROS effort, while the motors drive the joints"
+)
 # Joints that are named in a comment.
 _NAMED = 8
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
@@ -199,7 +204,8 @@ def channels_table(
     lines.append(_signal_line("position", position) + _unlike(position, joints))
     if torque is None:
         lines.append(
-            "# torque = ...  # no channel of torques, currents or commands was found" + _left(topics, position)
+            "# torque = ...  # no channel of torques, currents or commands was found"
+            + (_left(topics, position) or f"; {WITHOUT_TORQUE}")
         )
     else:
         lines.append(_signal_line("torque", torque))

@@ -17,7 +17,7 @@ _DUTY = frozenset({"pwm", "duty"})
 _TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff", "moment",
                      "drehmoment", "couple", "coppia"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
-_FORCE = frozenset({"load", "force", "kraft", "u", "mt", "ctrl"})
+_FORCE = frozenset({"load", "loads", "force", "kraft", "u", "mt", "ctrl"})
 _POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta",
                        "enc", "encoder", "pot", "potentiometer", "winkel", "lage", "weg", "posicion",
                        "posizione"})  # fmt: skip
