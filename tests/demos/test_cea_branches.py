@@ -162,6 +162,24 @@ def test_compensation_is_felt_as_promised_and_feeds_no_hand(found):
     assert not made.design.front("passive")  # the branch has no viscous friction
 
 
+def test_other_laws_are_felt_as_they_promise(found):
+    """Friction falls by its share; computed torque is a spring and a damper."""
+    _, results = found
+    weight, rubbed, planned = results.others
+    assert [one.judged.passive for one in results.others] == [False, False, False]
+    assert planned.judged.stable
+    assert planned.judged.quiet
+    assert planned.stiff.predicted < 1 < rubbed.stiff.predicted
+    assert all(one.stiff.power < 0 for one in results.others)
+    assert max(one.stiff.unrest for one in results.others) < 5e-3
+    assert rubbed.felt.friction == pytest.approx(0.3 * weight.felt.friction, rel=0.3)
+    w = 2 * np.pi * 5.0
+    assert planned.felt.stiffness == pytest.approx(w**2 * weight.felt.mass, rel=0.1)
+    assert planned.felt.damping == pytest.approx(2 * w * weight.felt.mass, rel=0.1)
+    assert planned.tracking < 5e-4
+    assert weight.tracking is None
+
+
 @pytest.fixture(scope="module")
 def interface(demo, tmp_path_factory):
     """Both branches on one handle, from logs of a few seconds at a lower control rate."""

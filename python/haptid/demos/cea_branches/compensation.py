@@ -15,6 +15,7 @@ from haptid.end_effector.compensation import (
     Compensation,
     CompensationDesign,
     DesignPoint,
+    InverseDynamics,
     design_compensation,
 )
 from haptid.estimation import Estimate
@@ -120,7 +121,7 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
             name: impedance_curve(bench, *middle, plan.frequencies_hz, law, plan.speed, _PERIODS)
             for name, law in laws.items()
         },
-        trials=tuple(_trial(plan, bench, hand, name, law, *middle) for hand in HANDS for name, law in laws.items()),
+        trials=tuple(hand_trial(plan, bench, hand, name, law, *middle) for hand in HANDS for name, law in laws.items()),
     )
 
 
@@ -131,8 +132,14 @@ def _predicted(law: Compensation, pose: Array, direction: Array, hz: float, benc
     return np.array([projected.imag / (2 * np.pi * hz), projected.real])
 
 
-def _trial(
-    plan: Compensating, bench: Setup, hand: str, name: str, law: Compensation, pose: Array, direction: Array
+def hand_trial(
+    plan: Compensating,
+    bench: Setup,
+    hand: str,
+    name: str,
+    law: Compensation | InverseDynamics,
+    pose: Array,
+    direction: Array,
 ) -> HandTrial:
     """One hand moves the handle at the greatest frequency of the plan."""
     hz, model = max(plan.frequencies_hz), HANDS[hand]

@@ -36,7 +36,12 @@ def compensation_section(results: Results) -> DocumentSection:
         )
     else:
         text.append(f"No point reduces the felt mass by {100 * plan.reduction:.0f} % and is stable and quiet.")
-    tables = (_felt_table(results), _frequency_table(results), _hands_table(results))
+    text.append(
+        "Other laws of the same model, dry friction on: verdicts with the published hands at all angles, and what the "
+        "bench measures at the middle one, moved by a guide and by the stiffest hand. Verdicts on stability are linear, "
+        "without the dry friction that holds a handle still: friction compensation is judged by its slope at rest."
+    )
+    tables = (_felt_table(results), _frequency_table(results), _hands_table(results), _laws_table(results))
     return DocumentSection("law", "Mass compensation", tuple(text), tables, (_front_chart(results),))
 
 
@@ -78,6 +83,18 @@ def _hands_table(results: Results) -> TextTable:
         for trial in results.compensated.trials
     ]
     return TextTable("Hands that move the handle on the bench", cells)
+
+
+def _laws_table(results: Results) -> TextTable:
+    head = ["law", "stable", "quiet", "passive", "spectral radius, stiff hand", "mass, kg", "damping, N s/m"]
+    cells = [[*head, "stiffness, N/m", "dry friction, N", "unrest in it, mm/s", "power to it, W", "tracking, mm"]]
+    for one in results.others:
+        verdicts = ("yes" if getattr(one.judged, name) else "no" for name in ("stable", "quiet", "passive"))
+        felt = (_ranged(one.felt, name) for name in ("mass", "damping", "stiffness", "friction"))
+        held = f"{1e3 * one.stiff.unrest:.2f}", f"{one.stiff.power:.4f}"
+        tracking = "" if one.tracking is None else f"{1e3 * one.tracking:.3f}"
+        cells.append([one.name, *verdicts, f"{one.stiff.predicted:.4f}", *felt, *held, tracking])
+    return TextTable("Weight and friction compensation, and inverse-dynamics control", cells)
 
 
 def _front_chart(results: Results) -> Chart:

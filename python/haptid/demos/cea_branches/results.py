@@ -12,6 +12,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.compensation import Compensated, compensated
 from haptid.demos.cea_branches.interface import IdentifiedInterface, identified_interface
+from haptid.demos.cea_branches.other_laws import LawInHand, other_laws
 from haptid.demos.cea_branches.plan import Branch, CeaDemo, Interface, Stretch
 from haptid.demos.flaws import FlawedDevice, figures, range_sentence
 from haptid.demos.plan import Progress, Table
@@ -181,6 +182,7 @@ class Results:
         demo, model: its plan, and the model of a branch.
         friction, found, handles: friction tests, identifications and end-effectors by branch.
         compensated: inertia compensation of one branch.
+        others: other laws of that branch in a hand.
         interface: both branches on one handle; None without it.
         flawed: the first branch with the flaws of a real device; None where the plan has no such logs.
     """
@@ -191,6 +193,7 @@ class Results:
     found: Mapping[str, Identified]
     handles: Mapping[str, Handle]
     compensated: Compensated
+    others: tuple[LawInHand, ...]
     interface: IdentifiedInterface | None
     flawed: FlawedDevice | None = None
 
@@ -232,7 +235,8 @@ def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
     plan = demo.compensation
     progress("compensating", 0.0)
     setup = read_experiment(logs / f"{plan.branch}.toml").setup(model)
-    compensation = compensated(plan, demo.sweep(plan.sweep), identified_branches[plan.branch].reduced, setup)
+    given = plan, demo.sweep(plan.sweep), identified_branches[plan.branch].reduced, setup
+    compensation, others = compensated(*given), other_laws(*given)
     progress("compensating", 1.0)
     interface = interface_of(demo.interface, logs, progress) if demo.interface else None
     bent = None
@@ -240,7 +244,7 @@ def find(demo: CeaDemo, logs: Path, progress: Progress) -> Results:
         first = demo.branches[0]
         pairs = (first.key, first.unseen), (demo.flawed.fit, demo.flawed.unseen)
         bent = flawed(demo, identified_branches[first.key], *([recording(key) for key in pair] for pair in pairs))
-    return Results(demo, model, friction, identified_branches, handles, compensation, interface, bent)
+    return Results(demo, model, friction, identified_branches, handles, compensation, others, interface, bent)
 
 
 def flawed(

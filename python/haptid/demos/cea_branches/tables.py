@@ -13,6 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.compensation import Compensated
 from haptid.demos.cea_branches.interface import IdentifiedInterface
+from haptid.demos.cea_branches.other_laws import LawInHand
 from haptid.demos.cea_branches.results import Handle, Identified, Results, coulomb_of
 from haptid.demos.plan import write_csv
 from haptid.end_effector.characterisation import Characterisation
@@ -203,6 +204,7 @@ def values(results: Results) -> dict[str, Any]:
     return {
         "branches": {key: _branch(results, key) for key in results.found},
         "compensation": _compensation(compensated),
+        "other_laws": [_law(one) for one in results.others],
         "interface": _interface(results.interface) if results.interface else None,
     }
 
@@ -223,6 +225,17 @@ def _compensation(compensated: Compensated) -> dict[str, Any]:
             for name, impedances in compensated.curves.items()
         },
         "hands": [asdict(trial) for trial in compensated.trials],
+    }
+
+
+def _law(one: LawInHand) -> dict[str, Any]:
+    """A law in a hand, as JSON."""
+    return {
+        "name": one.name,
+        "judged": vars(one.judged),
+        "felt": one.felt.quantities.to_json(),
+        "stiff_hand": asdict(one.stiff),
+        "tracking": one.tracking,
     }
 
 
