@@ -182,6 +182,7 @@ def test_the_command_has_both_pictures_and_refuses_what_cannot_be(model, tmp_pat
     for options, what in (
         (["--weight", "be=0.9:0.02,0,0"], "at most 0.4 kg"),
         (["--weight", "be=0.1:0.2,0,0"], "(0.1, 0.0, 0.0)"),
+        (["--weight", "a=0.1:0.02,0,0"], "a link that has a place: be, df"),
         (["--weight", "be=0.1"], "LINK=MASS:x,y,z"),
         (["--place", "be=0.4"], "LINK=MOST"),
         (["--motor", "big=2"], "NAME=TORQUE:INERTIA"),

@@ -163,7 +163,8 @@ def _write_lines(figure: Figure, sheet: DataSheet) -> None:
     for k, (places, cells) in enumerate(lines):
         head = cells in (wide[0], [*narrow, None][0]) or not any(cells[1:])
         for place, cell in zip(places, cells, strict=True):
-            room = int(_LETTERS * (_RIGHT - place if place == places[-1] else 1))
+            # Smaller letters leave room for more of them.
+            room = int(_LETTERS * _LINE / height * (_RIGHT - place if place == places[-1] else 1))
             short = cell if len(cell) <= room else cell[: room - 2] + " .."
             size, weight = _SIZE * height / _LINE, "bold" if head else "normal"
             figure.text(place, 0.735 - k * height, short, fontsize=size, weight=weight, parse_math=False)

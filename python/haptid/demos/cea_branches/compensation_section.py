@@ -38,7 +38,7 @@ def compensation_section(results: Results) -> DocumentSection:
         text.append(f"No point reduces the felt mass by {100 * plan.reduction:.0f} % and is stable and quiet.")
     text.append(
         "Other laws of the same model, dry friction on: verdicts with the published hands at all angles, and what the "
-        "bench measures at the middle one, moved by a guide and by the stiffest hand. Verdicts on stability are linear, "
+        "bench measures at the middle one, moved by a guide and by the stiffest hand. Stability is judged linearly, "
         "without the dry friction that holds a handle still: friction compensation is judged by its slope at rest."
     )
     tables = (_felt_table(results), _frequency_table(results), _hands_table(results), _laws_table(results))

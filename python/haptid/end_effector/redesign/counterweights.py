@@ -182,9 +182,9 @@ def _inside(weight: Counterweight, limits: Sequence[WeightPlace]) -> None:
             low - 1e-12 <= x <= high + 1e-12 for low, x, high in zip(place.low, weight.com, place.high, strict=True)
         ):
             return
-    wanted = (
-        " or ".join(f"at most {p.most:g} kg from {p.low} to {p.high}" for p in here) or "on a link that has a place"
-    )
+    links = ", ".join(dict.fromkeys(place.link for place in limits)) or "none"
+    within = " or ".join(f"at most {p.most:g} kg from {p.low} to {p.high}" for p in here)
+    wanted = within or f"it on a link that has a place: {links}"
     raise setting_error(f"counterweight on {weight.link}", (weight.mass, weight.com), wanted)
 
 
