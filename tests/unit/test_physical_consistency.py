@@ -11,6 +11,7 @@ from haptid.errors import ConvergenceError, IdentifiabilityError, PhysicalConsis
 from haptid.estimation import PhysicallyConsistent, feasible_parameters, project_to_feasible, pseudo_inertia
 from haptid.estimation.feasibility import conic_program
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
+from haptid.estimation.feasibility.feasible import BORDER, interior, roomy
 from haptid.report.tables import parameter_cells
 from haptid.results.schema import ResultParameter
 from mechanisms import mechanisms
@@ -59,6 +60,32 @@ def test_what_bodies_have_is_possible(mechanism):
     assert found.ok, found.summary()
     np.testing.assert_allclose(model.base.of(found.chi), beta, atol=1e-9 * np.abs(beta).max(initial=1.0))
     assert scaled_margin(model, found) >= -ROUNDING
+
+
+def test_the_bodies_of_possible_base_parameters_are_those_of_least_divergence(model):
+    """Their base parameters stay, and in no direction without torque does <C^-1, P> - log det P fall."""
+    conditions = roomy(model, truth(model))
+    x = conditions.start(truth(model))
+    found = interior(conditions, x)
+    np.testing.assert_allclose(conditions.A @ found.x, conditions.A @ x, atol=1e-12 * np.abs(conditions.A).max())
+    moved = 0
+
+    def divergence(part, at):
+        total = 0.0
+        for block in part.blocks:
+            P, C = block.matrix(at), block.matrix(block.reference(conditions.centre, conditions.ball))
+            total += np.trace(np.linalg.solve(C, P)) - np.linalg.slogdet(P)[1]
+        return total
+
+    for part, margin in zip(conditions.parts, found.margins, strict=True):
+        if margin > BORDER:
+            for direction in part.null.T:
+                step = 1e-3 * margin * direction / np.abs(direction).max()
+                here, up, down = (divergence(part, found.x + k * step) for k in (0, 1, -1))
+                assert min(up, down) > here - 1e-12
+                assert abs(up - down) < 1e-2 * (up + down - 2 * here)  # the minimum is between them
+                moved += 1
+    assert moved > 10
 
 
 def scaled_margin(model, found):

@@ -295,15 +295,15 @@ def analytic_centre(cone: Cone, part: ConePart, x: Array) -> Array:
     Nemirovskii (1994), Interior-Point Polynomial Algorithms, for the damping.
     """
     references = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block in part.blocks]
+    along = [block.matrices(part.null) for block in part.blocks]
     y = np.zeros(part.null.shape[1])
     for _ in range(_MOST_STEPS):
         gradient, hessian = np.zeros(len(y)), np.zeros((len(y), len(y)))
-        for block, reference in zip(part.blocks, references, strict=True):
+        for block, reference, directions in zip(part.blocks, references, along, strict=True):
             inverse = np.linalg.inv(block.matrix(x + part.null @ y))
-            directions = block.matrices(part.null)
             scaled = inverse @ directions
             gradient += np.einsum("ij,kji->k", reference - inverse, directions)
-            hessian += np.einsum("aij,bji->ab", scaled, scaled)
+            hessian += scaled.reshape(len(y), -1) @ scaled.swapaxes(1, 2).reshape(len(y), -1).T
         step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
         decrement = float(np.linalg.norm(step @ gradient)) ** 0.5
         y += step / (1.0 + decrement)
