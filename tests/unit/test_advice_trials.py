@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import haptid
 import small_study
@@ -72,14 +73,55 @@ def test_errors_are_those_of_fits_on_the_other_half():
 
 
 def test_tests_of_columns_that_are_not_there_have_their_level():
-    p = [bench(seed)[1].run(Setting(terms=(((3,),),))).p for seed in range(300)]
+    benches = [bench(seed)[1] for seed in range(300)]
+    p = [made.p_value(made.run(Setting(terms=(((3,),),)))) for made in benches]
     assert 3 <= sum(value < 0.05 for value in p) <= 30
+
+
+def test_what_the_simulated_log_has_is_taken_off_and_asked_for_only_where_it_decides():
+    rows, plain = bench(extra=0.2)
+    asked = []
+
+    def simulated():
+        asked.append(True)
+        return replace(rows, y=0.5 * rows.y).whole.grams()  # half of the column's parameter is an artefact
+
+    made = replace(plain, artefact=simulated)
+    trial, setting = made.run(Setting(terms=(((3,),),))), Setting(terms=(((3,),),))
+    less, without = made.p_value(trial), plain.p_value(plain.run(setting))
+    assert without < less < 1
+    t = trial.whole.theta[3] / made.standard_errors(trial)[0]
+    assert stats.t.ppf(less / 2, 11) / stats.t.ppf(without / 2, 11) == pytest.approx(0.5, rel=0.05)
+    assert t == pytest.approx(-stats.t.ppf(without / 2, 11), rel=0.05)
+    asked.clear()
+    assert made.p_value(trial, 0.5 * without) == without  # a lower bound, and above the limit: enough to know
+    assert not asked
+    assert made.p_value(trial, 2 * without) == less
+    assert asked
+
+
+def test_no_artefact_makes_several_columns_more_significant_than_the_bound():
+    """Columns that are alike have opposite errors: to take one off alone can make the other one significant."""
+    rng = np.random.default_rng(3)
+    rows, plain = bench(seed=5)
+    W = np.concatenate([rows.W, rows.W[:, :, 3:] + 0.1 * rng.normal(size=(2, 1200, 1))], axis=2)
+    rows = replace(rows, W=W, groups=((3, 4),))
+    setting, bounds = Setting(terms=(((3, 4),),)), []
+    for taken in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.3, 0.9), (1.0, 1.0)):
+        made = replace(plain, grams={"used": rows.grams()})
+        trial = made.run(setting)
+        theta = np.concatenate([np.zeros(3), taken * trial.whole.theta[3:]])
+        simulated = replace(rows, y=np.einsum("mrp,p->mr", rows.W, theta)).whole.grams()
+        p = replace(made, artefact=lambda simulated=simulated: simulated).p_value(trial)
+        bounds.append(made.p_value(trial, 0.0))
+        assert bounds[-1] <= p * (1 + 1e-6)
+    assert len(set(bounds)) == 1
 
 
 def test_what_is_there_is_found_with_its_gain():
     _, made = bench(extra=1.0)
     base, more = made.run(Setting()), made.run(Setting(terms=(((3,),),)))
-    assert more.p < 1e-4
+    assert made.p_value(more) < 1e-4
     assert gain(base, more).share == pytest.approx(0.5, abs=0.1)
     assert gain(base, base).share == 0
 

@@ -271,7 +271,7 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
     on, now, chosen = Setting(), base, list[Proven]()
     left = list(made)
     while left and len(chosen) < _MOST:
-        trials = [(one, search.bench.run(on.plus(one.trial.setting), test=False)) for one in left]
+        trials = [(one, search.bench.run(on.plus(one.trial.setting))) for one in left]
         gains = [(gain(now, trial), one, trial) for one, trial in trials]
         worth = [each for each in gains if large_enough(each[0])]
         if not worth:
@@ -399,7 +399,7 @@ def _reversible(search: Trials, base: Trial, group: Sequence[Impossible]) -> boo
         column = grams.shape[-1] - search.bench.motors + one.motor
         grams[:, :, column] *= -1
         grams[:, :, :, column] *= -1
-    trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"), test=False)
+    trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"))
     made = gain(base, trial)
     beta = np.zeros(group[0].combinations.shape[1])
     beta[search.bench.kept] = trial.whole.theta[: len(search.bench.kept)]

@@ -95,7 +95,7 @@ def _tried(
         {"used": rows.grams(both), "filter": there.grams(both)},
         len(beta), kept, weights_of(rows, len(beta), beta), np.eye(len(rows.y)),
     )  # fmt: skip
-    before, after = (bench.run(Setting(rows=key), test=False) for key in ("used", "filter"))
+    before, after = (bench.run(Setting(rows=key)) for key in ("used", "filter"))
     errors = unseen_percent(model, bench, before), unseen_percent(model, bench, after)
     return OtherFilter(hz, made, gain(before, after), *errors, paired(model, bench, before, after))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from typing import Any
 
@@ -15,7 +15,7 @@ from haptid._internal.signals import running_mean
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
-from haptid.advice.rows import BaseRows, TrialRows, trial_rows
+from haptid.advice.rows import BaseRows, Column, TrialRows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -126,7 +126,7 @@ class Trials:
         return contact(self)
 
     def base(self, setting: Setting | None = None) -> Trial:
-        return self.bench.run(setting or Setting(), test=False)
+        return self.bench.run(setting or Setting())
 
 
 def search_of(
@@ -155,13 +155,10 @@ def search_of(
     added = [column for source in [*sources, *(s for _, s in lengths)] for column in source.alternatives]
     whole = base.with_columns(beta, added)
     weights = weights_of(whole, len(beta), beta)
-    artefacts = [simulated_log(model, motion, beta) if columns else None for motion in motions]
-    null = None
-    if all(one is not None for one in artefacts):
-        there = trial_rows(model, [m for m in artefacts if m is not None], beta, added, motions)
-        null = there.whole.grams() if there.blocks == whole.blocks else None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
-    bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions), null)
+    bench = Bench({"used": whole.grams()}, len(beta), kept, weights, _channel_factors(model, motions))
+    if columns:
+        bench = replace(bench, artefact=cache(lambda: _simulated(model, motions, beta, added, whole.blocks)))
     made, at = [], 0
     for source, what in [(s, None) for s in sources] + [(s, g) for g, s in lengths]:
         own = whole.groups[at : at + len(source.alternatives)]
@@ -179,6 +176,20 @@ def search_of(
                 TriedChange("torque swap", (labels[i], labels[j]), Setting(source=tuple(source_of)), (), (i, j))
             )
     return Trials(model, motions, beta, whole, bench, tuple(made), found)
+
+
+def _simulated(
+    model: DynamicModel, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
+) -> Array | None:
+    """Gram matrices of the same rows of logs made by the model, as one block; None where there are no such logs."""
+    logs = [log for motion in motions if (log := simulated_log(model, motion, beta)) is not None]
+    if len(logs) < len(motions):
+        return None
+    try:
+        there = trial_rows(model, logs, beta, columns, motions)
+    except HaptidError:
+        return None
+    return there.whole.grams() if there.blocks == blocks else None
 
 
 def _sources(
@@ -266,7 +277,7 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
     """The search on rows without those that channels or a contact spoil, where leaving them out is proven to help."""
     found: list[Proven] = []
     bench = search.bench.without_candidates()
-    base = bench.run(Setting(), test=False)
+    base = bench.run(Setting())
     kept = np.ones(search.rows.used.shape, dtype=bool)
     for one, mask in _masks(search):
         made = _masked(search, bench, base, one, mask)
@@ -288,7 +299,7 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
     if share <= 0:
         return None
     bench = whole.with_rows("clean", search.rows.grams(mask, whole.base))
-    trial, before = bench.run(Setting(rows="clean"), test=False), bench.run(Setting(), judged="clean", test=False)
+    trial, before = bench.run(Setting(rows="clean")), bench.run(Setting(), judged="clean")
     made = gain(before, trial)
     total = 1.0 - trial.total / (1.0 - share) / base.total
     harmless = one.fault is not None and made.share > -LEAST_SE * made.se
@@ -482,13 +493,12 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
     for one in search.candidates:
         trial = search.bench.run(one.setting)
         made = gain(base, trial)
-        p = min(1.0, 2 * min(trial.p, made.p)) if one.setting.terms else made.p
-        if min(p * tests, 1.0) < SIGNIFICANCE and made.share > made.se and _matters(one, trial):
+        if made.share > made.se and _matters(one, trial) and _significant(search.bench, trial, made, tests):
             singles.setdefault(_group(one), []).append((one, trial, made))
     found = []
     for members in singles.values():
         merged = _merged([one for one, _, _ in members])
-        trial = members[0][1] if len(members) == 1 else search.bench.run(merged.setting, test=False)
+        trial = members[0][1] if len(members) == 1 else search.bench.run(merged.setting)
         made = members[0][2] if len(members) == 1 else gain(base, trial)
         best = max(members, key=lambda each: each[2].share)
         if best[2].share > made.share:
@@ -496,6 +506,13 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
         if large_enough(made):
             found.append(Proven(merged, trial, made))
     return _ranked(found)
+
+
+def _significant(bench: Bench, trial: Trial, made: Gain, tests: int) -> bool:
+    """Whether a candidate is significant over all tests, by its gain or, where it adds columns, by their parameters."""
+    either = 2 if trial.setting.terms else 1
+    limit = SIGNIFICANCE / (either * tests)
+    return made.p < limit or (bool(trial.setting.terms) and bench.p_value(trial, limit) < limit)
 
 
 def large_enough(made: Gain) -> bool:

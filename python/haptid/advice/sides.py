@@ -208,7 +208,7 @@ def compared(
     for one, beta, columns in zip(rows, start, kept, strict=True):
         weights = weights_of(one, len(beta), beta)
         bench = Bench({"used": one.grams(both)}, len(beta), columns, weights, same)
-        trial = bench.run(Setting(), test=False)
+        trial = bench.run(Setting())
         errors.append(unseen_percent(model, bench, trial))
         trials.append(_relative(bench, trial))
     difference = (trials[0].errors - trials[1].errors).sum(axis=1)

@@ -7,9 +7,10 @@ error that of these paired differences.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy import linalg
@@ -23,6 +24,8 @@ _RIDGE = 1e-11
 _FACTORS = np.geomspace(5e-4, 2e3, 23)
 # Times that the grid between the neighbours of the best one is made 16 times finer.
 _REFINED = 4
+# Columns up to which all corners of a box are tried.
+_MOST_CORNERS = 5
 
 
 @dataclass(frozen=True)
@@ -82,15 +85,11 @@ class Trial:
         setting: what was fitted.
         errors: weighted squared errors of unseen rows, (blocks, motors).
         whole: the fit on all blocks.
-        p: p-value of the cluster-robust test that the added columns are zero; 1 where there are none.
-        se: cluster-robust standard errors of the added columns' parameters.
     """
 
     setting: Setting
     errors: Array
     whole: Fitted
-    p: float = 1.0
-    se: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def total(self) -> float:
@@ -138,8 +137,8 @@ class Bench:
         base: number of base parameters; `kept` are those of them that are not fixed at zero.
         weights: of each motor's rows, (motors,).
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
-        artefact: Gram matrices of the same log simulated with the model, whose candidates are zero, of one block or
-            more; None: not known.
+        artefact: called for Gram matrices of the same log simulated with the model, whose candidates are zero, of one
+            block or more; None: not known. Few searches ask for them.
     """
 
     grams: dict[str, Array]
@@ -147,11 +146,11 @@ class Bench:
     kept: np.ndarray
     weights: Array
     channel_factors: Array
-    artefact: Array | None = None
+    artefact: Callable[[], Array | None] = lambda: None
     _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
     _weighed: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
     _sources: dict[tuple[int, ...], tuple[np.ndarray, Array]] = field(default_factory=dict, init=False, repr=False)
-    _trials: dict[tuple[Setting, str | None, bool], Trial] = field(default_factory=dict, init=False, repr=False)
+    _trials: dict[tuple[Setting, str | None], Trial] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def motors(self) -> int:
@@ -168,7 +167,7 @@ class Bench:
         """Of the base parameters' columns alone: a small part of the matrices, where these are the only ones fitted."""
         grams = self.grams["used"]
         kept = np.r_[: self.base, grams.shape[-1] - self.motors : grams.shape[-1]]
-        return replace(self, grams={"used": _rows(grams, kept, kept)}, artefact=None)
+        return replace(self, grams={"used": _rows(grams, kept, kept)}, artefact=lambda: None)
 
     def fit(self, setting: Setting, blocks: np.ndarray, grams: Array | None = None) -> Fitted:
         """Least squares on some blocks; alternatives and factors are those of the least error."""
@@ -304,31 +303,51 @@ class Bench:
         squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
         return np.asarray(np.maximum(squares, 0.0) * self.weights**2)
 
-    def run(self, setting: Setting, judged: str | None = None, test: bool = True) -> Trial:
+    def run(self, setting: Setting, judged: str | None = None) -> Trial:
         """A trial: two fits on alternate blocks, each judged on the other half; and one on all blocks.
 
         Args:
             setting: what is fitted.
             judged: the rows on which errors are stated; those of the fit where None.
-            test: whether to test the added columns.
         """
-        asked = (setting, judged, test)
+        asked = (setting, judged)
         if asked not in self._trials:  # the search and what it cannot tell ask for the same ones
             every = np.arange(self.blocks)
             errors = np.empty((self.blocks, self.motors))
             for half in (0, 1):
                 fitted, unseen = self.fit(setting, every[half::2]), slice(1 - half, None, 2)
                 errors[unseen] = self.errors(fitted, setting, judged, unseen)
-            whole = self.fit(setting, every)
-            made = Trial(setting, errors, whole)
-            self._trials[asked] = self._tested(made) if test and len(whole.theta) > len(self.kept) else made
+            self._trials[asked] = Trial(setting, errors, self.fit(setting, every))
         return self._trials[asked]
 
-    def _tested(self, made: Trial) -> Trial:
-        """With the Wald test of the added columns, by scores of the blocks corrected for their leverage.
+    def standard_errors(self, made: Trial) -> Array:
+        """Cluster-robust ones of the added columns' parameters."""
+        return np.sqrt(np.diag(self._clustered(made)[0]))
+
+    def p_value(self, made: Trial, limit: float = 1.0) -> float:
+        """p-value of the cluster-robust Wald test that the added columns are zero; 1 where there are none.
 
         What the same columns have in the simulated log, in which they are zero, is taken from them.
+
+        Args:
+            made: a trial of this bench.
+            limit: above it the p-value is a lower bound.
         """
+        theta = made.whole.theta[len(self.kept) :]
+        if not len(theta):
+            return 1.0
+        covariance, dof = self._clustered(made)
+        many = int(np.prod([len(term) for term in made.setting.terms]))
+        if len(theta) <= _MOST_CORNERS:
+            # What is taken off is between nothing and all: a convex function of it is largest at a corner of this box.
+            corners = theta * np.array(list(product((0.0, 1.0), repeat=len(theta))))
+            p = min(1.0, many * min(self._wald(corner, covariance, dof) for corner in corners))
+            if p >= limit:
+                return p
+        return min(1.0, many * self._wald(theta - self._artefact(made.setting, made.whole), covariance, dof))
+
+    def _clustered(self, made: Trial) -> tuple[Array, float]:
+        """Covariance of the added columns' parameters, from leverage-corrected scores of the blocks, and its dof."""
         setting, fitted = made.setting, made.whole
         G, c, h = self.grams[setting.rows], fitted.columns, fitted.factors
         first, w = len(self.kept), self.weights**2
@@ -343,27 +362,28 @@ class Bench:
         covariance = scores.T @ scores * (self.blocks - 1) / self.blocks
         inverse = _inverse(L @ whole @ L.T)
         together = (inverse * (LA @ L.T)).sum(axis=(1, 2)) / len(L)
-        dof = max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0)
-        theta = fitted.theta[first:] - self._artefact(setting, fitted)
+        return covariance, min(max(1 / max(float((together**2).sum()), 1e-300) - 1, 1.0), float(self.blocks))
+
+    @staticmethod
+    def _wald(theta: Array, covariance: Array, dof: float) -> float:
+        """p-value of the test that parameters with this covariance are zero: Hotelling's T^2."""
         size = np.sqrt(np.diag(covariance))
         there = size > 0  # a column may have no effect on this device
-        k, dof = int(there.sum()), min(dof, float(self.blocks))
+        k = int(there.sum())
         if k == 0 or dof - k + 1 < 1:
-            return replace(made, se=size)
+            return 1.0
         z, own = (theta / np.where(there, size, 1.0))[there], size[there]
         correlation = covariance[np.ix_(there, there)] / np.outer(own, own)
         T2 = float(z @ _inverse(correlation) @ z)
-        p = float(f_tail(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
-        many = int(np.prod([len(term) for term in setting.terms]))
-        return replace(made, p=min(1.0, p * many), se=size)
+        return float(f_tail(T2 * (dof - k + 1) / (dof * k), k, dof - k + 1))
 
     def _artefact(self, setting: Setting, fitted: Fitted) -> Array:
         """What the added columns have in the simulated log, no larger than in the true one."""
         found = fitted.theta[len(self.kept) :]
-        if self.artefact is None:
+        if (simulated := self.artefact()) is None:
             return np.zeros(len(found))
         term = (tuple(t for term, c in zip(setting.terms, fitted.chosen, strict=True) for t in term[c]),)
-        null = self.fit(Setting((term,)), np.arange(len(self.artefact)), self.artefact).theta[len(self.kept) :]
+        null = self.fit(Setting((term,)), np.arange(len(simulated)), simulated).theta[len(self.kept) :]
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)

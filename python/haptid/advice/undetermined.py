@@ -94,10 +94,11 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
         motor = int(np.argmax(G[:, column, column]))
         independent = _independent(G, bench.kept, column, bench.weights)
         weighted = float((bench.weights**2 * G[:, column, column]).sum())
-        if independent < _TOLD or not trial.se.any() or weighted <= 0 or torque[motor] <= 0:
+        se = search.bench.standard_errors(trial)
+        if independent < _TOLD or not se.any() or weighted <= 0 or torque[motor] <= 0:
             continue
         by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent
-        theta = max(z * float(trial.se[0]), by_share)
+        theta = max(z * float(se[0]), by_share)
         share = float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))
         if share < _WHOLE:
             made.append((one, share))
