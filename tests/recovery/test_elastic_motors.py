@@ -299,6 +299,9 @@ def test_positions_of_the_motors_alone_give_stiffness():
     found = haptid.estimate(haptid.observe(model, treated(recorded())), MotorSide(initial=start))
     assert_within(found)
     assert abs(found["KE1"].value / K - 1) < 0.02
+    delay = next(finding for finding in haptid.diagnose(found).findings if finding.name == "time delay")
+    assert delay.status == "ok"
+    assert "not tested" in delay.sentence
 
 
 @cache

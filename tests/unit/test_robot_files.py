@@ -234,6 +234,16 @@ def test_many_comments_before_a_description_take_no_time(tmp_path: Path) -> None
         import_robot(urdf)
 
 
+def test_an_infinite_axis_is_refused_with_its_joint(tmp_path: Path) -> None:
+    """Found by fuzzing: MuJoCo makes it an axis of NaN, of which the poses of a loop have no singular values."""
+    text = """<mujoco><worldbody><body name="a"><joint name="crank" axis="0 1 inf"/>
+    <inertial pos="0.1 0 0" mass="1" diaginertia=".01 .02 .02"/></body></worldbody>
+    <actuator><motor joint="crank"/></actuator></mujoco>"""
+    pytest.importorskip("mujoco")
+    with pytest.raises(RobotFileError, match="joint crank has an axis or a place that is not finite"):
+        imported(tmp_path, text, "robot.xml")
+
+
 def test_long_words_of_a_symoro_file_are_refused_at_once(tmp_path: Path) -> None:
     """Entries without end, and thousands of names, neither take time by their square nor fill the message."""
     par = tmp_path / "long.par"

@@ -160,6 +160,10 @@ def import_robot(
 
 def _moving(tree: RobotTree, root: str | None, tip: str | None, hold: Mapping[str, float] | None) -> MovingTree:
     """What moves; spins of rods between ball joints, which nothing determines, are held."""
+    for joint in tree.joints:
+        if not (np.isfinite(joint.placement).all() and np.isfinite(joint.axis).all()):
+            found = f"joint {joint.name} has an axis or a place that is not finite"
+            raise refused(tree.file, found, "Correct its numbers.", joint.line)
     tree = with_ball_hinges(tree, hold or {})
     of = moving_tree(tree, root, tip, hold)
     loops = opened_loops(of)

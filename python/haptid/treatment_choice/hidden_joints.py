@@ -80,12 +80,13 @@ def complete_logs(
     chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
     if model.device.sensors:
         raise _without_links(model, logs[0])
-    rigid = _rigid(model)
+    rigid = _without(model, "elastic")
     # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
     proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
     treatment = _shared(proposal.treatment)
     part = chosen[0].busiest(_SECONDS)
-    rigid_fit = estimate(_rows(rigid, [part], treatment), WLS())
+    # All inertia in the links: which of the two a rigid model would have it in is a matter of the order of its terms.
+    rigid_fit = estimate(_rows(_without(model, "elastic", "rotor-inertia"), [part], treatment), WLS())
     observation = _rows(model, [_followed(model, log) for log in chosen], treatment)
     method = MotorSide(tolerance=_ROUGH)
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
@@ -117,10 +118,10 @@ def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:
     return found
 
 
-def _rigid(model: DynamicModel) -> DynamicModel:
-    """The same device with rigid motors."""
+def _without(model: DynamicModel, *kinds: str) -> DynamicModel:
+    """The same device without terms of some kinds; its motors are rigid without elastic ones."""
     tables = model.device.tables
-    terms = [term for term in tables.terms if term.kind != "elastic"]
+    terms = [term for term in tables.terms if term.kind not in kinds]
     return DynamicModel(device_of(tables.model_copy(update={"terms": terms}), model.device.name))
 
 

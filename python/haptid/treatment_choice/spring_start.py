@@ -27,7 +27,7 @@ from haptid.simulation.driven import DrivenJoints, SegmentCourses
 # at one misfit are enough.
 _TRIED = (1.0, 2.0, 4.0, 0.5)
 _SAME = 0.01
-# Damping ratio to begin with, and the rotor's share of inertia where the rigid model has it in that of the links.
+# Damping ratio to begin with, and the rotors' inertia over that of the links.
 _DAMPING, _ROTOR = 0.03, 0.1
 # Least eigenvalue of the links' mass matrix, over the largest: that of a rigid fit need not be positive.
 _LEAST_MASS = 1e-2
@@ -88,7 +88,7 @@ def spring_start(
     """Parameters of an elastic model to begin with.
 
     Args:
-        rigid: estimate of the same device with rigid motors.
+        rigid: estimate of the same device with rigid motors whose rotors have no inertia.
         model: the dynamic model, with elastic motors.
         motion: of the motors; links follow them as if rigid.
         bandwidth: of the motion, Hz.
@@ -136,8 +136,7 @@ def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequency: float) -> Arr
         for k, nature in own:
             chi[k] = start.get(nature, 0.0)
         for term in model.terms:
-            rotor = term.on == f"motor {name}" and term.nature == "rotor" and term.name in parameters.index
-            if rotor and chi[parameters.index[term.name]] <= 0:
+            if term.on == f"motor {name}" and term.nature == "rotor" and term.name in parameters.index:
                 chi[parameters.index[term.name]] = _ROTOR * inertia
     return model.base.of(chi)
 
