@@ -125,6 +125,22 @@ def test_joints_in_another_order_are_put_into_the_device_s(tmp_path: Path) -> No
     assert after.before > 4 * right
 
 
+def test_of_mounting_and_order_the_one_that_leaves_least_is_advised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a wall, some exchange of joints explains a part of the torque; gravity explains it all."""
+    study, device = written(WrongPlant(ARM), tmp_path), tmp_path / "device.toml"
+    device.write_text(device.read_text().replace("gravity = [0.0, -9.81, 0.0]", "gravity = [0.0, 0.0, -9.81]"))
+    wrong = identify(read_study(study))
+    module = sys.modules["haptid.advice.advise"]
+    (mounting,) = advise(wrong).actions
+    worse = replace(mounting, kind="joint order", after=2 * mounting.after)
+    monkeypatch.setattr(module, "_order", lambda *_: worse)
+    assert [action.kind for action in advise(wrong).actions] == ["mounting"]
+    monkeypatch.setattr(module, "_order", lambda *_: replace(worse, after=0.5 * mounting.after))
+    assert [action.kind for action in advise(wrong).actions] == ["joint order"]
+
+
 def test_the_description_of_another_robot_is_questioned(tmp_path: Path) -> None:
     study, device = written(WrongPlant(ARM), tmp_path), tmp_path / "device.toml"
     device.write_text(device.read_text().replace("d = 0.25", "d = 0.25\nalpha = 0.8"))

@@ -97,24 +97,12 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
-    if (order := _order(found, part, after / max(before, 1e-300))) is not None:  # nothing else can be judged with it
-        return Advice(
-            (order,),
-            order.before,
-            order.after,
-            tuple(_other_robot(order.after, (0.0, 0.0))),
-            len(search.candidates) + 1,
-        )
-    if (
-        mounting := _mounting(found, part, after / max(before, 1e-300))
-    ) is not None:  # nothing else can be judged with it
-        return Advice(
-            (mounting,),
-            mounting.before,
-            mounting.after,
-            tuple(_other_robot(mounting.after, (0.0, 0.0))),
-            len(search.candidates) + 1,
-        )
+    left = after / max(before, 1e-300)
+    whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
+    if whole_changes:  # nothing else can be judged with the one that leaves least
+        best = min(whole_changes, key=lambda one: one.after)
+        check = tuple(_other_robot(best.after, (0.0, 0.0)))
+        return Advice((best,), best.before, best.after, check, len(search.candidates) + len(whole_changes))
     treatment = found.proposal.treatment
     listed = [
         _action(search, base, one, one in chosen, edits_of(search, one, treatment), _rivals(base, one, made))
