@@ -134,6 +134,11 @@ class Rig:
 
     def _one(self, kind: TrajectoryKind, seed: int) -> tuple[Array, Array]:
         """The same of one log, whose noise has this seed."""
+        estimate = self.estimated(kind, seed)
+        return estimate.se, estimate.beta - self.bounds.beta
+
+    def estimated(self, kind: TrajectoryKind, seed: int) -> haptid.Estimate:
+        """The estimate from one log, whose noise has this seed."""
         model = self.bounds.model
         gains = (tuple(OMEGA**2 * self.inertia), tuple(2 * DAMPING * OMEGA * self.inertia))
         setup = bench.Setup(
@@ -152,8 +157,7 @@ class Rig:
         )
         log = haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
         motion = haptid.treat(log, haptid.propose(model, log).treatment)
-        estimate = haptid.estimate(haptid.observe(model, motion), haptid.WLS())
-        return estimate.se, estimate.beta - self.bounds.beta
+        return haptid.estimate(haptid.observe(model, motion), haptid.WLS())
 
 
 def study(name: str) -> dict[str, float]:

@@ -32,6 +32,7 @@ import long_log
 import loops
 import medical_study
 import motion_quality
+import next_motion
 import noisy_columns
 import payloads
 import phantom_study
@@ -63,6 +64,7 @@ STUDIES = {
     "estimators": estimators.run,
     "exciting-motion": exciting_motion.run,
     "motion-quality": motion_quality.run,
+    "next-motion": next_motion.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,
