@@ -445,6 +445,19 @@ def test_stiffness_is_found_from_motor_positions_without_initial_values():
     assert np.array_equal(made.position[:, 1], log.position[:, 0])
 
 
+def test_stiffness_that_noise_of_the_motors_hides_is_refused():
+    """Encoders of 10 bits, of which the largest torsion is ten steps."""
+    both = recorded(seconds=6.0)
+    coarse = 2 * np.pi / 2**10
+    seen = coarse * np.round(both.position[:, 1:] / coarse)
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t, seen, both.torque, channels)
+    with pytest.raises(IdentifiabilityError) as caught:
+        complete_logs(axis(), [log], [True], torque_delay_s=0.0)
+    assert "noise of the encoders" in str(caught.value)
+    assert "times as fine" in caught.value.advice
+
+
 def test_links_that_inertia_couples_are_found_from_their_motors_alone():
     """Two joints on the bench: nothing but the motors' positions and commands is given."""
     pytest.importorskip("mujoco")

@@ -21,6 +21,7 @@ from haptid.device.parts import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation import Estimate
+from haptid.estimation.methods.motor_side import shares_of_motor_noise
 from haptid.log import Log
 from haptid.log.spectrum import bandwidth, spectra
 from haptid.motion.motion import treat
@@ -29,6 +30,8 @@ from haptid.treatment_choice.noise_effect import encoder_noise
 
 # Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
 _KNOWN, _NOISE = 0.25, 0.1
+# The same where links are simulated along the motors: what noise moves parameters by is in their intervals there.
+_OF_MOTORS = 0.25
 # Fewest samples in a period of the fastest motion: the filters of an elastic device need the torque of all of it.
 _SAMPLES = 7.0
 # Length of a log on which its noise is compared with the motion, s.
@@ -67,11 +70,7 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
     logs = [m.log for m in found.observation.motions if m.log is not None]
     logs = [part for log in logs for part in log.busiest(_SECONDS).parts()]
     shares = noise_shares(found, logs, encoder_noise(logs, [spectra(log) for log in logs]))
-    for drive in model.device.elastic:
-        for name in parameters_of(model, drive, "spring"):
-            share = shares[found.names.index(name)]
-            if share > _NOISE:
-                raise _hidden(drive, name, min(share, 1.0), highest)
+    _expect_little_noise(found, shares, highest, _NOISE)
     expect_known(found, highest)
     for drive in model.device.elastic:
         for name in (*parameters_of(model, drive, "viscous"), *parameters_of(model, drive, "rotor")):
@@ -88,7 +87,27 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
                 )
 
 
-def _hidden(drive: Motor, name: str, share: float, highest: float) -> IdentifiabilityError:
+def expect_stiffness_of_motors(found: Estimate, highest: float) -> None:
+    """Raise IdentifiabilityError where logs of the motors alone do not show a stiffness.
+
+    Args:
+        found: by `MotorSide`.
+        highest: frequency that the motion goes up to, Hz.
+    """
+    _expect_little_noise(found, shares_of_motor_noise(found), highest, _OF_MOTORS)
+    expect_known(found, highest)
+
+
+def _expect_little_noise(found: Estimate, shares: Array, highest: float, limit: float) -> None:
+    """Raise IdentifiabilityError where noise is more than a share of what distinguishes a stiffness."""
+    for drive in found.model.device.elastic:
+        for name in parameters_of(found.model, drive, "spring"):
+            share = shares[found.names.index(name)]
+            if share > limit:
+                raise _hidden(drive, name, min(share, 1.0), highest, limit)
+
+
+def _hidden(drive: Motor, name: str, share: float, highest: float, limit: float) -> IdentifiabilityError:
     """The error of a stiffness that the encoders' noise hides.
 
     With strokes as they are, the torsion's acceleration grows with the fourth power of frequency, and its noise in the
@@ -96,11 +115,11 @@ def _hidden(drive: Motor, name: str, share: float, highest: float) -> Identifiab
     """
     return IdentifiabilityError(
         f"the log does not show the stiffness of motor {drive.name}: {100 * share:.0f} % of what distinguishes {name} "
-        f"from the inertias is noise of the encoders (limit {100 * _NOISE:.0f} %), with motion up to {highest:.3g} Hz.",
+        f"from the inertias is noise of the encoders (limit {100 * limit:.0f} %), with motion up to {highest:.3g} Hz.",
         where=drive.name,
         found=share,
-        limit=_NOISE,
-        advice=_advice(drive, (share / _NOISE) ** (1 / 3) * highest, (share / _NOISE) ** 0.5),
+        limit=limit,
+        advice=_advice(drive, (share / limit) ** (1 / 3) * highest, (share / limit) ** 0.5),
     )
 
 

@@ -33,7 +33,7 @@ from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
-from haptid.treatment_choice.elasticity import expect_known
+from haptid.treatment_choice.elasticity import expect_stiffness_of_motors
 from haptid.treatment_choice.propose import propose
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
@@ -99,7 +99,7 @@ def complete_logs(
         found = estimate(observation, replace(method, initial=initial))
     except (ConvergenceError, SimulationError) as error:
         raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
-    expect_known(found, proposal.bandwidth_hz)
+    expect_stiffness_of_motors(found, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log), treatment) for log in logs], found
 
 

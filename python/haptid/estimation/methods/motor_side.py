@@ -98,10 +98,30 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
     Args:
         fitted: by `MotorSide`; its motions hold the simulated joints.
     """
+    G, _, b = _moments(fitted)
+    fitted = fitted.with_nuisance("noise of the encoders", np.asarray(np.linalg.solve(G, b)[None], dtype=np.float64))
+    return replace(fitted, notes=(*fitted.notes, UNPROVEN))
+
+
+def shares_of_motor_noise(fitted: Estimate) -> Array:
+    """Share of the encoders' noise in the part of each column that no other column explains, (p,).
+
+    Above one the noise, as the model amplifies it, is more than the column holds.
+
+    Args:
+        fitted: by `MotorSide`.
+    """
+    G, N, _ = _moments(fitted)
+    v = np.linalg.inv(G)
+    return np.asarray(np.einsum("ij,ik,kj->j", v, N, v) / np.diag(v))
+
+
+def _moments(fitted: Estimate) -> tuple[Array, Array, Array]:
+    """Weighted squares of the rows, (p, p), those of the encoders' noise in them, and its score, (p,)."""
     assert isinstance(fitted.method, MotorSide)
     rows, smoothed = fitted.fit.observation, smooth(fitted.model, fitted.observation.motions, fitted.method.friction)
     base, p = base_columns(fitted.model), len(fitted.base)
-    G, b = np.zeros((p, p)), np.zeros(p)
+    G, N, b = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
     for motor, weight in zip(rows.motors, fitted.fit.weights, strict=True):
         R = motor.whole[:, :-1] * weight
         G[np.ix_(motor.columns, motor.columns)] += R.T @ R
@@ -109,10 +129,10 @@ def with_noise_uncertainty(fitted: Estimate) -> Estimate:
         if motion.log is None:
             continue
         variance = np.array([spectrum.step**2 / 12 for spectrum in spectra(motion.log)])
-        _, score = noise_moments(smoothed, base, fitted.beta, motion, variance)
+        information, score = noise_moments(smoothed, base, fitted.beta, motion, variance)
         own = [k for k, block in enumerate(rows.blocks) if block.log == motion.name]
         for motor, weight in zip(rows.motors, fitted.fit.weights, strict=True):
             k, count = fitted.model.device.row_names.index(motor.name), weight**2 * int(motor.rows[own].sum())
+            N += count * information[k]
             b += count * score[k]
-    fitted = fitted.with_nuisance("noise of the encoders", np.asarray(np.linalg.solve(G, b)[None], dtype=np.float64))
-    return replace(fitted, notes=(*fitted.notes, UNPROVEN))
+    return G, N, b
