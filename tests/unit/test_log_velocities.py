@@ -72,6 +72,21 @@ def test_others_are_named_and_not_used(make, said):
     np.testing.assert_array_equal(made[:, 0], position)
 
 
+@pytest.mark.parametrize(
+    ("part", "fast", "said"),
+    [(600, False, "600 samples without a gap, 1024 are needed"), (N, True, "leaves no room for noise")],
+)
+def test_velocities_that_cannot_be_compared_are_named_once_with_the_reason(part: int, fast: bool, said: str):
+    position, velocity = noisy()
+    if fast:
+        position, velocity = np.sin(2 * np.pi * 60.0 * T), np.cos(2 * np.pi * 60.0 * T)
+    q, v = (np.column_stack([x[:part], 2 * x[:part]]) for x in (position, velocity))
+    made, sentence = with_velocities(q, v, ((0, part),), DT, ("v1", "v2"))
+    assert "v1, v2 (" in sentence
+    assert sentence.count(said) == 1
+    np.testing.assert_array_equal(made, q)
+
+
 def test_velocities_of_a_table_are_drafted_and_read(tmp_path: Path):
     position, velocity = noisy()
     table = np.column_stack((T, np.rad2deg(position), np.rad2deg(velocity) / 6, np.sin(T)))

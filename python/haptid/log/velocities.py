@@ -46,11 +46,11 @@ def with_velocities(position: Array, velocity: Array, segments: Spans, dt: float
     """
     made = np.array(position)
     used: list[str] = []
-    refused: list[str] = []
+    refused: dict[str, list[str]] = {}  # names by the reason
     for k, name in enumerate(names):
         found = _Comparison(position[:, k], velocity[:, k], segments, dt)
         if why := found.against():
-            refused.append(f"{name} {why}")
+            refused.setdefault(why, []).append(name)
             continue
         late = f", {1e3 * found.late:.2g} ms late" if abs(found.late) > _SHOWN * dt else ""
         used.append(f"{name} ({100 / np.sqrt(found.noise_ratio):.2g} %{late})")
@@ -65,7 +65,8 @@ def with_velocities(position: Array, velocity: Array, segments: Spans, dt: float
             f"velocities are less noisy than differences of the positions: {', '.join(used)} of their noise; used"
         )
     if refused:
-        parts.append(f"velocities that are not used: {', '.join(refused)}")
+        reasons = (f"{', '.join(own)} {why}" for why, own in refused.items())
+        parts.append(f"velocities that are not used: {'; '.join(reasons)}")
     return made, "; ".join(parts)
 
 
@@ -78,14 +79,19 @@ class _Comparison:
         late, latest: delay of the velocity, and the greatest that is made up for, s.
         noise_ratio: power of the differences over that of the velocity, above that band.
         coherence: of the two, there.
-        crossover: frequency, Hz, above which the velocity is to be used; 0 where nothing moves.
+        crossover: frequency, Hz, above which the velocity is to be used; 0 where they cannot be compared.
+        unclear: why they cannot.
     """
 
     def __init__(self, position: Array, velocity: Array, segments: Spans, dt: float) -> None:
         start, stop = max(segments, key=lambda part: part[1] - part[0])
         self.scale = self.left = self.noise_ratio = self.coherence = self.crossover = self.late = self.latest = 0.0
         q, v = position[start:stop], velocity[start:stop]
-        if len(q) < 2 * _LENGTH or not np.ptp(v):
+        self.unclear = "(at rest)"
+        if len(q) < 2 * _LENGTH:
+            self.unclear = f"({len(q)} samples without a gap, {2 * _LENGTH} are needed to compare noise)"
+            return
+        if not np.ptp(v):
             return
         bandwidth = Spectrum.of(np.cumsum(v) * dt, dt).bandwidth
         rate = np.gradient(q, dt)
@@ -94,7 +100,10 @@ class _Comparison:
         f, both = cross_spectrum(rate, v, dt, window)
         own, other = (welch(x, dt, window)[1] for x in (rate, v))
         band, noise = f <= max(bandwidth, 2 * f[1]), (f > _ABOVE * bandwidth) & (f < 0.4 / dt)
-        if not bandwidth or not noise.any():
+        if not bandwidth:
+            return
+        if not noise.any():
+            self.unclear = f"(motion up to {bandwidth:.2g} Hz leaves no room for noise below {0.4 / dt:.2g} Hz)"
             return
         self.crossover = _CROSSOVER * bandwidth
         w = 2 * np.pi * f[band]
@@ -109,7 +118,7 @@ class _Comparison:
     def against(self) -> str:
         """Why the velocity is not to be used; empty where it is."""
         if not self.crossover:
-            return "(too short, or at rest)"
+            return self.unclear
         if abs(self.late) > self.latest:
             return f"({1e3 * self.late:.3g} ms late, or of another joint)"
         if abs(self.scale - 1) > _SCALE:
