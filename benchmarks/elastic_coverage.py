@@ -1,9 +1,9 @@
-"""Stiffness and damping of elastic motors with both sides measured: how often 95 % intervals hold them, how far off.
+"""Stiffness and damping of elastic motors: how often 95 % intervals hold them, and how far off they are.
 
 An axis in closed form, without dry friction; the arm with three joints, the PHANToM with cables that stretch and a CEA
 branch on the virtual bench, with dry friction of the motors: 15 s of multisine at 1 kHz, torque noise, encoders of 12
 bits on both sides or of 4000 counts on geared shafts, a new motion in each run, treated as proposed. A run that haptid
-refuses counts as refused.
+refuses counts as refused. With `--motors-alone` the links' positions are left out, and nothing else is given.
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import haptid
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.errors import HaptidError
+from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.experiment import bench
+from haptid.motion.channels import position_channels
 from haptid.treatment_choice.elasticity import expect_elasticity
+from haptid.treatment_choice.hidden_joints import command_delay, complete_logs
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from true_parameters import true_parameters
 
 RESULT = Path(__file__).parent / "results/elastic-coverage.json"
 SECONDS, RUNS = 15.0, {"axis": 100, "arm3": 60, "phantom_premium_15": 8, "cea_medical_branch": 8}
-ENCODERS = ("12 bits", "4000 counts")
+ENCODERS, ALONE = ("12 bits", "4000 counts"), ", motors alone"
 # Tables of device files that name parameters which the elastic device does not have.
 _LEFT_OUT = ("prior", "targets", "symmetry", "base_parameters", "published", "counterweights")
 ELASTIC = [{"kind": "elastic", "motors": "all"}]
@@ -216,13 +219,33 @@ def identified(model: haptid.DynamicModel, log: haptid.Log) -> haptid.Estimate:
     return with_treatment_uncertainty(found, proposal.delays, proposal.effects, proposal.rounding)
 
 
+def of_motors(model: haptid.DynamicModel, log: haptid.Log) -> haptid.Log:
+    """The log without positions of the links."""
+    names = position_channels(model.device, log.channels.position.side)
+    idle = {model.device.joints[drive.first].name for drive in model.device.drives if drive.unloaded}
+    kept = [k for k, name in enumerate(names) if name not in idle]
+    channels = tuple(log.channels.position.channels[k] for k in kept)
+    position = replace(log.channels.position, channels=channels, gain=(), offset=())
+    seen = np.ascontiguousarray(log.position[:, kept])
+    return replace(log, position=seen, channels=replace(log.channels, position=position))
+
+
+def identified_from_motors(model: haptid.DynamicModel, log: haptid.Log, delay: float) -> haptid.Estimate:
+    """As `haptid identify` does it without the links."""
+    return with_noise_uncertainty(complete_logs(model, [of_motors(model, log)], [True], torque_delay_s=delay)[1])
+
+
 def reading(run: tuple[str, str, int]) -> dict[str, list[float]] | str:
     """By parameter: estimate over truth less one, standard error over truth, half-width over truth; or why refused."""
     name, encoders, seed = run
     model = model_of(name)
     truth = model.base.of(parameters(name))
     try:
-        found = identified(model, recorded(name, encoders, seed))
+        log = recorded(name, encoders.removesuffix(ALONE), seed)
+        if encoders.endswith(ALONE):  # the closed form has no hold
+            found = identified_from_motors(model, log, 0.0 if name == "axis" else command_delay(log))
+        else:
+            found = identified(model, log)
     except HaptidError as error:
         return f"{type(error).__name__}: {error}"[:200]
     half = stats.t.ppf(0.975, found.dof) * found.se
@@ -254,16 +277,17 @@ def summary(lines: Sequence[tuple[tuple[str, str, int], dict[str, list[float]] |
 def main() -> None:
     """Measure, print, store; runs are kept in the file of the first argument, from which a study goes on."""
     kept = Path(sys.argv[1])
+    encoders = [name + ALONE * ("--motors-alone" in sys.argv) for name in ENCODERS]
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {tuple(line[0]) for line in lines}
-    runs = [(n, e, k) for k in range(max(RUNS.values())) for n in RUNS for e in ENCODERS if k < RUNS[n]]
+    runs = [(n, e, k) for k in range(max(RUNS.values())) for n in RUNS for e in encoders if k < RUNS[n]]
     left = [run for run in runs if run not in done]
     with kept.open("a") as out, ProcessPoolExecutor(int(os.environ.get("PROCESSES", "1"))) as pool:
         for run, found in zip(left, pool.map(reading, left), strict=True):
             lines.append((run, found))
             out.write(json.dumps([run, found]) + "\n")
             out.flush()
-    figures = summary(lines)
+    figures = (json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}) | summary(lines)
     for name, value in figures.items():
         print(f"{name}: {value:.3g}")
     RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")

@@ -276,29 +276,32 @@ def test_segments_meet_as_one_with_its_slopes():
             haptid.Signal(("q1", "q2", "a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor"), "t"
         ),
     )
-    made = treated(log)
-    smoothed, base = smooth(model, [made], 1e-3), base_columns(model)
-    alone = DrivenJoints(smoothed, made, Segments.of(len(made), len(made), 0), base).course(beta)
-    many = DrivenJoints(smoothed, made, Segments.of(len(made), 200, 1), base)
-    apart = [np.abs(many.course(beta).torque - alone.torque).max() / np.abs(alone.torque).max() for _ in range(4)]
-    course = many.course(beta)
+    smoothed, base = smooth(model, [treated(log)], 1e-3), base_columns(model)
+    whole = Segments.of(len(t), len(t), 0)
+    torque = DrivenJoints(smoothed, treated(log), whole, base).apart(beta).torque[:2]
+    made = treated(replace(log, torque=np.ascontiguousarray(torque.T / [1.0, 20.0])))
+    alone, many = (DrivenJoints(smoothed, made, segments, base) for segments in (whole, Segments.of(len(t), 200, 1)))
+    apart = [np.abs(many.course(beta).torque[:2] - torque).max() / np.abs(torque).max() for _ in range(4)]
+    course, one = many.course(beta), alone.course(beta)
     assert apart[0] > 1e-4
     assert apart[-1] < 1e-7
-    np.testing.assert_allclose(course.torque, alone.torque, atol=1e-7 * np.abs(alone.torque).max())
-    size = np.abs(alone.slope).max(axis=(0, 2), keepdims=True)
-    np.testing.assert_allclose(course.slope / size, alone.slope / size, atol=1e-6)
+    np.testing.assert_allclose(course.torque, one.torque, atol=1e-7 * np.abs(one.torque).max())
+    size = np.abs(one.slope).max(axis=(0, 2), keepdims=True)
+    np.testing.assert_allclose(course.slope / size, one.slope / size, atol=1e-6)
     # Another step of the parameters: states that segments begin at move with it.
     other = beta * (1 + 0.02 * rng.standard_normal(len(beta)))
-    moved = DrivenJoints(smoothed, made, Segments.of(len(made), len(made), 0), base).course(other).torque
-    assert np.abs(many.course(other).torque - moved).max() < 0.2 * np.abs(alone.torque - moved).max()
+    moved = alone.course(other).torque
+    assert np.abs(many.course(other).torque - moved).max() < 0.2 * np.abs(one.torque - moved).max()
 
 
 def test_positions_of_the_motors_alone_give_stiffness():
+    """The log begins in the middle of a motion, whose state is found with the parameters."""
     model = axis()
     start = {name: 1.1 * value for name, value in TRUTH.items()}
     found = haptid.estimate(haptid.observe(model, treated(recorded())), MotorSide(initial=start))
     assert_within(found)
-    assert abs(found["KE1"].value / K - 1) < 0.02
+    assert abs(found["KE1"].value / K - 1) < 0.01
+    assert found["KE1"].relative_se < 0.25  # 0.38 where the state is a guess
     delay = next(finding for finding in haptid.diagnose(found).findings if finding.name == "time delay")
     assert delay.status == "ok"
     assert "not tested" in delay.sentence

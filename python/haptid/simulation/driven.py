@@ -20,12 +20,14 @@ from haptid.dynamics.forward import ForwardDynamics, turning
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import regressor_columns
 from haptid.errors import SimulationError
-from haptid.motion.channels import position_map
+from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.motion import Motion
 from haptid.simulation.closed_loop import FASTEST, STABLE, Segments
 
 # States that are linearised together.
 _CHUNK = 4096
+# Singular values of the beginning below this share of the largest say nothing.
+_DETERMINED = 1e-8
 # Newton steps to the torsion that carries the torque of the motion without torsion.
 _SETTLING = 3
 
@@ -105,8 +107,11 @@ class DrivenJoints:
             SimulationError: the simulation diverges, or a joint has no inertia or no spring.
         """
         forward = ForwardDynamics(self.model, self.base @ beta)
-        begin, first_by_beta = self._start(forward, beta)
-        return self._condensed(beta, self._linearised(forward, begin, self._simulate(forward, begin)), first_by_beta)
+        if self._begin is None:
+            begin = self._settled(forward, self.segments.sample[0])
+        else:
+            begin = self._begin + self._by_beta @ (beta - self._at)
+        return self._condensed(beta, self._linearised(forward, begin, self._simulate(forward, begin)))
 
     def apart(self, beta: Array, begin: Array | None = None) -> SegmentCourses:
         """Simulate segments from beginnings of their own, (segments, 2u); without vibration where None.
@@ -115,7 +120,7 @@ class DrivenJoints:
             SimulationError: as `course`.
         """
         forward = ForwardDynamics(self.model, self.base @ beta)
-        begin = self._settled(forward, self.segments.sample[0])[0] if begin is None else begin
+        begin = self._settled(forward, self.segments.sample[0]) if begin is None else begin
         return self._linearised(forward, begin, self._simulate(forward, begin))
 
     def inertia(self, beta: Array) -> Array:
@@ -166,34 +171,19 @@ class DrivenJoints:
         except np.linalg.LinAlgError:
             raise self._without("inertia", M) from None
 
-    def _start(self, forward: ForwardDynamics, beta: Array) -> tuple[Array, Array]:
-        """States of all segments at their first sample, (segments, 2u), and derivatives of the first, (2u, p).
-
-        The first segment begins at the torsion that carries its links; so do the others, until a pass has shown where.
-        """
-        if self._begin is None:
-            return self._settled(forward, self.segments.sample[0])
-        first, by_beta = self._settled(forward, self.segments.sample[0, :1])
-        begin = self._begin + self._by_beta @ (beta - self._at)
-        begin[0] = first[0]
-        return begin, by_beta
-
-    def _settled(self, forward: ForwardDynamics, sample: np.ndarray) -> tuple[Array, Array]:
-        """States at samples without vibration, (samples, 2u), and derivatives of the first by parameters, (2u, p)."""
+    def _settled(self, forward: ForwardDynamics, sample: np.ndarray) -> Array:
+        """States at samples without vibration, (samples, 2u): the torsion carries the links."""
         known = self._known(sample)
         x, v, a = (part[self.unknown].copy() for part in known)
-        try:
-            for _ in range(_SETTLING):
-                c, cd, cdd = self._coordinates(known, x, v, a)
-                stiffness = self._projected(forward.gradients(c, cd, cdd)[0])
-                h = (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
+        for _ in range(_SETTLING):
+            c, cd, cdd = self._coordinates(known, x, v, a)
+            stiffness = self._projected(forward.gradients(c, cd, cdd)[0])
+            h = (self._B.T @ forward.inverse(c, cd, cdd))[self.unknown].T
+            try:
                 x -= np.linalg.solve(stiffness, h[:, :, None])[:, :, 0].T
-            c, cd, cdd = (y[:, :1].copy() for y in self._coordinates(known, x, v, a))
-            Y = regressor_columns(self.model, c, cd, cdd, self.base)[:, :, 0]
-            moved = -np.linalg.solve(stiffness[0], self._B[:, self.unknown].T @ Y)
-        except np.linalg.LinAlgError:
-            raise self._without("spring", stiffness) from None
-        return np.concatenate([x, v]).T.copy(), np.concatenate([moved, np.zeros_like(moved)])
+            except np.linalg.LinAlgError:
+                raise self._without("spring", stiffness) from None
+        return np.concatenate([x, v]).T.copy()
 
     def _without(self, purpose: str, matrix: Array) -> SimulationError:
         names = [self.model.device.joints[self.model.device.active[k]].name for k in self.unknown]
@@ -311,30 +301,56 @@ class DrivenJoints:
             begin, result[:, :3], result[:, 3], by_beta, by_begin, met, by_all[:, :, :p], by_all[:, :, p:]
         )
 
-    def _condensed(self, beta: Array, made: SegmentCourses, first_by_beta: Array) -> DrivenCourse:
+    def _condensed(self, beta: Array, made: SegmentCourses) -> DrivenCourse:
         """Torques and derivatives where segments meet, to first order, segment after segment; the next begin there.
+
+        The first beginning is the one with the least error of the motors' torque, whatever the parameters: a log may
+        begin in the middle of a motion (variable projection, Golub and Pereyra 1973, SIAM J. Numerical Analysis 10(2)).
 
         Args:
             beta: base parameters, (p,).
             made: segments that do not meet.
-            first_by_beta: derivatives of the first beginning by the parameters, (2u, p).
         """
         moved, by_beta = np.zeros_like(made.begin), np.zeros_like(made.met_by_beta)
-        by_beta[0] = first_by_beta
+        by_first = np.zeros_like(made.met_by_begin)
+        by_first[0] = np.eye(by_first.shape[1])
         passed = {other: segment for pairs in self._handed.values() for segment, other in pairs}
         for k in range(1, len(moved)):
             by_begin, other = made.met_by_begin[k], passed[k]
             moved[k] = made.met[k] - made.begin[k] + by_begin @ moved[other]
             by_beta[k] = made.met_by_beta[k] + by_begin @ by_beta[other]
-        torque, slope = np.array(made.torque), np.array(made.by_beta)
+            by_first[k] = by_begin @ by_first[other]
+        torque, slope, start = np.array(made.torque), np.array(made.by_beta), np.empty_like(made.by_begin)
         for k, own in enumerate(self.segments.own.T):
             samples = self.segments.sample[own, k]
             part = slice(samples[0], samples[-1] + 1)
-            torque[:, part] += np.einsum("nus,u->ns", made.by_begin[:, :, part], moved[k])
-            slope[:, :, part] += by_beta[k].T @ made.by_begin[:, :, part]
-        self._begin, self._by_beta, self._at = made.begin + moved, by_beta, np.array(beta)
+            by_begin = made.by_begin[:, :, part]
+            torque[:, part] += np.einsum("nus,u->ns", by_begin, moved[k])
+            slope[:, :, part] += by_beta[k].T @ by_begin
+            start[:, :, part] = by_first[k].T @ by_begin
+        first, first_by_beta = self._first(torque, slope, start)
+        torque += np.einsum("nus,u->ns", start, first)
+        slope += first_by_beta.T @ start
+        self._begin, self._at = made.begin + moved + by_first @ first, np.array(beta)
+        self._by_beta = by_beta + by_first @ first_by_beta
         c, cd, cdd = (np.ascontiguousarray(made.motion[:, i]) for i in range(3))
         return DrivenCourse(c, cd, cdd, torque, slope)
+
+    def _first(self, torque: Array, slope: Array, start: Array) -> tuple[Array, Array]:
+        """Change of the first beginning to the least error of the torque, (2u,), and its derivatives, (2u, p)."""
+        device = self.model.device
+        rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
+        measured = coordinate_torque(device, self.motion, 0, len(self.motion))[rows]
+        size = np.abs(measured).max(axis=1, keepdims=True)
+        size = np.where(size > 0, size, 1.0)
+
+        def stacked(x: Array) -> Array:
+            return np.asarray((x / size[:, None]).transpose(0, 2, 1).reshape(-1, x.shape[1]))
+
+        error = ((measured - torque[rows]) / size).reshape(-1, 1)
+        wanted = np.concatenate([error, -stacked(slope[rows])], axis=1)
+        found = np.linalg.lstsq(stacked(start[rows]), wanted, rcond=_DETERMINED)[0]
+        return found[:, 0], found[:, 1:]
 
     def _handovers(self) -> dict[int, list[tuple[int, int]]]:
         """By step: which segment has as its own sample the one that another segment begins at."""
