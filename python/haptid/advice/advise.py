@@ -14,7 +14,7 @@ from haptid.advice.clash import clash, reversed_torques
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
-from haptid.advice.orders import other_order
+from haptid.advice.orders import OtherOrder, other_order
 from haptid.advice.search import (
     LARGE_GAIN,
     LEAST_SE,
@@ -29,7 +29,7 @@ from haptid.advice.search import (
     unseen_percent,
     with_masks,
 )
-from haptid.advice.sides import MOST_LEFT, other_mounting, other_side
+from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
@@ -194,12 +194,7 @@ def _side(found: Identification, part: Estimate) -> Action | None:
     if max((v.comparable.relative for v in found.unseen), default=0.0) < _LARGE:
         return None
     one = other_side(found.model, part.observation.motions, part.beta, part.zero)
-    if one is None:
-        return None
-    return Action(
-        "side", ("the log",), f"take {one.words}", "unseen error", one.before, one.after, one.se,
-        one.gain.share, True, one.edits, one.blocks,
-    )  # fmt: skip
+    return None if one is None else _of_whole_log("side", ("the log",), f"take {one.words}", one)
 
 
 def _order(found: Identification, part: Estimate, left: float) -> Action | None:
@@ -208,16 +203,10 @@ def _order(found: Identification, part: Estimate, left: float) -> Action | None:
     Args:
         left: share of the unseen error that the others leave.
     """
-    if max((v.comparable.relative for v in found.unseen), default=0.0) < _ROUGH:
-        return None
-    one = other_order(found.model, part.observation.motions, part.beta, part.zero)
+    one = other_order(found.model, part.observation.motions, part.beta, part.zero) if _rough(found) else None
     if one is None or one.after > MOST_LEFT * left * one.before:
         return None
-    change = CHANGES["joint order"].format(where=one.words)
-    return Action(
-        "joint order", one.places, change, "unseen error", one.before, one.after, one.se, one.gain.share, True,
-        one.edits, one.blocks,
-    )  # fmt: skip
+    return _of_whole_log("joint order", one.places, CHANGES["joint order"].format(where=one.words), one)
 
 
 def _mounting(found: Identification, part: Estimate, left: float) -> Action | None:
@@ -226,16 +215,30 @@ def _mounting(found: Identification, part: Estimate, left: float) -> Action | No
     Args:
         left: share of the unseen error that the others leave.
     """
-    if max((v.comparable.relative for v in found.unseen), default=0.0) < _ROUGH:
-        return None
-    one = other_mounting(found.model, part.observation.motions, part.beta, part.zero)
+    one = other_mounting(found.model, part.observation.motions, part.beta, part.zero) if _rough(found) else None
     if one is None or one.after > MOST_LEFT * left * one.before:
         return None
     down, *others = (f"[{', '.join(f'{x:.4g}' for x in gravity)}]" for gravity in (one.gravity, *one.rivals))
-    rivals = tuple(f"gravity {other}" for other in others)
+    change = f"set gravity to {down} in the device file: the base is mounted so"
+    return _of_whole_log("mounting", ("the base",), change, one, tuple(f"gravity {other}" for other in others))
+
+
+def _rough(found: Identification) -> bool:
+    """Whether the unseen error is so large that an assumption about the whole log may be wrong."""
+    return max((v.comparable.relative for v in found.unseen), default=0.0) >= _ROUGH
+
+
+def _of_whole_log(
+    kind: str,
+    places: tuple[str, ...],
+    change: str,
+    one: OtherSide | OtherOrder | OtherMounting,
+    rivals: tuple[str, ...] = (),
+) -> Action:
+    """The action of another assumption about the whole log."""
     return Action(
-        "mounting", ("the base",), f"set gravity to {down} in the device file: the base is mounted so",
-        "unseen error", one.before, one.after, one.se, one.gain.share, True, one.edits, one.blocks, rivals,
+        kind, places, change, "unseen error", one.before, one.after, one.se, one.gain.share, True, one.edits,
+        one.blocks, rivals,
     )  # fmt: skip
 
 

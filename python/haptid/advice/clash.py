@@ -23,8 +23,8 @@ _KIND = "torque sign"
 def reversed_torques(found: Identification) -> Action | None:
     """The sign of all torques, with the consistent fit's held-out errors; None where that fit does not call for it.
 
-    It does where its error is twice that of the free fit or more, and falls to half of it or less. A single motor's
-    sign is told by its own inertia and friction.
+    It does where its error is twice that of the free fit or more, and falls to half of it or less. The sign of a
+    single motor follows from its own inertia and friction, which cannot be negative.
     """
     now, free = clash(found.use)
     if len(found.estimate.observation.motors) < 2 or not now:

@@ -15,38 +15,29 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.edits import Edit
 from haptid.advice.rows import trial_rows
-from haptid.advice.search import finer, large_enough
-from haptid.advice.sides import MOST_LEFT, compared
-from haptid.advice.trial import Gain
+from haptid.advice.search import finer
+from haptid.advice.sides import OtherAssumption, compared
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
+from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES
 from haptid.motion.motion import Motion, with_delay
 
-# Up to so many joints every order is tried; of more the exchanges of two, the rotations and the reverse.
+# Up to so many joints every order is tried; above that, exchanges of two, rotations and the reverse.
 _ALL_ORDERS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class OtherOrder:
-    """An order of the channels with a lower error on unseen blocks.
+class OtherOrder(OtherAssumption):
+    """An order of the channels.
 
     Attributes:
         order: the joint whose channels each joint takes, by index among the active ones.
         joints: names of the active joints.
-        gain: of squared relative errors, the mean of the motors.
-        before, after, se: unseen errors, per cent, and the paired standard error of their difference.
-        blocks: unseen time blocks.
     """
 
     order: tuple[int, ...]
     joints: tuple[str, ...]
-    gain: Gain
-    before: float
-    after: float
-    se: float
-    blocks: int
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -91,13 +82,8 @@ def other_order(model: DynamicModel, motions: Sequence[Motion], beta: Array, zer
             continue
         if there.used.shape == rows.used.shape:
             _, figures = compared(model, (rows, there), (beta, start), (kept, kept))
-            tried.append(OtherOrder(order, joints, *figures))
-    held = [
-        one
-        for one in tried
-        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
-    ]
-    return max(held, key=lambda one: one.gain.share, default=None)
+            tried.append(OtherOrder(*figures, order, joints))
+    return max((one for one in tried if one.proven(len(tried))), key=lambda one: one.gain.share, default=None)
 
 
 def _one_to_one(model: DynamicModel, motions: Sequence[Motion]) -> bool:

@@ -31,23 +31,37 @@ _SAME_AXIS = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class OtherSide:
-    """Sides of positions and torques with a lower error on unseen blocks.
+class OtherAssumption:
+    """An assumption about the whole log, with a lower error on unseen blocks.
 
     Attributes:
-        position, torque: whose they are; None where that of the study stays.
         gain: of squared relative errors, the mean of the motors.
         before, after, se: unseen errors, per cent, and the paired standard error of their difference.
         blocks: unseen time blocks.
     """
 
-    position: Side | None
-    torque: Side | None
     gain: Gain
     before: float
     after: float
     se: float
     blocks: int
+
+    def proven(self, tried: int) -> bool:
+        """Whether the gain is proven among so many that were tried, and no matter of a few per cent."""
+        rare = self.gain.p * tried < SIGNIFICANCE
+        return rare and large_enough(self.gain) and self.after < MOST_LEFT * self.before
+
+
+@dataclass(frozen=True, eq=False)
+class OtherSide(OtherAssumption):
+    """Sides of positions and torques.
+
+    Attributes:
+        position, torque: whose they are; None where that of the study stays.
+    """
+
+    position: Side | None
+    torque: Side | None
 
     @property
     def words(self) -> str:
@@ -79,12 +93,7 @@ def other_side(model: DynamicModel, motions: Sequence[Motion], beta: Array, zero
     now = tuple(finer(motion) for motion in motions)
     rows = trial_rows(model, now, beta)
     tried = [one for sides in _others(now[0].log) if (one := _tried(model, now, rows, beta, zero, *sides)) is not None]
-    held = [
-        one
-        for one in tried
-        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
-    ]
-    return max(held, key=lambda one: one.gain.share, default=None)
+    return max((one for one in tried if one.proven(len(tried))), key=lambda one: one.gain.share, default=None)
 
 
 def _differ(model: DynamicModel) -> bool:
@@ -123,26 +132,20 @@ def _tried(
         return None
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     _, figures = compared(model, (rows, there), (beta, beta), (kept, kept))
-    return OtherSide(position, torque, *figures)
+    return OtherSide(*figures, position, torque)
 
 
 @dataclass(frozen=True, eq=False)
-class OtherMounting:
-    """Gravity along another axis of the base frame, with a lower error on unseen blocks.
+class OtherMounting(OtherAssumption):
+    """Gravity along another axis of the base frame.
 
     Attributes:
         gravity: in the base frame, m/s^2, (3,).
         rivals: other directions that predict unseen blocks as well, such as up in place of down, m/s^2, (3,) each.
-        gain, before, after, se, blocks: as of another side.
     """
 
     gravity: tuple[float, ...]
     rivals: tuple[tuple[float, ...], ...]
-    gain: Gain
-    before: float
-    after: float
-    se: float
-    blocks: int
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -176,13 +179,9 @@ def other_mounting(
         there = trial_rows(turned, now, start)
         kept = np.arange(len(beta)), np.arange(len(start))
         trial, figures = compared(model, (rows, there), (beta, start), kept)
-        tried.append(OtherMounting(tuple((0.0 - magnitude * axis).tolist()), (), *figures))
+        tried.append(OtherMounting(*figures, tuple((0.0 - magnitude * axis).tolist()), ()))
         trials.append(trial)
-    held = [
-        k
-        for k, one in enumerate(tried)
-        if one.gain.p * len(tried) < SIGNIFICANCE and large_enough(one.gain) and one.after < MOST_LEFT * one.before
-    ]
+    held = [k for k, one in enumerate(tried) if one.proven(len(tried))]
     best = max(held, key=lambda k: tried[k].gain.share, default=None)
     if best is None:
         return None
