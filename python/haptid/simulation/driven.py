@@ -6,7 +6,8 @@ inverse model that belong to joints without torque determine their accelerations
 Multiple shooting with condensing (Bock and Plitt 1984, IFAC Proceedings 17(2)): segments are integrated in parallel,
 each from a state of its own. Steps of Newton's method make the states of one segment's end and the next one's beginning
 meet, together with the steps of the parameters; the torque and its derivatives are those of the motion that meets, to
-first order. A link on a spring remembers its state for longer than a segment, so a run-in would not do.
+first order. The vibration of a link on its spring decays in more than a second, so a run-in that outlasts it would
+be longer than the segment.
 """
 
 from __future__ import annotations
@@ -98,6 +99,9 @@ class DrivenJoints:
         self._qa = [to_joints @ change(np.ascontiguousarray(x[:].T)) for x in rates]
         self._B = np.asarray(device.row_map)
         self.unknown = unloaded_joints(self.model)
+        # Places of the motors' rows, and the measured torque of every row, (n, samples), N m or N.
+        self.motors = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
+        self.measured = coordinate_torque(device, self.motion, 0, len(self.motion))
         self._handed = self._handovers()
 
     def course(self, beta: Array) -> DrivenCourse:
@@ -338,9 +342,7 @@ class DrivenJoints:
 
     def _first(self, torque: Array, slope: Array, start: Array) -> tuple[Array, Array]:
         """Change of the first beginning to the least error of the torque, (2u,), and its derivatives, (2u, p)."""
-        device = self.model.device
-        rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
-        measured = coordinate_torque(device, self.motion, 0, len(self.motion))[rows]
+        rows, measured = self.motors, self.measured[self.motors]
         size = np.abs(measured).max(axis=1, keepdims=True)
         size = np.where(size > 0, size, 1.0)
 

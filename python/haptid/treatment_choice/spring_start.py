@@ -18,7 +18,6 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import SimulationError
 from haptid.estimation import Estimate
 from haptid.estimation.methods.simulation_based import base_columns
-from haptid.motion.channels import coordinate_torque
 from haptid.motion.motion import Motion
 from haptid.simulation import Segments, smooth
 from haptid.simulation.driven import DrivenJoints, SegmentCourses
@@ -170,16 +169,13 @@ def _springs(joints: DrivenJoints, beta: Array) -> Iterator[tuple[str, float, li
 
 def _fitted(joints: DrivenJoints, beta: Array) -> _Fit:
     """Parameters and beginnings with the least misfit, by Marquardt's steps from these parameters."""
-    device = joints.model.device
-    rows = [device.row_names.index(motor.name) for motor in device.drives if motor.motorised]
-    measured = coordinate_torque(device, joints.motion, 0, len(joints.motion))[rows]
-    size = np.maximum(measured.std(axis=1), np.finfo(float).tiny)
-    best = _normal(joints, joints.apart(beta), beta, measured, rows, size)
+    size = np.maximum(joints.measured[joints.motors].std(axis=1), np.finfo(float).tiny)
+    best = _normal(joints, joints.apart(beta), beta, size)
     marquardt = _MARQUARDT
     for _ in range(_STEPS):
         beta, begin = best.step(marquardt)
         try:
-            fit = _normal(joints, joints.apart(beta, begin), beta, measured, rows, size)
+            fit = _normal(joints, joints.apart(beta, begin), beta, size)
         except SimulationError:
             fit = None
         if fit is None or not fit.misfit < best.misfit:
@@ -193,18 +189,15 @@ def _fitted(joints: DrivenJoints, beta: Array) -> _Fit:
     return best
 
 
-def _normal(
-    joints: DrivenJoints, made: SegmentCourses, beta: Array, measured: Array, rows: list[int], size: Array
-) -> _Fit:
+def _normal(joints: DrivenJoints, made: SegmentCourses, beta: Array, size: Array) -> _Fit:
     """Normal equations at a simulation.
 
     Args:
         made: the simulation.
-        measured: torque of the motors, (motors, samples).
-        rows: of the motors.
         size: standard deviation of each motor's torque, (motors,).
     """
-    error = (measured - made.torque[rows]) / size[:, None]
+    rows = joints.motors
+    error = (joints.measured - made.torque)[rows] / size[:, None]
     p = len(beta)
     G, g, parts = np.zeros((p, p)), np.zeros(p), []
     for k, own in enumerate(joints.segments.own.T):

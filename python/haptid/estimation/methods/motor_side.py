@@ -15,7 +15,6 @@ from haptid.estimation.method import Method
 from haptid.estimation.methods.simulation_based import Linearised, SimulationBased, base_columns, linearised_observation
 from haptid.estimation.methods.wls import WLS
 from haptid.log.spectrum import spectra
-from haptid.motion.channels import coordinate_torque
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 from haptid.simulation import Segments, smooth
@@ -76,9 +75,9 @@ class MotorSide(SimulationBased):
         for place, motion in enumerate(observation.motions):
             if place not in self._joints:
                 self._joints[place] = DrivenJoints(smoothed, motion, self.segments(motion), base_columns(model))
-            course = self._joints[place].course(beta)
-            measured = coordinate_torque(model.device, motion, 0, len(motion))
-            parts.append(Linearised(motion, measured - course.torque, course.slope))
+            joints = self._joints[place]
+            course = joints.course(beta)
+            parts.append(Linearised(motion, joints.measured - course.torque, course.slope))
         idle = [drive.name for drive in model.device.drives if drive.unloaded]
         motors = tuple(motor for motor in observation.motors if motor.name not in idle)
         rows = replace(observation, motors=motors)
