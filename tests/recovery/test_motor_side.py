@@ -1,0 +1,169 @@
+"""Elastic motors from the motors alone: the simulation of the links against a closed form, recovery, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from elastic_motors import DT, STEP, TRUTH, K, arm, assert_within, axis, recorded, treated
+from haptid.errors import IdentifiabilityError
+from haptid.estimation import MotorSide
+from haptid.estimation.methods.motor_side import with_noise_uncertainty
+from haptid.estimation.methods.simulation_based import base_columns
+from haptid.estimation.torque_uncertainty import other_motion
+from haptid.experiment import bench
+from haptid.simulation import Segments, smooth
+from haptid.simulation.driven import DrivenCourse, DrivenJoints
+from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
+from motions import motion
+
+MOTOR_B = {"name": "b", "drives": {"2": 1.0}}
+# Of a motion that begins at rest, Hz.
+TONES = (0.9, 2.3, 4.1, 6.7)
+
+
+def test_driven_joints_follow_the_closed_form_with_exact_slopes():
+    model, log = axis(), recorded(seconds=1.4)
+    motion = treated(log)
+    smoothed, base = smooth(model, [motion], 1e-3), base_columns(model)
+    beta = np.array([TRUTH[name] for name in model.base.names])
+    segments, inner = Segments.of(len(motion), len(motion), 0), slice(1000, -200)  # the start's transient has decayed
+
+    def course(at: np.ndarray) -> DrivenCourse:
+        return DrivenJoints(smoothed, motion, segments, base).course(at)
+
+    made = course(beta)
+    assert np.abs(made.c[1, inner] - motion.q[inner, 0]).max() < 20 * STEP
+    for name in ("ZZ1", "KE1", "DE1"):
+        k = model.base.names.index(name)
+        step = 1e-4 * beta * (np.arange(len(beta)) == k)
+        numeric = (course(beta + step).torque - course(beta - step).torque)[0, inner] / (2 * step[k])
+        trapezoidal = (2 * np.pi * 12.3 * DT) ** 2  # relative error near the resonance
+        np.testing.assert_allclose(made.slope[0, k, inner], numeric, atol=trapezoidal * np.abs(numeric).max())
+
+
+def test_segments_meet_as_one_with_its_slopes():
+    """Two joints with gravity: a fifth of a second is shorter than the memory of a link on its spring."""
+    model, rng = arm(), np.random.default_rng(4)
+    values = dict.fromkeys(model.device.parameters.names, 0.02)
+    values |= {"KEa": 400.0, "KEb": 300.0, "DEa": 0.4, "DEb": 0.4, "ZZ1": 0.3, "ZZ2": 0.2, "M2": 1.0, "MX2": 0.2}
+    beta = model.base.of(np.array([values[name] for name in model.device.parameters.names]))
+    t = DT * np.arange(1200)
+    waves = [sum(a * np.sin(2 * np.pi * f * t) for a, f in zip(rng.normal(size=4), TONES, strict=True)) for _ in "ab"]
+    theta = 0.2 * np.minimum(t / 0.3, 1.0) ** 3 * np.array(waves)
+    log = haptid.Log(
+        Path("made"),
+        "",
+        t,
+        np.ascontiguousarray(np.concatenate([theta, theta]).T),
+        np.zeros((len(t), 2)),
+        haptid.Channels(
+            haptid.Signal(("q1", "q2", "a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor"), "t"
+        ),
+    )
+    smoothed, base = smooth(model, [treated(log)], 1e-3), base_columns(model)
+    whole = Segments.of(len(t), len(t), 0)
+    torque = DrivenJoints(smoothed, treated(log), whole, base).apart(beta).torque[:2]
+    made = treated(replace(log, torque=np.ascontiguousarray(torque.T / [1.0, 20.0])))
+    alone, many = (DrivenJoints(smoothed, made, segments, base) for segments in (whole, Segments.of(len(t), 200, 1)))
+    apart = [np.abs(many.course(beta).torque[:2] - torque).max() / np.abs(torque).max() for _ in range(4)]
+    course, one = many.course(beta), alone.course(beta)
+    assert apart[0] > 1e-4
+    assert apart[-1] < 1e-7
+    np.testing.assert_allclose(course.torque, one.torque, atol=1e-7 * np.abs(one.torque).max())
+    size = np.abs(one.slope).max(axis=(0, 2), keepdims=True)
+    np.testing.assert_allclose(course.slope / size, one.slope / size, atol=1e-6)
+    # Another step of the parameters: states that segments begin at move with it.
+    other = beta * (1 + 0.02 * rng.standard_normal(len(beta)))
+    moved = alone.course(other).torque
+    assert np.abs(many.course(other).torque - moved).max() < 0.2 * np.abs(one.torque - moved).max()
+
+
+def test_positions_of_the_motors_alone_give_stiffness():
+    """The log begins in the middle of a motion, whose state is found with the parameters."""
+    model = axis()
+    start = {name: 1.1 * value for name, value in TRUTH.items()}
+    found = haptid.estimate(haptid.observe(model, treated(recorded())), MotorSide(initial=start))
+    assert_within(found)
+    assert abs(found["KE1"].value / K - 1) < 0.01
+    assert found["KE1"].relative_se < 0.25  # 0.38 where the state is a guess
+    delay = next(finding for finding in haptid.diagnose(found).findings if finding.name == "time delay")
+    assert delay.status == "ok"
+    assert "not tested" in delay.sentence
+
+
+def test_logs_without_links_are_told():
+    model, log = axis(), recorded()
+    assert not lacks_links(model, log)
+
+
+def test_stiffness_is_found_from_motor_positions_without_initial_values():
+    model, both = axis(), recorded(seconds=6.0)
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t, both.position[:, 1:], both.torque, channels)
+    assert lacks_links(model, log)
+    (made,), found = complete_logs(model, [log], [True], torque_delay_s=0.0)
+    assert_within(with_noise_uncertainty(found), times=4.5)  # converged to one standard error
+    assert np.array_equal(made.position[:, 1], log.position[:, 0])
+
+
+def test_stiffness_that_noise_of_the_motors_hides_is_refused():
+    """Encoders of 10 bits, of which the largest torsion is ten steps."""
+    both = recorded(seconds=6.0)
+    coarse = 2 * np.pi / 2**10
+    seen = coarse * np.round(both.position[:, 1:] / coarse)
+    channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
+    log = haptid.Log(Path("made"), "", both.t, seen, both.torque, channels)
+    with pytest.raises(IdentifiabilityError) as caught:
+        complete_logs(axis(), [log], [True], torque_delay_s=0.0)
+    assert "noise of the encoders" in str(caught.value)
+    assert "times as fine" in caught.value.advice
+
+
+def test_links_that_inertia_couples_are_found_from_their_motors_alone():
+    """Two joints on the bench: nothing but the motors' positions and commands is given."""
+    pytest.importorskip("mujoco")
+    joints = [{"name": "1"}, {"name": "2", "d": 0.3}]
+    model = axis(gravity=[0.0, -9.81, 0.0], joints=joints, motors=[{"name": "a", "drives": {"1": 1.0}}, MOTOR_B])
+    values = dict.fromkeys(("XX1", "XX2"), 0.03) | dict.fromkeys(("YY1", "YY2", "ZZ1", "ZZ2"), 0.06)
+    values |= {"MX1": 0.15, "MX2": 0.15, "M1": 1.0, "M2": 1.0}
+    for motor, stiffness in (("a", 400.0), ("b", 150.0)):
+        values |= {f"KE{motor}": stiffness, f"DE{motor}": 0.3, f"IAM{motor}": 0.02, f"FVM{motor}": 0.05}
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
+    setup = bench.Setup(
+        model,
+        chi,
+        bench.Controller((40.0,), (1.5,), gravity=True),
+        bench.Encoders((80_000.0,)),
+        bench.Amplifiers(noise=(0.02,)),
+    )
+    kind = bench.Multisine(8.0, (0.0,), (0.5,), frequencies_hz=(0.3, 7.0), count=8)
+    made = bench.simulate(setup, bench.plan(kind, model, setup.dt, np.random.default_rng(0)), np.random.default_rng(1))
+    signals = haptid.Signal(("a", "b"), "rad"), haptid.Signal(("u", "w"), "N m", side="motor")
+    seen, command = np.ascontiguousarray(made.position[:, 2:]), np.ascontiguousarray(made.command)
+    log = haptid.Log(Path("made"), "", made.t, seen, command, haptid.Channels(*signals, "t"))
+    assert lacks_links(model, log)
+    _, found = complete_logs(model, [log], [True])
+    found = with_noise_uncertainty(found)
+    for name, value, se in zip(found.names, found.beta, found.se, strict=True):
+        if name in values:  # the others have regroupings
+            assert abs(value - values[name]) < 4.5 * se, (name, value, se)
+    for motor, stiffness in (("a", 400.0), ("b", 150.0)):
+        assert abs(found[f"KE{motor}"].value / stiffness - 1) < 0.02
+        assert abs(found[f"DE{motor}"].value / 0.3 - 1) < 0.1
+
+
+def test_the_torque_of_other_motion_is_that_of_the_rows_of_the_fit():
+    """Fits from the motor side have rows of motors alone, and not of joints that springs move."""
+    model = arm()
+    whole = haptid.observe(model, motion(model, np.ones(len(model.base)), seconds=3.0))
+    motors = replace(whole, motors=tuple(m for m in whole.motors if not m.name.startswith("link_")))
+    assert len(motors.motors) == len(model.device.motors) < len(whole.motors)
+    kept = np.array([drive.motorised for drive in model.device.drives])
+    every, some = other_motion(whole), other_motion(motors)
+    states = len(every) // len(kept)
+    np.testing.assert_array_equal(some, every.reshape(len(kept), states, -1)[kept].reshape(len(some), -1))
