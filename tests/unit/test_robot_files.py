@@ -244,6 +244,19 @@ def test_an_infinite_axis_is_refused_with_its_joint(tmp_path: Path) -> None:
         imported(tmp_path, text, "robot.xml")
 
 
+def test_an_infinite_anchor_of_a_loop_is_refused_with_its_connection(tmp_path: Path) -> None:
+    """Found by fuzzing: the gap of such a loop has no singular values."""
+    text = """<mujoco><worldbody>
+    <body name="a"><joint name="crank" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia=".01 .02 .02"/></body>
+    <body name="b" pos="0.4 0 0"><joint name="rocker" axis="0 1 0"/>
+    <inertial pos="0.1 0 0" mass="1" diaginertia=".01 .02 .02"/></body></worldbody>
+    <equality><connect name="rod" body1="a" body2="b" anchor="0.3 inf 0.1"/></equality>
+    <actuator><motor joint="crank"/></actuator></mujoco>"""
+    pytest.importorskip("mujoco")
+    with pytest.raises(RobotFileError, match="connection rod that closes a loop has a place that is not finite"):
+        imported(tmp_path, text, "robot.xml")
+
+
 def test_long_words_of_a_symoro_file_are_refused_at_once(tmp_path: Path) -> None:
     """Entries without end, and thousands of names, neither take time by their square nor fill the message."""
     par = tmp_path / "long.par"

@@ -164,6 +164,10 @@ def _moving(tree: RobotTree, root: str | None, tip: str | None, hold: Mapping[st
         if not (np.isfinite(joint.placement).all() and np.isfinite(joint.axis).all()):
             found = f"joint {joint.name} has an axis or a place that is not finite"
             raise refused(tree.file, found, "Correct its numbers.", joint.line)
+    for cut in tree.closing:
+        if not (np.isfinite(cut.frame_a).all() and np.isfinite(cut.frame_b).all()):
+            found = f"the connection {cut.name} that closes a loop has a place that is not finite"
+            raise refused(tree.file, found, "Correct its numbers.", cut.line)
     tree = with_ball_hinges(tree, hold or {})
     of = moving_tree(tree, root, tip, hold)
     loops = opened_loops(of)

@@ -418,9 +418,10 @@ class _Walk:
             points = [(int(self.x["site_bodyid"][s]), self.x["site_pos"][s]) for s in (a, b)]
         else:
             points = [(a, data[0:3]), (b, data[3:6])]
-        (link_a, at_a), (link_b, at_b) = (
-            (self.body_links[body][0], self.body_links[body][1] @ shift(*point)) for body, point in points
-        )
+        with np.errstate(invalid="ignore"):  # a place that is not finite is refused with those of joints
+            (link_a, at_a), (link_b, at_b) = (
+                (self.body_links[body][0], self.body_links[body][1] @ shift(*point)) for body, point in points
+            )
         self.closing.append(ClosingJoint(name, "spherical", link_a, at_a, link_b, at_b, line))
 
     def _left_out(self) -> None:
