@@ -96,6 +96,24 @@ def test_positions_of_the_motors_alone_give_stiffness():
     assert "not tested" in delay.sentence
 
 
+def test_segments_that_do_not_meet_are_no_convergence():
+    """Parameters that hardly move while segments are apart, two standard errors or more from the least squares."""
+    model, log = axis(), recorded(seconds=6.0)
+    seen = np.ascontiguousarray(log.position[:, [1, 1]])  # links follow their motors
+    observation = haptid.observe(model, treated(replace(log, position=seen)))
+    smoothed = smooth(model, observation.motions, MotorSide().friction)
+    beta = np.array([TRUTH[name] for name in model.base.names])
+    for _ in range(6):  # of the first pass only
+        first = haptid.estimate(MotorSide().linearised_rows(observation, smoothed, beta), haptid.WLS())
+        moved, beta = np.abs(first.beta - beta) / first.se, first.beta
+    assert moved.max() < 1
+    best = haptid.estimate(observation, MotorSide(initial=TRUTH, tolerance=0.01))
+    start = dict(zip(model.base.names, beta.tolist(), strict=True))
+    found = haptid.estimate(observation, MotorSide(initial=start, tolerance=1.0))
+    assert (np.abs(first.beta - best.beta) / first.se).max() > 2
+    assert (np.abs(found.beta - best.beta) / best.se).max() < 1
+
+
 def test_logs_without_links_are_told():
     model, log = axis(), recorded()
     assert not lacks_links(model, log)

@@ -31,6 +31,9 @@ _CHUNK = 4096
 _DETERMINED = 1e-8
 # Newton steps to the torsion that carries the torque of the motion without torsion.
 _SETTLING = 3
+# Root mean square change of a motor's torque that is left until segments meet: at most this share of its error, or of
+# the torque where there is hardly an error.
+_GAP, _GAP_OF_TORQUE = 0.1, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +84,14 @@ class DrivenJoints:
         motion: whose positions contain those of the motors; those of the other joints are the first approximation.
         segments: the segments; all but the first begin at a sample that another one has as its own.
         base: maps base parameters to the core's columns, (r, p).
+        meets: whether the segments of the last course did, so far that what is left matters less than its error.
     """
 
     model: DynamicModel
     motion: Motion
     segments: Segments
     base: Array
+    meets: bool = field(default=False, init=False)
     _begin: Array | None = field(default=None, init=False)
     _by_beta: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), init=False)
     _at: Array = field(default_factory=lambda: np.zeros(0), init=False)
@@ -337,8 +342,16 @@ class DrivenJoints:
         slope += first_by_beta.T @ start
         self._begin, self._at = made.begin + moved + by_first @ first, np.array(beta)
         self._by_beta = by_beta + by_first @ first_by_beta
+        self.meets = self._agree(made.torque, torque)
         c, cd, cdd = (np.ascontiguousarray(made.motion[:, i]) for i in range(3))
         return DrivenCourse(c, cd, cdd, torque, slope)
+
+    def _agree(self, simulated: Array, met: Array) -> bool:
+        """Whether the torque of the segments, (n, samples), is that which it will be where they meet."""
+        gap, error, size = (
+            np.sqrt(np.mean(x[self.motors] ** 2, axis=1)) for x in (met - simulated, self.measured - met, self.measured)
+        )
+        return bool((gap <= np.maximum(_GAP * error, _GAP_OF_TORQUE * size)).all())
 
     def _first(self, torque: Array, slope: Array, start: Array) -> tuple[Array, Array]:
         """Change of the first beginning to the least error of the torque, (2u,), and its derivatives, (2u, p)."""

@@ -50,6 +50,10 @@ class MotorSide(SimulationBased):
         samples = len(motion.unbroken("a method that simulates"))
         return Segments.of(samples, max(1, round(self.segment / motion.dt)), 1)
 
+    def settled(self) -> bool:
+        """Whether segments meet: until then, parameters may hardly move far from the least squares."""
+        return all(joints.meets for joints in self._joints.values())
+
     def rows(self, observation: Observation) -> Observation:
         """As of every method that simulates; passes share the initial states of their segments."""
         return super(MotorSide, replace(self)).rows(observation)

@@ -101,7 +101,7 @@ class SimulationBased(Wrapper, ABC):
             rows = rows_of(self.weighting, rows)
             fitted = estimate(rows, self.weighting)
             previous, moved = fitted.beta, np.abs(fitted.beta - beta) / np.maximum(fitted.se, np.finfo(float).tiny)
-            if moved.max() <= self.tolerance:
+            if moved.max() <= self.tolerance and self.settled():
                 return rows
         worst = int(np.argmax(moved))
         name = observation.base.names[worst]
@@ -126,6 +126,10 @@ class SimulationBased(Wrapper, ABC):
 
     def check(self, observation: Observation) -> None:
         """Raise for missing inputs before any simulation."""
+
+    def settled(self) -> bool:
+        """Whether the last simulation is that of its parameters, whatever those are."""
+        return True
 
     def segments(self, motion: Motion) -> Segments:
         """Of one motion."""
