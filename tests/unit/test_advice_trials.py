@@ -33,6 +33,19 @@ def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
     return rows, Bench({"used": rows.grams()}, 3, np.arange(3), np.ones(2), np.ones((2, 2)))
 
 
+def test_rows_without_candidates_are_fitted_as_those_with_them():
+    """Positions are tried on matrices of the base columns alone; with every candidate's they fill gigabytes."""
+    rows, made = bench(factor=3.0)
+    small = replace(rows, W=rows.W[:, :, :3])
+    made = made.with_rows("moved", small.grams())
+    for change in (Setting(), Setting(free=(0,)), Setting(source=(1, 0))):
+        moved = replace(change, rows="moved")
+        np.testing.assert_allclose(made.run(moved).errors, made.run(change).errors, rtol=1e-10)
+        together = made.run(replace(moved, terms=(((3,),),)))
+        np.testing.assert_allclose(together.errors, made.run(change).errors, rtol=1e-10)
+        assert made.p_value(together) == 1
+
+
 def test_a_fit_is_least_squares():
     rows, made = bench(extra=1.0)
     fitted = made.fit(Setting(terms=(((3,),),)), np.arange(12))

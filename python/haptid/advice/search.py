@@ -452,7 +452,7 @@ def positions(search: Trials) -> Iterator[TriedChange]:
             continue
         if there.blocks == search.rows.blocks:
             key = f"{kind} {which}"
-            grams[key] = _embedded(there.grams(), search.bench)
+            grams[key] = there.grams()
             places = tuple(f"joint {names[k]}" for k in which) or (f"{_OTHER_UNIT[unit][0]} and not in {unit}",)
             yield TriedChange(kind, places, Setting(rows=key), indices=which)
     object.__setattr__(search.bench, "grams", grams)
@@ -474,15 +474,6 @@ def _in_other_unit(motion: Motion, unit: str, prismatic: Sequence[bool]) -> Moti
     slow = np.asarray(motion.treatment.reversal_speed) * _OTHER_UNIT[unit][1]
     treatment = replace(motion.treatment, reversal_speed=tuple(slow.tolist()) if slow.ndim else float(slow))
     return replace(motion, q=np.array(motion.q) * factor, treatment=treatment)
-
-
-def _embedded(grams: Array, bench: Bench) -> Array:
-    """Gram matrices without candidates in the places of those with them."""
-    size = bench.grams["used"].shape[-1]
-    at = np.r_[: bench.base, size - bench.motors : size]
-    made = np.zeros((*grams.shape[:2], size, size))
-    made[:, :, at[:, None], at] = grams
-    return made
 
 
 def proven(search: Trials, before: Trial | None = None) -> list[Proven]:

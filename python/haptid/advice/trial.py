@@ -133,7 +133,8 @@ class Bench:
     """Gram matrices of a log's rows, and the trials on them.
 
     Attributes:
-        grams: by set of rows: of [W, candidates, y_1 .. y_m], (blocks, motors, size, size).
+        grams: by set of rows: of [W, candidates, y_1 .. y_m], (blocks, motors, size, size); of rows at which candidates
+            were not computed [W, y_1 .. y_m], and no term is fitted to these.
         base: number of base parameters; `kept` are those of them that are not fixed at zero.
         weights: of each motor's rows, (motors,).
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
@@ -262,6 +263,8 @@ class Bench:
 
     def _columns(self, setting: Setting, chosen: Sequence[int]) -> np.ndarray:
         """Base parameters' columns and those of the alternatives."""
+        if self.grams[setting.rows].shape[-1] == self.base + self.motors:  # there are none
+            return self.kept
         picked = (t for term, c in zip(setting.terms, chosen, strict=True) for t in term[c])
         return np.array([*self.kept, *dict.fromkeys(picked)], dtype=int)
 
@@ -270,10 +273,10 @@ class Bench:
         return _rows(G, columns, columns), self._right(G, setting, columns), self._squares(G, setting)
 
     def _channels(self, setting: Setting) -> tuple[np.ndarray, Array]:
-        """For each motor the place of its torque channel among a Gram matrix' columns, and the channel's factor."""
+        """For each motor the place of its torque channel from a Gram matrix' end, and the channel's factor."""
         if setting.source not in self._sources:
             source = np.array(setting.source or range(self.motors))
-            at = self.grams["used"].shape[-1] - self.motors + source
+            at = source - self.motors
             self._sources[setting.source] = at, self.channel_factors[np.arange(self.motors), source]
         return self._sources[setting.source]
 
