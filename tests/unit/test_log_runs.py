@@ -79,6 +79,27 @@ def test_joints_that_the_log_lacks_are_named_with_what_to_do(tmp_path: Path) -> 
     assert "--hold" in text
 
 
+def test_numbered_joints_and_others_are_of_one_family(tmp_path: Path) -> None:
+    """`lift` has no number, and motors of a coupled wrist have names of their own: channels are those of all joints."""
+    names = ["lift", "arm_1", "arm_2"]
+    t, q, tau = motion(3)
+    for key, values in (("position", q), ("effort", tau)):
+        written(tmp_path / "log" / f"{key}.csv", ",".join(["t", *(f"- {n}_joint_{key}" for n in names)]), t, values)
+    file = device(tmp_path, "wheel", *(f"{n}_joint" for n in names), "finger")
+    text, _ = draft_study([tmp_path / "log"], read_device(file), "arm.toml", tmp_path)
+    made = tomllib.loads(text)["channels"]
+    for key in ("position", "effort"):
+        own = made["torque" if key == "effort" else key]["channels"]
+        assert own == [f"{key}.- {n}_joint_{key}" for n in names]
+    assert "haptid import --only lift_joint,arm_1_joint,arm_2_joint" in text
+    drives = '[[motors]]\nname = "m{}"\ndrives = {{ arm_1_joint = 1.0, arm_2_joint = {} }}\n'
+    own = Path(device(tmp_path, *(f"{n}_joint" for n in names)))
+    motors = '[[motors]]\nname = "lift_joint"\n' + drives.format(1, 1.0) + drives.format(2, -1.0)
+    own.write_text(own.read_text() + motors)
+    made = tomllib.loads(draft_study([tmp_path / "log"], read_device(own), "arm.toml", tmp_path)[0])["channels"]
+    assert made["torque"]["channels"] == [f"effort.- {n}_joint_effort" for n in names]
+
+
 def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
     for k, path in enumerate(("run2.csv", "run10.csv")):
         t, q, tau = motion(2, k, 600 + 50 * k)

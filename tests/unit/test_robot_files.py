@@ -130,6 +130,13 @@ def test_root_tip_and_held_joints(tmp_path: Path) -> None:
     assert held.device.prior["Mshoulder_pan"].value == pytest.approx(1.2 + 0.3 + 0.5)
     with pytest.raises(RobotFileError, match="elbow"):
         imported(tmp_path, ARM, hold={"ellbow": 0.3})
+    only = imported(tmp_path, ARM, only=["elbow"], hold={"shoulder-pan": 0.1})
+    assert (only.device.joint_names, only.source.held["shoulder-pan"]) == (("elbow", "rail"), 0.1)
+    assert imported(tmp_path, ARM, only=["shoulder-pan"]).source.held["rail"] == pytest.approx(0.2)
+    with pytest.raises(RobotFileError, match="elbow"):
+        imported(tmp_path, ARM, only=["ellbow"])
+    made = ["import", str(tmp_path / "robot.urdf"), "--only", "elbow,shoulder-pan", "--out", str(tmp_path / "arm.toml")]
+    assert "3 joints" in CliRunner().invoke(app, made).output
 
 
 def wrong(old: str, new: str, count: int = 1) -> str:

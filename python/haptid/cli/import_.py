@@ -45,6 +45,9 @@ def import_(
         str | None, typer.Option("--tip", help="last link of a chain; joints not on the way to it are held")
     ] = None,
     hold: Annotated[list[str] | None, typer.Option("--hold", help="JOINT=POSITION: a joint that does not move")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="JOINT,JOINT,...: the joints that move; all others are held at 0")
+    ] = None,
     package: Annotated[
         list[str] | None, typer.Option("--package", help="NAME=FOLDER: where FILE may read from besides its own folder")
     ] = None,
@@ -71,6 +74,7 @@ def import_(
             root=root,
             tip=tip,
             hold=named("--hold", hold or ()),
+            only=[name for names in only for name in names.split(",") if name] if only else None,
             packages=dict(_pairs("--package", package)),
             xacro_arguments=dict(_pairs("--xacro-arg", xacro_arg)),
             lengths=named("--length", length or ()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from haptid.device.device import Device
-from haptid.errors import DeviceError, OutputFolderError, RobotFileError
+from haptid.errors import DeviceError, OutputFolderError, RobotFileError, suggestion
 from haptid.robot_files.balls import with_ball_hinges, without_spin
 from haptid.robot_files.check import Check, check, device_from
 from haptid.robot_files.device_file import device_text
@@ -101,6 +101,7 @@ def import_robot(
     root: str | None = None,
     tip: str | None = None,
     hold: Mapping[str, float] | None = None,
+    only: Collection[str] | None = None,
     packages: Mapping[str, str | Path] | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
     lengths: Mapping[str, float] | None = None,
@@ -116,6 +117,7 @@ def import_robot(
         root: link that is the base; the description's root link if None.
         tip: last link of a chain; all joints that are not on the way to it are held.
         hold: positions at which joints are held, by name, rad or m.
+        only: joints that move, by name: all others are held, at zero where `hold` has no position; all move if None.
         priors: whether bodies, friction and springs of the description become prior values.
         torque_constant: torque at each joint per ampere of its motor's current, N m/A or N/A, one for all or by the
             names of the description: commands are then currents.
@@ -128,6 +130,7 @@ def import_robot(
     """
     given: dict[str, Any] = {"packages": packages, "xacro_arguments": xacro_arguments, "lengths": lengths}
     tree = read_robot(path, **given, snap=snap)
+    hold = _but(tree, only, hold)
     of = _moving(tree, root, tip, hold)
     if len(of.moving) > MOST_JOINTS:
         found = f"{len(of.moving)} joints move; a device has at most {MOST_JOINTS}"
@@ -156,6 +159,19 @@ def import_robot(
         made = device_text(of, priors, torque_constant)
         device = device_from(made.text, str(path))
     return ImportedRobot(made.text, device, made.names, made.notes, done, of, snapped)
+
+
+def _but(tree: RobotTree, only: Collection[str] | None, hold: Mapping[str, float] | None) -> Mapping[str, float] | None:
+    """Positions of all joints that are held, where only these move, and what follows them."""
+    if only is None:
+        return hold
+    hinges = with_ball_hinges(tree, hold or {}).joints
+    names = [joint.name for joint in hinges]
+    for name in only:
+        if name not in names:
+            raise refused(tree.file, f"it has no joint {name!r} to move", suggestion(name, names))
+    moved = {*only, *(relation.joint for relation in tree.follows)}
+    return {joint.name: 0.0 for joint in hinges if joint.moves and joint.name not in moved} | {**(hold or {})}
 
 
 def _moving(tree: RobotTree, root: str | None, tip: str | None, hold: Mapping[str, float] | None) -> MovingTree:

@@ -12,7 +12,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
-from haptid.log.survey.joint_names import are_named, matched
+from haptid.log.survey.joint_names import are_named, matched, owners
 from haptid.log.survey.names import (
     COMMAND_WORDS,
     NEITHER,
@@ -137,17 +137,28 @@ def _no_joint(part: str, separator: str) -> bool:
     return separator != "_" or (bool(words) and words <= _KIND)
 
 
-def _families(topics: Iterable[TopicSurvey], quantity: Quantity) -> list[_Family]:
+def _families(
+    topics: Iterable[TopicSurvey], quantity: Quantity, joints: Sequence[tuple[str, ...]] = ()
+) -> list[_Family]:
+    """Families of a quantity, the best first; names that differ in the name of one of the joints are of one family."""
+    names = "|".join(re.escape(name) for name in sorted({x for joint in joints for x in joint}, key=len, reverse=True))
+    own = re.compile(rf"(?<![^\W_])(?:{names})(?![^\W_])", re.I) if names else None
     found: list[_Family] = []
     for topic in topics:
         arrays: dict[str, list[ChannelSurvey]] = {}
         for channel in topic.channels:
             if channel.quantity == quantity and channel.count + channel.missing > _A_PART * topic.count:
                 element = element_of(channel.name)
-                array = element["array"] if element else _pattern(unit_apart(channel.name)[0])
+                array = element["array"] if element else _pattern(_without(unit_apart(channel.name)[0], own))
                 arrays.setdefault(array, []).append(channel)
         found.extend(_Family(topic, array, tuple(channels)) for array, channels in _joined(arrays).items())
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _without(name: str, joints: re.Pattern[str] | None) -> str:
+    """A channel's name without that of its joint; whole where nothing but a number would be left of it."""
+    short = joints.sub("#", name) if joints else name
+    return short if words_of(short) else name
 
 
 def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSurvey]]:
@@ -185,8 +196,8 @@ def channels_table(
     straight: Sequence[bool],
 ) -> str:
     """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
-    positions = [family.of(joints) for family in _families(topics, "position")]
-    torques = [family.of(motors) for family in _families(topics, "torque")]
+    positions = [family.of(joints) for family in _families(topics, "position", joints)]
+    torques = [family.of(motors) for family in _families(topics, "torque", [*joints, *motors])]
     if joints and any(len(family.channels) == len(joints) for family in positions):
         positions = [family for family in positions if len(family.channels) == len(joints)]
     if not positions:
@@ -211,7 +222,7 @@ def channels_table(
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
-    lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity")], position)
+    lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity", joints)], position)
     return "\n".join(lines) + "\n"
 
 
@@ -220,9 +231,11 @@ def _unlike(position: _Family, joints: Sequence[tuple[str, ...]]) -> str:
     count = len(position.channels)
     names = ", ".join(joint[-1] for joint in joints[:_NAMED]) + (", ..." if len(joints) > _NAMED else "")
     if joints and count < len(joints):
+        moved = owners([unit_apart(c.name)[0] for c in position.channels], joints)
+        only = f"--only {','.join(joints[k][-1] for k in moved)}" if moved else "--hold JOINT=0"
         return (
             f"; the device has {len(joints)} joints ({names}), and these are {count}: a joint that the log lacks and "
-            "that stands still is held in the device file (haptid import --hold JOINT=0)"
+            f"that stands still is held in the device file (haptid import {only})"
         )
     if joints and count > len(joints):
         return f"; the device has {len(joints)} joints, and these are {count}: keep those of {names}"

@@ -31,6 +31,18 @@ def matched(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> list[
     return None
 
 
+def owners(channels: Sequence[str], joints: Sequence[tuple[str, ...]]) -> list[int]:
+    """Joints whose names the channels contain, one for each channel, in the joints' order; none where one has none.
+
+    Args:
+        channels, joints: as for `matched`; the joints may be more.
+    """
+    ends = [[_words(joint[end]) for joint in joints] for end in (0, -1)]
+    groups = _longest([_words(name) for name in channels], list(zip(*ends, strict=True)))
+    found = [joint for joint, group in enumerate(groups) if len(group) == 1]
+    return found if len(found) == len(channels) and max(map(len, groups), default=0) == 1 else []
+
+
 def _longest(channels: Sequence[_Words], joints: Sequence[tuple[_Words, ...]]) -> list[list[int]]:
     """Channels of each joint, by the longest of the joints' names that a channel's name contains."""
     found: list[list[int]] = [[] for _ in joints]
