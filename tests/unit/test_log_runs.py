@@ -115,6 +115,23 @@ def test_a_folder_of_whole_runs_is_a_study_of_them(tmp_path: Path) -> None:
         assert "holds 2 runs" in surveyed.notes[0]
 
 
+def test_of_many_runs_each_is_held_out_and_those_in_another_unit_are_named(tmp_path: Path) -> None:
+    for k in range(5):
+        t, q, tau = motion(2, k)
+        turned, larger = (np.rad2deg(q) if k == 2 else q), (1e3 * tau if k == 3 else tau)
+        written(tmp_path / "runs" / f"run{k}.csv", "t,q1,q2,tau1,tau2", t, turned, larger)
+    arm = read_device(device(tmp_path, "1", "2"))
+    text, surveyed = draft_study([tmp_path / "runs"], arm, "arm.toml", tmp_path)
+    made = tomllib.loads(text)
+    assert [log.get("role") for log in made["logs"]] == 5 * [None]
+    assert made["validation"] == {"cross_validation": "leave-one-log-out"}
+    odd = [note.split(" those")[0] for note in surveyed.notes[1:]]
+    assert [line.split(" are ")[0] for line in odd] == ["run2.csv: its positions", "run3.csv: its torques"]
+    assert 30 < float(odd[0].split()[-2]) < 100 < 500 < float(odd[1].split()[-2]) < 2000
+    lines = text.splitlines()
+    assert ["in another unit" in line for line in lines if line.startswith("path")] == [False, False, True, True, False]
+
+
 def test_a_folder_that_is_no_log_names_the_logs_in_it(tmp_path: Path) -> None:
     t, q, tau = motion(1)
     written(tmp_path / "day" / "a" / "data.csv", "t,q1,tau1", t, q, tau)

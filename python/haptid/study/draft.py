@@ -16,6 +16,11 @@ from haptid.log.file_format import format_of, logs_in
 from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
 
+# Of more runs than these each identifies, and is held out in turn: one run is seldom all of the motion.
+_FEW = 2
+# Times that positions or torques are those of other runs, from which another unit is likelier than another motion.
+_OTHER_UNIT = 20.0
+
 
 def draft_study(
     logs: Sequence[str | Path], device: Device, device_path: str, folder: str | Path = "."
@@ -24,7 +29,7 @@ def draft_study(
 
     Args:
         logs: paths; the second one and later ones validate. One folder of runs, each a file with all channels or a
-            folder, stands for its runs.
+            folder, stands for its runs: of two the second one validates, of more each is held out in turn.
         device: whose active joints the channels are for, by name or alias.
         device_path: as the study names it: a path, or the name of a shipped device.
         folder: where the study will be; paths are relative to it.
@@ -43,9 +48,15 @@ def draft_study(
     straight = [device.joints[k].prismatic for k in device.active]
     given, logs = logs, _runs(logs, len(names))
     surveyed = survey(logs[0], names, driven_names, units.pop() if len(units) == 1 else "", straight)
+    each, odd = logs is not given and len(logs) > _FEW, dict[int, str]()
     if logs is not given:
-        said = f"{given[0]} holds {len(logs)} runs: the first one identifies, the others validate; channels are of it"
-        surveyed = replace(surveyed, notes=(said, *surveyed.notes))
+        roles = (
+            "all identify, and each is held out in turn" if each else "the first one identifies, the other validates"
+        )
+        odd = dict(_other_units(surveyed, logs[1:]))
+        said = [f"{given[0]} holds {len(logs)} runs: {roles}; channels are of {Path(logs[0]).name}"]
+        said += [f"{_relative(Path(logs[k]), given[0])}: {text}" for k, text in odd.items()]
+        surveyed = replace(surveyed, notes=(*said, *surveyed.notes))
     surveyed = replace(surveyed, notes=(*surveyed.notes, *_elsewhere(surveyed, logs[1:])))
     path = Path(device_path)
     if path.suffix == ".toml" or path.parts[1:]:
@@ -54,8 +65,11 @@ def draft_study(
     lines = ["schema = 1", f"name = {basic_string(device.name)}", f"device = {basic_string(device_path)}", ""]
     lines.append(surveyed.table or "[channels]  # no channels of positions were recognised: name them here\n")
     for k, log in enumerate(logs):
-        lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}"]
-        lines += ['role = "validate"', ""] if k else [""]
+        note = f"  # {odd[k]}" if k in odd else ""
+        lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}{note}"]
+        lines += ['role = "validate"', ""] if k and not each else [""]
+    if each:
+        lines += ["[validation]", 'cross_validation = "leave-one-log-out"']
     return "\n".join(lines).rstrip() + "\n", surveyed
 
 
@@ -74,6 +88,35 @@ def _runs(logs: Sequence[str | Path], joints: int) -> Sequence[str | Path]:
         return logs
     positions = sum(c.quantity == "position" for topic in first.topics for c in topic.channels) if first else 0
     return tables if first and not first.lacking and positions >= joints else logs
+
+
+def _other_units(first: Survey, others: Sequence[str | Path]) -> Iterator[tuple[int, str]]:
+    """Runs whose positions or torques are many times those of the others, as in another unit, by their places."""
+    surveys = [first]
+    for other in others:
+        try:
+            surveys.append(survey(other))
+        except HaptidError:  # `identify` says what is wrong with it
+            surveys.append(replace(first, topics=()))
+    for key, unit in (("position", "rad or deg, m or mm"), ("torque", "N m or N mm, A or mA")):
+        found = [_sizes(one, key) for one in surveys]
+        names = sorted(set.intersection(*(set(sizes) for sizes in found if sizes)) if any(found) else ())
+        if not names:
+            continue
+        sizes = np.array([[own.get(name, np.nan) for name in names] for own in found])
+        times = np.exp(np.median(np.log(sizes / np.nanmedian(sizes, axis=0)), axis=1))
+        for k in np.flatnonzero(np.maximum(times, 1 / times) > _OTHER_UNIT):
+            yield (
+                int(k),
+                f"its {key}s are {times[k]:.2g} times those of most runs: in another unit ({unit})? If so, it needs "
+                "[logs.channels] of its own",
+            )
+
+
+def _sizes(surveyed: Survey, key: str) -> dict[str, float]:
+    """Largest absolute value of each channel of a quantity that moves, by its name."""
+    channels = (c for topic in surveyed.topics for c in topic.channels if c.quantity == key and c.usable)
+    return {c.name: max(abs(c.low), abs(c.high)) for c in channels}
 
 
 def _elsewhere(surveyed: Survey, others: Sequence[str | Path]) -> Iterator[str]:
