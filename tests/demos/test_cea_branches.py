@@ -108,7 +108,7 @@ def shorter(take):
 
 def test_everything_is_written(found):
     folder, results = found
-    names = ["paper.html", "result.json"]
+    names = ["paper.html", "demo.json"]
     names += [f"{name}.{kind}" for name in ("table1", "friction", "sweeps", "posture") for kind in ("txt", "csv")]
     for name in names:
         assert (folder / name).stat().st_size > 0, name
@@ -116,7 +116,7 @@ def test_everything_is_written(found):
     charts = ("friction-upper-0", "torque-0-0", "sweep-arm-upper", "compensation")
     for wanted in (*(claim.check for claim in results.demo.claims), *(f'id="{chart}"' for chart in charts)):
         assert wanted in page
-    values = valid("demo", (folder / "result.json").read_text(encoding="utf-8"))
+    values = valid("demo", (folder / "demo.json").read_text(encoding="utf-8"))
     assert set(values["branches"]) == {"upper"}
     assert values["branches"]["upper"]["essential"] == list(results.found["upper"].reduction.essential)
 

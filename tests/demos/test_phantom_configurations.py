@@ -106,7 +106,7 @@ def test_the_first_seconds_are_those_of_the_whole_motion(results):
 
 def test_everything_is_written(results):
     folder, found = results
-    names = ("table1.txt", "table2.txt", "paper.html", "report.html", "result.json", "logs/normal.toml")
+    names = ("table1.txt", "table2.txt", "paper.html", "report.html", "demo.json", "logs/normal.toml")
     for name in names:
         assert (folder / name).stat().st_size > 0, name
     page = (folder / "paper.html").read_text(encoding="utf-8")
@@ -119,7 +119,7 @@ def test_everything_is_written(results):
 
 def test_tables_and_result_have_the_same_figures(results):
     folder, found = results
-    values = valid("demo", (folder / "result.json").read_text(encoding="utf-8"))
+    values = valid("demo", (folder / "demo.json").read_text(encoding="utf-8"))
     with (folder / "table1.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     by = {(r["mounting"], r["fit"], r["parameter"]): float(r["value"]) for r in rows}

@@ -149,6 +149,13 @@ def test_a_file_of_schema_1_names_its_version_and_what_to_do(made, tmp_path):
         Result.load(path)
 
 
+def test_tables_of_a_demo_are_no_result(tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text('{"schema": 1, "demo": "phantom", "claims": []}', encoding="utf-8")
+    with pytest.raises(ResultFileError, match="is no result of haptid identify"):
+        Result.load(path)
+
+
 def test_the_published_schema_has_the_keys_of_the_file_and_of_the_documentation(made, request):
     values, schema = json.loads((made[1] / "result.json").read_text()), result_schema()
     assert values["schema"] == schema["properties"]["schema"]["const"] == 2

@@ -19,7 +19,7 @@ parameters. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes
 - `paper.html`: tables and figures of the paper with haptid's own numbers, in one file
 - `report.html`: phantom: the identification report of one mounting, with the hand force; see haptid identify
 - `*.txt`, `*.csv`: the published tables with haptid's own columns
-- `result.json`: every number
+- `demo.json`: every number
 - `logs/`: the experiments, the logs, and their ground truth
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
@@ -58,7 +58,7 @@ def demo(
         with progress_bars(quiet or as_json) as bars, publishing(out_folder) as folder:
             demo_results = run_demo(plan, folder, progress_callback(bars))
     if as_json:
-        sys.stdout.write((out_folder / "result.json").read_text(encoding="utf-8"))
+        sys.stdout.write((out_folder / "demo.json").read_text(encoding="utf-8"))
     elif not quiet:
         out.print(kind_of(plan).summary(demo_results))
         out.print(f"Page in {out_folder / PAGE}")

@@ -44,7 +44,7 @@ def read_demo(name: str) -> Demo:
 
 
 def run_demo(demo: Demo, folder: Path, progress: Progress, processes: int | None = None) -> Any:
-    """Record into `folder`/logs, identify, and write tables, result.json and the page into `folder`.
+    """Record into `folder`/logs, identify, and write tables, demo.json and the page into `folder`.
 
     Args:
         demo: the demonstration.
@@ -74,7 +74,7 @@ def run_demo(demo: Demo, folder: Path, progress: Progress, processes: int | None
 
 
 def write_results(demo: Demo, found: Any, folder: Path) -> None:
-    """Tables, result.json and the page.
+    """Tables, demo.json and the page.
 
     Raises:
         OutputFolderError: the folder cannot be written.
@@ -83,7 +83,7 @@ def write_results(demo: Demo, found: Any, folder: Path) -> None:
     kind.write_files(found, folder)
     claims = [claim.model_dump() for claim in demo.claims]
     head = {"schema": 1, "demo": demo.name, "title": demo.title, "source": demo.source, "claims": claims}
-    write_json(folder / "result.json", {**head, **kind.values(found)})
+    write_json(folder / "demo.json", {**head, **kind.values(found)})
     sections = [*kind.sections(found), claims_section(demo)]
     (folder / PAGE).write_text(page(demo.title, f"Source: {demo.source}.", sections), encoding="utf-8")
 

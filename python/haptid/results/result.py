@@ -377,6 +377,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
     version = values.get("schema")
+    if not {"study", "estimate"} & values.keys():
+        raise _fault(path, "is no result of haptid identify")
     if isinstance(version, int) and version != _SCHEMA:
         raise ResultFileError(
             f"{path}: was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this "
