@@ -24,7 +24,7 @@ from haptid.end_effector.datasheet import (
     stable_stiffness,
     stepped_stiffness,
 )
-from haptid.report.datasheet import comparison, sheet_cells, sheet_page, write_sheet
+from haptid.report.datasheet import comparison, sheet_cells, sheet_figure, sheet_page, write_sheet
 from true_parameters import true_parameters
 
 T, LIMITS = 1e-3, {"be": (-0.7, 0.7), "df": (-0.6, 1.1)}
@@ -237,6 +237,8 @@ def test_pages(sheet, tmp_path):
     assert {len(row) for row in cells} == {3}
     assert next(row for row in cells if row[0] == "peak force, published")[1:] == ["8.5 N", "22 N"]
     assert {len(row) for row in sheet_cells(sheet)} == {5}
+    for one in sheets:
+        assert not [text.get_text() for text in sheet_figure(one).texts if text.get_text().endswith(" ..")]  # none cut
     for name in ("one.pdf", "one.html"):
         write_sheet(sheets, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 10_000

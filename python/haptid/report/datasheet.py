@@ -73,8 +73,8 @@ def sheet_cells(sheet: DataSheet) -> list[list[str]]:
         if row.group != group:
             group = row.group
             cells.append([group.upper(), "", "", "", ""])
-        low_high = "" if row.low is None or row.high is None else f"{row.low:.3g} .. {row.high:.3g}"
-        ends = "" if row.conf_int is None else " .. ".join(f"{end:.3g}" for end in row.conf_int)
+        low_high = "" if row.low is None or row.high is None else f"{_digits(row.low)} .. {_digits(row.high)}"
+        ends = "" if row.conf_int is None else " .. ".join(map(_digits, row.conf_int))
         cells.append([row.name, _value(row), low_high, ends, row.method])
     return cells
 
@@ -85,7 +85,12 @@ def published_cells(sheet: DataSheet) -> list[list[str]]:
 
 
 def _value(row: SheetRow) -> str:
-    return "not known" if row.value is None else f"{row.value:.3g} {row.unit}".strip()
+    return "not known" if row.value is None else f"{_digits(row.value)} {row.unit}".strip()
+
+
+def _digits(value: float) -> str:
+    """A figure of three digits, without an exponent up to a million: 2780 is narrower than 2.78e+03."""
+    return f"{float(f'{value:.3g}'):g}"
 
 
 def _section(sheet: DataSheet, k: int) -> DocumentSection:

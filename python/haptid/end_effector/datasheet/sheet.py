@@ -148,7 +148,7 @@ def _resolution(model: DynamicModel, tools: DeviceInstruments, qa: Array) -> Ite
 
 def _bandwidth(tools: DeviceInstruments) -> SheetRow:
     """Frequency at which a zero-order hold passes half of the power, 0.443 of the rate."""
-    method = "zero-order hold, to -3 dB; amplifiers are taken as fast, the device as rigid"
+    method = "zero-order hold, to -3 dB; fast amplifiers, rigid device"
     return SheetRow(_STRUCTURE.group, "bandwidth of the force", _HALF_POWER * tools.rate_hz, "Hz", method)
 
 

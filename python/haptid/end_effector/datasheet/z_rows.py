@@ -135,7 +135,7 @@ class _Pose:
         if damping > 0:
             # A wall of all components at once that is shaped like B reaches the passive bound in all directions.
             value = stable_stiffness(replace(loop, jacobian=np.eye(len(loop.inertia))), None, loop.viscous / damping)
-            method = "sampled device without dry friction, wall shaped like B: the passive bound once more"
+            method = "of the sampled device without dry friction, wall shaped like B"
             ratio, ends = value / float(least.values[self.at]), least.conf_int()
             interval = None if ends is None else (float(ratio * ends[self.at, 0]), float(ratio * ends[self.at, 1]))
             yield SheetRow(_GROUP, "passive stiffness, simulated", value, "N/m", method, conf_int=interval)
@@ -178,7 +178,7 @@ class _Pose:
             yield self._quantised(felt, step, least)
         held = ", rotation held" if len(found.handle.rows) > 3 else ""
         noise = " and encoder steps" if step else ""
-        what = f"stepped with dry friction{noise} after {PUSH:g} N more than that, along the largest mass{held}"
+        what = f"stepped with dry friction{noise}, a push of {PUSH:g} N{held}"
         for name, hand in (("free", None), ("in a hand", TYPICAL_HAND)):
             value = stepped_stiffness(self._device(felt.values, step), hand)
             row = SheetRow(_GROUP, f"stable stiffness, {name}", value, "N/m", what)
