@@ -31,7 +31,7 @@ joints = "all"
 kind = "coulomb"
 joints = "all"
 """
-UP, WALL = [0.0, 0.0, -9.81], [-9.81, 0.0, 0.0]
+UP, WALL, CEILING = [0.0, 0.0, -9.81], [-9.81, 0.0, 0.0], [9.81, 0.0, 0.0]
 
 
 def _study(folder: Path, written: list[float]) -> haptid.Study:
@@ -55,7 +55,7 @@ def _study(folder: Path, written: list[float]) -> haptid.Study:
     return haptid.read_study(folder / "study.toml")
 
 
-@pytest.mark.parametrize("written", [UP, WALL])
+@pytest.mark.parametrize("written", [UP, WALL, CEILING])
 def test_gravity_along_another_axis(tmp_path: Path, written: list[float]) -> None:
     advice = advise(haptid.identify(_study(tmp_path, written)))
     told = [action for action in advice.actions if action.kind == "mounting"]
@@ -64,5 +64,6 @@ def test_gravity_along_another_axis(tmp_path: Path, written: list[float]) -> Non
         return
     (action,) = told
     assert advice.actions[0] is action
-    assert action.after < 5 < action.before
+    assert action.after < 0.5 * action.before
+    assert action.proof == ("consistent fit" if written == CEILING else "unseen error")
     np.testing.assert_allclose(action.edits[0].value, WALL)

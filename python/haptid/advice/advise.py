@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import Impossible, impossible
-from haptid.advice.clash import clash, reversed_torques
+from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
@@ -114,8 +114,10 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     for one in others:  # the rest keep their order
         listed.insert(sum(action.share > one.share for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
-    every_sign = reversed_torques(found)
-    first = [every_sign] if every_sign else [*_bodies(_reversed(search, base, negative), known)]
+    whole_sign = whole_reversed(found)
+    if whole_sign is not None and whole_sign.kind == "mounting":  # nothing else can be judged with it
+        return Advice((whole_sign,), whole_sign.before, whole_sign.after, (), len(search.candidates) + 1)
+    first = [whole_sign] if whole_sign else [*_bodies(_reversed(search, base, negative), known)]
     known |= {(action.kind, place) for action in first for place in action.places}
     first += _units(search, base, diagnosis, known)
     start = max([before, *(action.before for action in listed if action.proof == "unseen error" and not action.motor)])

@@ -1,11 +1,12 @@
-"""All torques reversed, where bodies that can exist explain the log only then.
+"""All torques reversed, or the base upside down, where bodies that can exist explain the log only then.
 
-The free fit of a reversed log is as good as that of the log itself, with parameters of the opposite sign. The
-physically consistent fit tells them apart.
+The free fit of a log with reversed torques, or gravity, is nearly as good as that of the log itself, with parameters of
+the opposite sign. The physically consistent fit tells them apart.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,35 +14,45 @@ import numpy as np
 from haptid.advice.action import CHANGES, Action
 from haptid.advice.edits import Edit
 from haptid.estimation import estimate
-from haptid.observation import Observation, concatenated
+from haptid.observation import Observation, concatenated, observe
 from haptid.study.identify import Identification
 from haptid.validation.model_for_use import CLASH, CONSISTENT, FREE, ModelForUse, model_for_use
 
-_KIND = "torque sign"
 
-
-def reversed_torques(found: Identification) -> Action | None:
-    """The sign of all torques, with the consistent fit's held-out errors; None where that fit does not call for it.
+def whole_reversed(found: Identification) -> Action | None:
+    """The sign of all torques, or of gravity, with the consistent fit's held-out errors; None where neither is needed.
 
     It does where its error is twice that of the free fit or more, and falls to half of it or less. The sign of a
     single motor follows from its own inertia and friction, which cannot be negative.
     """
     now, free = clash(found.use)
-    if len(found.estimate.observation.motors) < 2 or not now:
+    own = found.estimate.observation
+    if len(own.motors) < 2 or not now:
         return None
     seen = [run.reference for run in found.runs if run.entry.role == "identify" and run.reference is not None]
-    fitted = estimate(_reversed(found.estimate.observation), found.estimate.method, found.estimate.intervals)
-    use = model_for_use(fitted, _reversed(concatenated(seen)) if seen else None)
-    # Without candidates the free fit is consistent by itself, and its error is that of the log's.
-    then = _error(use, CONSISTENT) if use.candidates else free
-    if use.name not in (CONSISTENT, FREE) or then > now / CLASH:
-        return None
-    labels = tuple(motor.label for motor in found.estimate.observation.motors)
-    channels = found.estimate.observation.motions[0].tau.shape[1]
-    change = CHANGES[_KIND].format(where="every motor")
-    edits = tuple(Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, k) for k in range(channels))
-    blocks = sum(len(one.blocks) for one in seen) or len(found.estimate.observation.blocks)
-    return Action(_KIND, labels, change, "consistent fit", now, then, None, 1.0, True, edits, blocks)
+    blocks = sum(len(one.blocks) for one in seen) or len(own.blocks)
+    labels = tuple(motor.label for motor in own.motors)
+    change = CHANGES["torque sign"].format(where="every motor")
+    edits = [
+        Edit("study", "multiply", ("channels", "torque", "gain"), -1.0, k) for k in range(own.motions[0].tau.shape[1])
+    ]
+    up = [0.0 - x for x in found.model.device.gravity]
+    hung = f"set gravity to [{', '.join(f'{x:.4g}' for x in up)}] in the device file: the base is mounted so"
+    ways: list[tuple[str, tuple[str, ...], str, list[Edit], Callable[[Observation], Observation]]] = [
+        ("torque sign", labels, change, edits, _reversed),
+        ("mounting", ("the base",), hung, [Edit("device", "set", ("gravity",), up)], _upside_down),
+    ]
+    made = []
+    for kind, places, change, edits, changed in ways[: 1 + any(up)]:
+        fitted = estimate(changed(own), found.estimate.method, found.estimate.intervals)
+        use = model_for_use(fitted, concatenated([changed(one) for one in seen]) if seen else None)
+        # Without candidates the free fit is consistent by itself, and its error is that of the log's.
+        then = _error(use, CONSISTENT) if use.candidates else free
+        if use.name in (CONSISTENT, FREE) and then <= now / CLASH:
+            made.append(
+                Action(kind, places, change, "consistent fit", now, then, None, 1.0, True, tuple(edits), blocks)
+            )
+    return min(made, key=lambda action: action.after, default=None)
 
 
 def clash(use: ModelForUse) -> tuple[float, float]:
@@ -62,3 +73,8 @@ def _reversed(rows: Observation) -> Observation:
         factors[:, :, -1] *= -1
         motors.append(replace(motor, r_factors=factors))
     return replace(rows, motors=tuple(motors))
+
+
+def _upside_down(rows: Observation) -> Observation:
+    """The rows of the same motions under gravity of the opposite direction."""
+    return observe(rows.model.with_gravity([-x for x in rows.model.device.gravity]), *rows.motions)

@@ -172,7 +172,7 @@ def other_mounting(
     now = tuple(finer(motion) for motion in motions)
     rows, tried, trials = trial_rows(model, now, beta), list[OtherMounting](), list[Trial]()
     for axis in (*np.eye(3), *-np.eye(3)):
-        if abs(axis @ model.device.gravity) > _SAME_AXIS * magnitude:
+        if -axis @ model.device.gravity > _SAME_AXIS * magnitude:
             continue
         turned = model.with_gravity(-magnitude * axis)
         start = np.zeros(len(turned.base))
