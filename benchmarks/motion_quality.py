@@ -122,6 +122,18 @@ class Rig:
         tau = haptid.inverse_dynamics(bounds.model, bounds.beta, made.q.T, made.qd.T, made.qdd.T)
         return Rig(bounds, chi, controlled_inertia(optimal), NOISE * np.abs(tau).max(axis=1))
 
+    @property
+    def setup(self) -> bench.Setup:
+        """Controller and instruments."""
+        gains = (tuple(OMEGA**2 * self.inertia), tuple(2 * DAMPING * OMEGA * self.inertia))
+        return bench.Setup(
+            self.bounds.model,
+            self.chi,
+            bench.Controller(*gains, dynamics=True),
+            encoders=bench.Encoders((COUNTS,)),
+            amplifiers=bench.Amplifiers(noise=tuple(self.noise)),
+        )
+
     def identified(self, kind: TrajectoryKind) -> tuple[Array, Array, float]:
         """Standard errors of the base parameters and deviations from the truth, (p,) each, rms over logs.
 
@@ -139,15 +151,7 @@ class Rig:
 
     def estimated(self, kind: TrajectoryKind, seed: int) -> haptid.Estimate:
         """The estimate from one log, whose noise has this seed."""
-        model = self.bounds.model
-        gains = (tuple(OMEGA**2 * self.inertia), tuple(2 * DAMPING * OMEGA * self.inertia))
-        setup = bench.Setup(
-            model,
-            self.chi,
-            bench.Controller(*gains, dynamics=True),
-            encoders=bench.Encoders((COUNTS,)),
-            amplifiers=bench.Amplifiers(noise=tuple(self.noise)),
-        )
+        model, setup = self.bounds.model, self.setup
         planned = bench.plan(kind, model, setup.dt, np.random.default_rng(0))
         made, inner = bench.simulate(setup, planned, np.random.default_rng(seed)), slice(ENDS, -ENDS)
         columns = (("q", made.position), ("command", made.command))

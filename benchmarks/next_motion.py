@@ -3,7 +3,8 @@
 The first log is along the hand-made motion of `motion_quality.py`, the planned motion the D-optimal one; devices and
 instruments are those of that study. Before: white noise at 25 rows a second, times the factor of each parameter, robust
 over classical standard error of the first log. Treated: behind the treatment of the first log, under noise with the
-spectrum of its residuals (`haptid.experiment.excitation.treated`).
+spectrum of its residuals (`haptid.experiment.excitation.treated`). Instruments: without a log, from the encoders, the
+torque noise and the rate alone (`haptid.experiment.excitation.expected`), by as many draws of the noise.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ import numpy as np
 
 import haptid
 from haptid._internal.arrays import Array
-from haptid.estimation.intervals.model_based import Autoregression
 from haptid.experiment.excitation import Excitation, MotionBounds, Search, design_excitation
+from haptid.experiment.excitation.expected import expected_noise
 from haptid.experiment.excitation.treated import TreatedNoise
-from haptid.results.tables import residual_tables
 from motion_quality import DEVICES, FAMILY, TRIES, Rig, by_hand, scaled, true_parameters
 
 WHICH, FIRST_LOGS, LATER_LOGS = ("arm3", "phantom_premium_15", "staubli_tx40"), range(96, 100), range(1, 7)
@@ -23,16 +23,21 @@ WHICH, FIRST_LOGS, LATER_LOGS = ("arm3", "phantom_premium_15", "staubli_tx40"), 
 
 def predicted(first: haptid.Estimate, planned: Excitation) -> dict[str, Array]:
     """Standard errors of the base parameters along a motion, predicted from a first log in both ways, (p,)."""
-    motion, tables = first.observation.motions[0], list(residual_tables(first))
-    models = tuple(Autoregression((np.array(t.filter),), np.array([t.white_variance])) for t in tables)
-    variances = np.array([t.variance for t in tables])
-    noise = TreatedNoise(motion.treatment, motion.dt, models, tuple(variances.tolist()))
-    step, rows_hz = motion.dt * motion.treatment.decimation, planned.after.rows / len(tables) / planned.seconds
+    motion, noise = first.observation.motions[0], TreatedNoise.of(first)
+    variances = np.array(noise.variances)
+    step, rows_hz = motion.dt * motion.treatment.decimation, planned.after.rows / len(variances) / planned.seconds
     R = planned.after.observation.stack(1 / np.sqrt(variances * step * rows_hz))[:-1, :-1]
     factor = first.se / np.array([p.classical_se for p in first.parameters])
     information = {"before": R.T @ R, "treated": noise.information(first.model, planned.trajectory)}
     se = {what: np.sqrt(np.diag(np.linalg.inv(matrix))) for what, matrix in information.items()}
     return se | {"before": factor * se["before"]}
+
+
+def expected(rig: Rig, planned: Excitation, seed: int) -> Array:
+    """Standard errors along a motion, predicted without a log, (p,)."""
+    noise = expected_noise(rig.setup, planned, seed=seed)
+    assert noise is not None  # as the encoders have a step
+    return np.sqrt(np.diag(np.linalg.inv(noise.information(rig.bounds.model, planned.trajectory))))
 
 
 def study(name: str) -> dict[str, float]:
@@ -44,9 +49,12 @@ def study(name: str) -> dict[str, float]:
     rig, hand = Rig.of(bounds, chi, planned), scaled(by_hand(bounds), bounds)
     assert hand is not None  # as the middle of the range is within all limits
     found = np.sqrt(np.mean([rig.estimated(planned.kind, seed).se ** 2 for seed in LATER_LOGS], axis=0))
-    made = [predicted(rig.estimated(hand, seed), planned) for seed in FIRST_LOGS]
+    made = [
+        predicted(rig.estimated(hand, seed), planned) | {"instruments": expected(rig, planned, seed)}
+        for seed in FIRST_LOGS
+    ]
     figures = {}
-    for what in ("before", "treated"):
+    for what in made[0]:
         ratio = np.log([one[what] / found for one in made])
         figures[f"{name}, predicted over found, {what}, median"] = float(np.exp(np.median(ratio)))
         figures[f"{name}, predicted over found, {what}, rms of the logarithm"] = float(np.sqrt((ratio**2).mean()))

@@ -272,7 +272,7 @@ def test_the_command_continues_a_campaign(campaign, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--accuracy", "5"), "--after too"),
+        (("--accuracy", "5"), "--after or --like too"),
         (("--after", "none", "--criterion", "condition"), "no criterion"),
         (("--motions", "2", "--criterion", "d-optimal"), "no criterion"),
         (("--buffer", "100", "--seconds", "8"), "one of them"),

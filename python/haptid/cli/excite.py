@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli import excite_options
+from haptid.cli import excite_options, excite_search
 from haptid.cli.common import AsJson, DeviceName, Quiet, command, errors_shown, out, print_json, progress_bars
-from haptid.cli.options import numbers
 
 if TYPE_CHECKING:
-    from haptid._internal.arrays import Array
     from haptid.device.priors import PriorBody
-    from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import Experiment
     from haptid.experiment.excitation import (
-        Criterion,
         Excitation,
-        FourierSeries,
         FurtherMotions,
-        Limits,
-        LogInformation,
         PlannedMotion,
-        Search,
-        TrianglesWithSines,
     )
 
 HELP = """\
@@ -70,8 +61,10 @@ The motion is a Fourier series, or triangles with superimposed sines (--triangle
                 Prints the predicted intervals; with --accuracy, how long it takes until all have it. Nothing is
                 written where they do already.
 
-With --like, controller, instruments and true parameters are those of another experiment. Prints the
-condition number of the observation matrix, raw and with columns of unit length, before and after the search.
+With --like, controller, instruments and true parameters are those of another experiment. Where these have encoders
+or noise, the intervals that a log will give are predicted, behind the treatment that it will get (with --study, what
+the [treatment] of a study gives stays). Prints the condition number of the observation matrix, raw and with columns of
+unit length, before and after the search.
 
 Exit status: 0 on success, 2 on an error; the message says what to do.
 
@@ -84,6 +77,7 @@ def excite(
     device: DeviceName,
     out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
     like: Annotated[Path | None, typer.Option(help="an experiment with the controller to use")] = None,
+    study: Annotated[Path | None, typer.Option(help="with --like: a study whose [treatment] the log will get")] = None,
     after: Annotated[Path | None, typer.Option(help="a result: the next motion, given its logs")] = None,
     accuracy: Annotated[
         float | None, typer.Option(help="wanted half width of the intervals, per cent of the value")
@@ -143,13 +137,17 @@ def excite(
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import CRITERIA, Search
+    from haptid.study import read_study
 
     with errors_shown():
-        excite_options.check_criterion(criterion, after, count, accuracy)
+        excite_options.check_criterion(criterion, after, count)
+        excite_options.check_instruments(like, study, after, accuracy)
         excite_options.check_files(out_file, also or [], page_file, player)
         excite_options.check_families(count, any((friction, poses, reversals)), after, payload)
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
+        setup = None if other is None else other.setup(model)
+        given = {} if study is None else read_study(study).treatment
         rates = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
         efforts = {"torque": torque, "rms_torque": rms_torque, "power": power}
         within = replace(
@@ -159,7 +157,7 @@ def excite(
             clearance=1e-3 * clearance_mm,
             world=() if world is None else read_world(world),
         )
-        request = _Request(
+        request = excite_search.Request(
             model,
             excite_options.family_options(
                 model.device, triangles, seconds, start, None if buffer is None else (buffer, rate_hz)
@@ -167,7 +165,7 @@ def excite(
             within,
             CRITERIA[criterion or "d-optimal"],
             tuple(keep) if keep else None,
-            None if other is None else model.base.of(other.setup(model).chi),
+            None if setup is None else model.base.of(setup.chi),
             Search(tries=max_evaluations, seed=seed),
         )
         load = None if payload is None else excite_options.payload_option(payload, model)
@@ -179,10 +177,11 @@ def excite(
             def progress(share: float, cost: float) -> None:
                 bars.update(task, completed=share, description=_so_far(label, cost))
 
-            motions, further = _searched(request, count, after, accuracy, progress)
-            others = _others({k: v for k, v in wanted.items() if v}, request, motions, start)
+            expected = None if setup is None or after is not None else excite_search.Expected(setup, given)
+            motions, further = excite_search.searched(request, count, after, accuracy, expected, progress)
+            others = excite_search.others({k: v for k, v in wanted.items() if v}, request, motions, start)
             if load is not None:
-                others["payload"] = _loaded(request, load, motions, progress)
+                others["payload"] = excite_search.loaded(request, load, motions, progress)
         planned = _Planned(motions, others, further, load)
         files = planned.write(out_file, also or [], other, rate_hz, rehearsal)
         if files:
@@ -191,39 +190,6 @@ def excite(
         print_json("excite", planned.values(files))
     elif not quiet:
         planned.show(files, out_file)
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """What is searched: motions of a family within limits, by a criterion.
-
-    Attributes:
-        columns: names of the base parameters that count; None for all.
-        beta: values of the base parameters, (p,), SI; None for the prior's.
-    """
-
-    model: DynamicModel
-    family: FourierSeries | TrianglesWithSines
-    within: Limits
-    criterion: Criterion
-    columns: tuple[str, ...] | None
-    beta: Array | None
-    search: Search
-
-    def design(self, beta: Array | None, progress: Callable[[float, float], None]) -> Excitation:
-        """The best motion for values of the base parameters."""
-        from haptid.experiment.excitation import design_excitation
-
-        return design_excitation(
-            self.model,
-            self.family,
-            self.within,
-            criterion=self.criterion,
-            columns=self.columns,
-            beta=beta,
-            search=self.search,
-            progress=progress,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +207,11 @@ class _Planned:
     others: Mapping[str, PlannedMotion]
     further: FurtherMotions | None
     load: tuple[str, PriorBody] | None
+
+    @property
+    def first(self) -> bool:
+        """Whether there is one exciting motion at most, and no log before it."""
+        return self.further is None or (self.further.basis is not None and len(self.motions) == 1)
 
     def write(
         self, out_file: Path, also: Sequence[Path], like: Experiment | None, rate_hz: float, rehearsal: float | None
@@ -261,94 +232,22 @@ class _Planned:
     def values(self, files: Mapping[Path, PlannedMotion]) -> dict[str, Any]:
         """All of them as JSON values."""
         motions = [_values(motion, path) for path, motion in files.items()]
-        alone = self.further is None and len(motions) == 1
-        return motions[0] if alone else {"motions": motions, **_predicted(self.further)}
+        own = motions[0] if self.first and len(motions) == 1 else {"motions": motions}
+        return {**own, **_predicted(self.further)}
 
     def show(self, files: Mapping[Path, PlannedMotion], out_file: Path) -> None:
         """Print what was found, where it is, and what to do with the logs."""
         for path, motion in files.items():
-            _show(motion, path, condition=self.further is None)
+            _show(motion, path, condition=self.first)
         for name in self.others:
             _show_next(name, out_file, self.load)
         if self.further is not None:
             _show_intervals(self.further)
 
 
-def _searched(
-    request: _Request, count: int, after: Path | None, accuracy: float | None, progress: Callable[[float, float], None]
-) -> tuple[tuple[Excitation, ...], FurtherMotions | None]:
-    """Exciting motions, each given those before it and the logs of a result, and what they are predicted to bring."""
-    from haptid.experiment.excitation import next_motions
-
-    if count == 0:
-        return (), None
-    if after is None and count == 1:
-        return (request.design(request.beta, progress),), None
-    known = _known(after, request.model, request.beta)
-    further = next_motions(
-        known,
-        request.family,
-        request.within,
-        parameters=request.columns if after is not None or request.columns else known.valued,
-        accuracy=accuracy,
-        count=count,
-        search=request.search,
-        progress=progress,
-    )
-    return further.motions, further
-
-
-def _known(after: Path | None, model: DynamicModel, beta: Array | None) -> LogInformation:
-    """What the logs of a result say; without one, nothing but the prior values."""
-    from haptid.experiment.excitation import LogInformation
-    from haptid.results.information import log_information
-    from haptid.results.result import Result
-
-    return LogInformation.none(model, beta) if after is None else log_information(Result.load(after), model)
-
-
 def _suffix(k: int, count: int) -> str:
     """What is added to the name of a motion's file: nothing for the only one, else -1, -2, .."""
     return "" if count == 1 else f"-{k + 1}"
-
-
-def _others(
-    wanted: dict[str, int | bool], request: _Request, motions: Sequence[Excitation], start: str | None
-) -> dict[str, PlannedMotion]:
-    """Motions of the other families, about the pose in which the first motion rests."""
-    from haptid.experiment.excitation import CAMPAIGN_FAMILIES, resting_pose
-
-    rest = resting_pose(motions[0]) if motions else None
-    if start is not None:
-        rest = numbers("--start", start, "positions of the active joints", len(request.model.device.active))
-    return {
-        name: CAMPAIGN_FAMILIES[name].make(
-            request.model,
-            request.within,
-            rest=rest,
-            beta=request.beta,
-            **({"count": count} if name == "poses" else {}),
-        )
-        for name, count in wanted.items()
-    }
-
-
-def _loaded(
-    request: _Request,
-    load: tuple[str, PriorBody],
-    motions: Sequence[Excitation],
-    progress: Callable[[float, float], None],
-) -> Excitation:
-    """The motion with a body on a link: searched again where its torque counts in the limits, else the first one."""
-
-    from haptid.observation import payload_torque
-
-    model, within = request.model, request.within
-    load_torque = payload_torque(model, *load)
-    if all(x is None for x in (within.torque, within.rms_torque, within.power, within.handle_force)):
-        return motions[0]
-    prior = model.prior_beta
-    return request.design(load_torque + (prior if request.beta is None else request.beta), progress)
 
 
 def _write(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from haptid.experiment.excitation import FourierSeries, Limits, TrianglesWithSines
 
 
-def check_criterion(criterion: str | None, after: Path | None, count: int, accuracy: float | None) -> None:
+def check_criterion(criterion: str | None, after: Path | None, count: int) -> None:
     """Raise OptionError for a criterion that there is not, or where the largest interval is the criterion."""
     from haptid.experiment.excitation import CRITERIA
 
@@ -24,8 +24,16 @@ def check_criterion(criterion: str | None, after: Path | None, count: int, accur
     if criterion is not None and (after is not None or count > 1):
         other_one = "--after" if after is not None else "--motions"
         raise wrong_option("--criterion", f"{criterion} with {other_one}", "no criterion: the largest interval counts")
-    if accuracy is not None and after is None:
-        raise wrong_option("--accuracy", f"{accuracy:g} without --after", "--after too: the noise is that of its logs")
+
+
+def check_instruments(like: Path | None, study: Path | None, after: Path | None, accuracy: float | None) -> None:
+    """Raise OptionError where the noise, on which the option depends, is not known, or a treatment twice."""
+    if accuracy is not None and after is None and like is None:
+        wanted = "--after or --like too: the noise is that of its logs or instruments"
+        raise wrong_option("--accuracy", f"{accuracy:g} without --after and --like", wanted)
+    if study is not None and (like is None or after is not None):
+        wanted = "--like alone beside it: --after has the treatment of its logs"
+        raise wrong_option("--study", f"{study} {'with --after' if after else 'without --like'}", wanted)
 
 
 def check_families(count: int, others: bool, after: Path | None, payload: str | None) -> None:

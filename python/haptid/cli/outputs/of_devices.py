@@ -110,10 +110,28 @@ class ConditionOutput(OutputTable):
     scaled: Number = Field(description="with columns of unit length")
 
 
-class PlannedMotionOutput(OutputTable):
+class PredictedIntervalOutput(OutputTable):
+    name: str
+    before_percent: Number = Field(description="half width, per cent of the value")
+    after_percent: Number
+
+
+class PredictionOutput(OutputTable):
+    """What the logs of motions are predicted to give, where their noise is known."""
+
+    intervals: list[PredictedIntervalOutput] | None = None
+    accuracy_percent: Number = Field(default=None, description="that was asked")
+    reached: bool | None = Field(default=None, description="whether the logs have it already")
+    seconds: Number = Field(
+        default=None, description="of the motions; of a friction test, held poses and reversals, of this"
+    )
+    seconds_needed: Number = Field(default=None, description="until all intervals have it")
+    sentences: list[str] | None = None
+
+
+class PlannedMotionOutput(PredictionOutput):
     experiment: str = Field(description="file for haptid bench")
     samples: str = Field(description="CSV of the motion")
-    seconds: float | None = Field(default=None, description="of a friction test, held poses and reversals")
     parameters: list[str] | None = Field(default=None, description="that count")
     motions_evaluated: int | None = None
     first_condition: ConditionOutput | None = Field(default=None, description="of the first motion within the limits")
@@ -121,22 +139,10 @@ class PlannedMotionOutput(OutputTable):
     predicted_relative_se_percent: dict[str, Number] | None = None
 
 
-class PredictedIntervalOutput(OutputTable):
-    name: str
-    before_percent: Number = Field(description="half width, per cent of the value")
-    after_percent: Number
-
-
-class CampaignOutput(OutputTable):
+class CampaignOutput(PredictionOutput):
     """Several motions, one after the other."""
 
     motions: list[PlannedMotionOutput]
-    intervals: list[PredictedIntervalOutput] | None = None
-    accuracy_percent: Number = Field(default=None, description="that was asked")
-    reached: bool | None = Field(default=None, description="whether the logs have it already")
-    seconds: Number = Field(default=None, description="of the motions")
-    seconds_needed: Number = Field(default=None, description="until all intervals have it")
-    sentences: list[str] | None = None
 
 
 class BenchLogOutput(OutputTable):

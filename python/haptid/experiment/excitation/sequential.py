@@ -158,6 +158,7 @@ class FurtherMotions:
         seconds: of all motions together, s.
         needed: time of these motions until all parameters have the accuracy, repeated or cut short, s; infinite where
             `_LONGEST` times their duration would not do; None without an accuracy.
+        basis: sentence on where the noise is known from, before there is a log.
     """
 
     motions: tuple[Excitation, ...]
@@ -167,6 +168,7 @@ class FurtherMotions:
     accuracy: float | None
     seconds: float
     needed: float | None
+    basis: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "before", freeze(self.before))
@@ -184,10 +186,11 @@ class FurtherMotions:
         widest = f"{self.names[k]} +-{self.before[k]:.3g} %" if np.isfinite(self.before[k]) else "no log"
         if self.reached:
             return (f"The wanted accuracy of +-{self.accuracy:g} % is reached: the widest interval is {widest}.",)
-        made = [
+        made = [self.basis] if self.basis else []
+        made.append(
             f"Widest 95 % interval so far: {widest}; predicted after {self.seconds:.3g} s more: {self.names[worst]} "
             f"+-{self.after[worst]:.3g} %."
-        ]
+        )
         if self.needed is not None:
             if np.isinf(self.needed):
                 late = listed([n for n, x in zip(self.names, self.after, strict=True) if x > (self.accuracy or 0)])
@@ -202,8 +205,8 @@ class FurtherMotions:
         return tuple(made)
 
     def table(self) -> list[tuple[str, float, float]]:
-        """Name, interval before and after, the widest first."""
-        order = np.argsort(-self.before, kind="stable")
+        """Name, interval before and after, the widest before first, and without a log the widest after."""
+        order = np.lexsort((-self.after, -self.before))
         return [(self.names[k], float(self.before[k]), float(self.after[k])) for k in order]
 
 
@@ -276,14 +279,29 @@ def next_motions(
         )
         motions.append(made)
         so_far = so_far.after(known.of_motion(made), made.seconds)
-    more, seconds = so_far.information - known.information, so_far.seconds - known.seconds
+    return with_motions(known, motions, names, accuracy)
+
+
+def with_motions(
+    known: LogInformation, motions: Sequence[Excitation], names: Sequence[str], accuracy: float | None = None
+) -> FurtherMotions:
+    """What motions that are found are predicted to bring.
+
+    Args:
+        known: the logs so far.
+        motions: one at least.
+        names: of the parameters that count.
+        accuracy: wanted half width of every interval, per cent of the value.
+    """
+    chosen, before = list(indices(known.model.base.names, tuple(names))), known.relative_widths()
+    more = np.sum([known.of_motion(motion) for motion in motions], axis=0)
+    seconds = sum(motion.seconds for motion in motions)
     needed = None
     if accuracy is not None:
         needed = _time(lambda n: bool((known.relative_widths(n * more, n * seconds)[chosen] <= accuracy).all()))
         needed *= seconds
-    return FurtherMotions(
-        tuple(motions), names, before, known.relative_widths(more, seconds)[chosen], accuracy, seconds, needed
-    )
+    after = known.relative_widths(more, seconds)
+    return FurtherMotions(tuple(motions), tuple(names), before[chosen], after[chosen], accuracy, seconds, needed)
 
 
 def of_buffer(family: FourierSeries, samples: int, rate_hz: float) -> FourierSeries:

@@ -16,12 +16,13 @@ from scipy import fft
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MotionTooShortError
-from haptid.estimation.intervals.model_based import Autoregression
+from haptid.estimation.estimate import Estimate
+from haptid.estimation.intervals.model_based import Autoregression, Sandwich, burg, residual_runs
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.motion.motion import Motion
 from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Plan
-from haptid.observation.rows import Chunk
+from haptid.observation.rows import Chunk, Rows
 
 # Relative eigenvalues of the information of white noise below which a combination of parameters has none.
 _ROUNDING = 1e-12
@@ -42,6 +43,23 @@ class TreatedNoise:
     dt: float
     models: tuple[Autoregression, ...]
     variances: tuple[float, ...]
+
+    @staticmethod
+    def of(*estimates: Estimate) -> TreatedNoise:
+        """Treatment and residuals of estimates from one log each, along one motion.
+
+        Variances are corrected for the degrees of freedom of the fits.
+        """
+        motion = estimates[0].observation.motions[0]
+        logs = [residual_runs(Rows(one.observation), one.beta) for one in estimates]
+        models, variances = list[Autoregression](), list[float]()
+        for motor, parts in zip(estimates[0].observation.motors, zip(*logs, strict=True), strict=True):
+            runs = [run for own in parts for run in own]
+            found, rows = burg(runs, Sandwich().most_order), sum(map(len, runs))
+            per_dof = rows / max(1, rows - len(logs) * len(motor.columns))
+            models.append(Autoregression((found.filters[-1],), per_dof * found.powers[-1:]))
+            variances.append(per_dof * float(found.powers[0]))
+        return TreatedNoise(motion.treatment, motion.dt, tuple(models), tuple(variances))
 
     def information(self, model: DynamicModel, planned: Callable[[float], Trajectory]) -> Array:
         """Inverse of the covariance of weighted least squares along a motion, (p, p), SI.
