@@ -169,6 +169,21 @@ def test_what_cannot_be_searched(tmp_path, found):
 
 
 @pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ({"speed": (3.0, 0.0, 3.0)}, "speed of joint be has to be above 0; found 0"),
+        ({"acceleration": (-1.0,)}, "acceleration of joint ba has to be above 0; found -1"),
+        ({"jerk": (float("nan"),)}, "jerk of joint ba has to be above 0; found nan"),
+        ({"position": ((-0.8, 0.8), (0.2, 0.2), (-0.3, 0.9))}, "no room to move: its positions go from 0.2 to 0.2"),
+        ({"handle_force": 0.0}, "handle_force has to be above 0; found 0"),
+    ],
+)
+def test_limits_without_room_are_one_sentence(limit, words):
+    with pytest.raises(errors.SettingError, match=words):
+        design_excitation(PHANTOM, FAMILIES[0], replace(WITHIN, **limit), beta=BETA, search=SHORT)
+
+
+@pytest.mark.parametrize(
     ("sine", "cosine", "what"),
     [(((1.0,),) * 2, ((1.0,),) * 2, "sine"), (((1.0,),) * 3, ((1.0, 2.0),) * 3, "cosine")],
 )

@@ -72,7 +72,10 @@ class Actuation:
             what: per_coordinate(what, given or (np.inf,), rows)
             for what, given in (("torque", torque), ("rms_torque", rms_torque), ("power", power))
         }
-        for what, values in (*limits.items(), ("handle_force", np.array([handle_force or np.inf]))):
+        for what, values in (
+            *limits.items(),
+            ("handle_force", np.array([np.inf if handle_force is None else handle_force])),
+        ):
             if not (values > 0).all():
                 raise SettingError(f"{what} has to be above 0; found {values.min():g}.", where=what, found=values.min())
         if handle_force is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -133,7 +133,8 @@ class MotionBounds:
             covariance: of their errors, (p, p); with `torque_confidence` the prior's where None.
 
         Raises:
-            SettingError: a confidence of torques without their maximum, or without a covariance.
+            SettingError: a joint has no room to move; a confidence of torques without their maximum, or without a
+                covariance.
             IncompleteDeviceError: a joint has no range of positions or no maximum speed in either.
             ExperimentError: not one value for all joints or one for each.
         """
@@ -144,14 +145,17 @@ class MotionBounds:
             position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)
         if speed is None:
             speed = tuple(_given("maximum speed", j.name, j.velocity_limit) for j in joints)
+        given = {"speed": speed, "acceleration": limits.acceleration, "jerk": limits.jerk}
+        rates = {what: per_coordinate(what, most or (np.inf,), names) for what, most in given.items()}
+        _check_room(names, position, rates)
         return MotionBounds(
             model,
             np.array(position, dtype=float),
-            per_coordinate("speed", speed, names),
-            per_coordinate("acceleration", limits.acceleration or (np.inf,), names),
+            rates["speed"],
+            rates["acceleration"],
             limits,
             beta,
-            per_coordinate("jerk", limits.jerk or (np.inf,), names),
+            rates["jerk"],
             Actuation.of(
                 model,
                 beta,
@@ -333,6 +337,24 @@ class LoopLimit:
         sides = [q + sign * step * unit[:, None] for unit in np.eye(len(q)) for sign in (1, -1)]
         found = self._of_varying(np.concatenate(sides, axis=1)).reshape(len(q), 2, -1)
         return np.asarray((found[:, 1] - found[:, 0]) / (2 * step * self.least))
+
+
+def _check_room(names: list[str], position: Sequence[tuple[float, float]], rates: Mapping[str, Array]) -> None:
+    """Raise SettingError if a joint cannot move within its limits."""
+    for name, (low, high) in zip(names, position, strict=False):  # their number is checked with the other shapes
+        if not low < high:
+            raise SettingError(
+                f"joint {name} has no room to move: its positions go from {low:g} to {high:g}.",
+                where=name,
+                found=(low, high),
+                advice="Widen its range; a joint that is clamped is fixed in the device file.",
+            )
+    for what, values in rates.items():
+        for name, most in zip(names, values.tolist(), strict=True):
+            if not most > 0:
+                raise SettingError(
+                    f"{what} of joint {name} has to be above 0; found {most:g}.", where=what, found=most, limit=0.0
+                )
 
 
 def _given(what: str, joint: str, value: T | None) -> T:
