@@ -141,6 +141,14 @@ def test_coarse_torques_are_not_saturated(
     assert read(tmp_path, tau=np.round(held * levels / 2))
 
 
+def test_a_torque_that_is_switched_between_two_levels_is_no_saturated_one(tmp_path: Path) -> None:
+    switched = np.where(np.sin(3 * T) > 0.3, 5.0, -2.0)
+    (note,) = [note for note in read(tmp_path, tau=switched).notes if "relay" in note]
+    assert "between -2 and 5 N m" in note
+    with pytest.raises(errors.LogDataError, match="saturated"):
+        read(tmp_path, tau=np.clip(5 * np.sin(3 * T), -1, 1))
+
+
 def test_a_torque_at_rest_is_not_saturated(tmp_path: Path) -> None:
     q, tau = POSITION.copy(), TORQUE.copy()
     q[:600], tau[:600] = q[600], 5.0

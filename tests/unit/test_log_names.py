@@ -138,7 +138,9 @@ def test_torques_without_a_known_name_are_asked_for(tmp_path: Path) -> None:
     np.savetxt(path, np.column_stack((T, Q, Q, TAU, TAU, Q, Q, Q, Q)), delimiter=",", header=header, comments="")
     table = survey(path).table
     assert "torque" not in tomllib.loads(table)["channels"]
-    assert table.rstrip().endswith("; is it m[1..2]?")
+    assert table.rstrip().splitlines()[-2].endswith("; is it m[1..2]?")
+    ready = "\n".join(line.removeprefix("# ") for line in table.splitlines() if line.startswith("# torque = {"))
+    assert tomllib.loads(ready)["torque"] == {"field": "m", "joints": [1, 2], "unit": "N m"}
 
 
 def written(path: Path, header: str, *columns: np.ndarray) -> Path:

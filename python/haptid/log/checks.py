@@ -41,6 +41,8 @@ HELD_SHARE = 0.01
 # and if the level next to the extreme is rarer than this share of it: at the crest of a coarse but unclipped sine
 # the next level is taken at least sqrt(2) - 1 = 0.41 times as often as the extreme.
 NEXT_SHARE = 0.25
+# A torque at each of its extremes and at both for these shares of the log is one that was switched between them.
+RELAY_EACH, RELAY_BOTH = 0.1, 0.98
 # Points at which two channels are compared before they are compared everywhere.
 PROBES = 64
 
@@ -303,7 +305,8 @@ def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
 def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], signal: Signal) -> str | None:
     """Refuse a torque that saturates at its extreme; returns a note instead where that is allowed.
 
-    A coarse torque also repeats its extreme, see `NEXT_SHARE`; so does one at rest, which is not counted.
+    A coarse torque also repeats its extreme, see `NEXT_SHARE`; so does one at rest, which is not counted. One that is
+    switched between two levels, as by a relay, has no other values.
 
     Args:
         path, name: of the file and of the channel.
@@ -312,6 +315,11 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
             pairs), packed, (m - 1,).
         signal: the torques.
     """
+    extremes = [float(x(column)) for x in (np.min, np.max)]
+    shares = [np.count_nonzero(column == extreme) / column.size for extreme in extremes]
+    if extremes[0] < extremes[1] and min(shares) > RELAY_EACH and sum(shares) > RELAY_BOTH:
+        both = f"{extremes[0]:.6g} and {extremes[1]:.6g} {signal.unit}"
+        return f"torque channel {name!r} alternates between {both}, as of a relay: taken as the torque that acted"
     for extreme, sign in ((float(column.max()), 1.0), (float(column.min()), -1.0)):
         at = column == extreme
         level = int(np.count_nonzero(at))

@@ -51,6 +51,7 @@ WITHOUT_TORQUE = (
     "positions alone, or with goals (actions), tell nothing of mass and friction: record beside them each servo's "
     "load, current or PWM (Present_Load, Present_Current, Present_PWM) or ROS effort, while the motors drive the joints"
 )
+_NO_TORQUE = "# torque = ...  # no channel of torques, currents or commands was found"
 # Joints that are named in a comment.
 _NAMED = 8
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
@@ -214,10 +215,7 @@ def channels_table(
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
     lines.append(_signal_line("position", position) + _unlike(position, joints))
     if torque is None:
-        lines.append(
-            "# torque = ...  # no channel of torques, currents or commands was found"
-            + (_left(topics, position) or f"; {WITHOUT_TORQUE}")
-        )
+        lines += _left(topics, position) or [f"{_NO_TORQUE}; {WITHOUT_TORQUE}"]
     else:
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
@@ -244,17 +242,19 @@ def _unlike(position: _Family, joints: Sequence[tuple[str, ...]]) -> str:
     return ""
 
 
-def _left(topics: Sequence[TopicSurvey], position: _Family) -> str:
-    """Question for channels of no known name, as many as the positions and beside them."""
+def _left(topics: Sequence[TopicSurvey], position: _Family) -> list[str]:
+    """Channels of no known name, as many as the positions and beside them: a question, and lines to uncomment."""
     left = [
-        channel_list([channel.name for channel in family.channels])
+        family
         for family in _families(topics, "other")
         if len(family.channels) == len(position.channels)
         and family.topic is position.topic
         and family.rank[:2] == (True, True)
         and not words_of(family.array) & NEITHER
-    ]
-    return f" by its name; is it {' or '.join(left[:3])}?" if left else ""
+    ][:3]
+    names = " or ".join(channel_list([channel.name for channel in family.channels]) for family in left)
+    asked = f"{_NO_TORQUE} by its name; is it {names}?"
+    return [asked, *(f'# torque = {{ {_where(family)}, unit = "N m" }}' for family in left)] if left else []
 
 
 def _velocity_line(rates: Sequence[_Family], position: _Family) -> list[str]:
