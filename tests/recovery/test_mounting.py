@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 import haptid
 from haptid.advice import advise
+from haptid.advice.sides import compared, other_mounting
+from haptid.advice.trial import Gain, Trial
 from motions import multisine
 
 ARM = """
@@ -67,3 +70,18 @@ def test_gravity_along_another_axis(tmp_path: Path, written: list[float]) -> Non
     assert action.after < 0.5 * action.before
     assert action.proof == ("consistent fit" if written == CEILING else "unseen error")
     np.testing.assert_allclose(action.edits[0].value, WALL)
+
+
+def test_an_error_that_every_other_direction_lowers_is_not_that_of_the_mounting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = haptid.identify(_study(tmp_path, UP)).estimate
+    motions = part.observation.motions
+    assert other_mounting(part.model, motions, part.beta, ()) is not None
+
+    def alike(*arguments: object) -> tuple[Trial, tuple[Gain, float, float, float, int]]:
+        trial, (gain, *_) = compared(*arguments)  # type: ignore[arg-type]
+        return replace(trial, errors=np.ones_like(trial.errors)), (Gain(0.9, 0.01, gain.dof), 50.0, 5.0, 1.0, 24)
+
+    monkeypatch.setattr("haptid.advice.sides.compared", alike)
+    assert other_mounting(part.model, motions, part.beta, ()) is None

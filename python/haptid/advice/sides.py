@@ -187,6 +187,8 @@ def other_mounting(
         return None
     losses = {k: gain(trial, trials[best]) for k, trial in enumerate(trials) if k != best}
     alike = tuple(tried[k].gravity for k, loss in losses.items() if loss.share <= LEAST_SE * loss.se)
+    if len(alike) == len(tried) - 1:  # the weight is where it seems to be in none: the error has another cause
+        return None
     return replace(tried[best], rivals=alike)
 
 
