@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from scipy import optimize
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
+from haptid.cli import app
 from haptid.device.collision import world_of
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.experiment.collision import CollisionModel, clearance_along
@@ -282,3 +284,28 @@ def test_shapes_of_a_urdf_are_where_the_source_has_them(tmp_path):
     np.testing.assert_allclose(at[:3, 3], turn.apply(np.array([1, 2, 3]) + fixed.apply([0, 0, 0.1])), atol=1e-12)
     wanted = turn * fixed * Rotation.from_euler("xyz", [0.1, 0.2, 0.3])
     np.testing.assert_allclose(at[:3, :3], wanted.as_matrix(), atol=1e-12)
+
+
+def test_own_shapes_that_overlap_in_every_pose_are_left_out_and_named(tmp_path):
+    """As about the axes of a spherical wrist; a world that always overlaps is an error of the user's and stays."""
+    around = {"link": "1", "name": "housing", "kind": "sphere", "radius": 0.8}
+    tip = {"link": "3", "name": "tip", "kind": "sphere", "radius": 0.02, "xyz": [0.1, 0, 0]}
+    far, wide = ({"name": "far", "kind": "sphere", "radius": r, "xyz": [0.9, 0, 0.1]} for r in (0.35, 2.0))
+    both = CollisionModel.of(arm(around, tip), world(far))
+    assert both.overlapping == ("housing and tip",)
+    assert {both.label(k) for k in range(len(both.pairs))} == {"housing and far", "tip and far"}
+    assert len(CollisionModel.of(arm(around, tip), world(wide)).pairs) == 2
+    alone = CollisionModel.of(arm(around, tip))
+    assert (alone.pairs, alone.overlapping) == (((0, 1),), ())
+    tables = "".join(
+        "[[collision]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.items())
+        for one in (around | {"radius": 0.4, "xyz": [0.3, 0, 0]}, tip, BAR | {"name": "bar"})
+    )
+    (tmp_path / "arm.toml").write_text(ARM + tables)
+    (tmp_path / "world.toml").write_text(
+        'schema = 1\n[[collision]]\nname = "far"\nkind = "sphere"\nradius = 0.1\nxyz = [0, 0.9, 0.1]\n'
+    )
+    call = ["excite", str(tmp_path / "arm.toml"), "--world", str(tmp_path / "world.toml"), "--max-evaluations", "60"]
+    done = CliRunner().invoke(app, [*call, "--out", str(tmp_path / "x.toml")])
+    assert done.exit_code == 0, done.output
+    assert "left out, as they overlap in every pose: housing and tip; housing and bar" in done.stdout

@@ -239,6 +239,7 @@ class _Planned:
         """Print what was found, where it is, and what to do with the logs."""
         for path, motion in files.items():
             _show(motion, path, condition=self.first)
+        _show_overlapping(list(files.values()))
         for name in self.others:
             _show_next(name, out_file, self.load)
         if self.further is not None:
@@ -365,6 +366,14 @@ def _show_condition(motion: Excitation, condition: bool) -> None:
     weak = [name for name, se in motion.predicted.items() if 50 < se < math.inf]
     if condition and weak and len(weak) < len(motion.after.names):
         out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
+
+
+def _show_overlapping(motions: Sequence[PlannedMotion]) -> None:
+    """Print the pairs of shapes that are left out."""
+    collision = motions[0].bounds.collision if motions else None
+    if collision is not None and collision.overlapping:
+        pairs = "; ".join(collision.overlapping)
+        out.print(f"left out, as they overlap in every pose: {pairs}", highlight=False, soft_wrap=True)
 
 
 def _show_next(name: str, out_file: Path, load: tuple[str, PriorBody] | None) -> None:

@@ -24,6 +24,8 @@ from haptid.errors import MissingDependencyError, SettingError
 _TOUCHING = 1e-12
 # Distance up to which a single pair is measured, m.
 _FURTHEST = 1e3
+# Random poses of the tree at which shapes of a device that always overlap are found.
+_POSES = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +52,20 @@ class CollisionModel:
     Attributes:
         shapes: of the device file, then of the world.
         pairs: indices of shapes, the first below the second.
+        overlapping: names of the device's own shapes that overlap in every pose, such as about the axes of a wrist:
+            their distance says nothing about a motion, and they are no pairs.
     """
 
     model: DynamicModel
     shapes: tuple[CollisionShape, ...]
     pairs: tuple[tuple[int, int], ...]
+    overlapping: tuple[str, ...] = ()
 
     @staticmethod
     def of(model: DynamicModel, world: Sequence[CollisionShape] = ()) -> CollisionModel:
         """All pairs, but those of one link, of a link with the one that carries it, and those that are ignored.
+
+        Pairs of the device's own shapes that overlap in every pose are left out too, unless there are no others.
 
         Raises:
             SettingError: the device has no shapes on its moving links.
@@ -71,7 +78,24 @@ class CollisionModel:
                 advice="Add [[collision]] tables with link, kind and sizes to the device file.",
             )
         pairs = [(i, k) for k in range(len(shapes)) for i in range(k) if _meets(model, shapes[i], shapes[k])]
-        return CollisionModel(model, shapes, tuple(pairs))
+        made = CollisionModel(model, shapes, tuple(pairs))
+        always = made._always_overlapping()
+        if not always.any() or always.all():
+            return made
+        kept = tuple(pair for pair, over in zip(pairs, always, strict=True) if not over)
+        return CollisionModel(model, shapes, kept, tuple(made.label(k) for k in np.flatnonzero(always).tolist()))
+
+    def _always_overlapping(self) -> np.ndarray:
+        """Which pairs of the device's own shapes overlap in every pose of the tree that was drawn, (pairs,)."""
+        joints, rng = self.model.device.joints, np.random.default_rng(0)
+        low, high = np.array([joint.position_limits or (-np.pi, np.pi) for joint in joints]).T
+        q_tree = low + (high - low) * rng.random((_POSES, len(joints)))
+        own = np.array([not (self.shapes[i].world or self.shapes[k].world) for i, k in self.pairs], dtype=bool)
+        for one in q_tree:
+            left = np.flatnonzero(own)
+            if len(left):
+                own[left] = self.measure(np.tile(one, (len(left), 1)), left) < 0
+        return own
 
     def label(self, pair: int) -> str:
         """A pair in words."""
