@@ -10,6 +10,7 @@ import pytest
 
 from haptid import errors
 from haptid.log.file_format import format_of
+from haptid.log.request import Request
 from haptid.log.survey import survey
 
 RATE = 250.0
@@ -45,6 +46,29 @@ def test_a_file_for_each_joint_without_headers(tmp_path: Path) -> None:
     assert channels["velocity"]["channels"] == [f"{name}[2]" for name in names]
     assert channels["torque"]["channels"] == [f"{name}[3]" for name in names]
     assert channels["rate_hz"] == RATE
+
+
+def test_files_that_begin_with_times_are_joined_by_them(tmp_path: Path) -> None:
+    """Of one file a row is lost, another goes on with its last row: rows are those whose times all have."""
+    t = 0.01 * np.arange(300)
+    q, tau = np.sin(2 * t), np.column_stack((np.cos(t), np.cos(3 * t)))
+    kept = np.arange(300) != 120
+    padded = np.r_[np.arange(300), np.full(40, 299)]
+    np.savetxt(tmp_path / "pos.txt", np.column_stack((t, q))[kept])
+    np.savetxt(tmp_path / "tau.txt", np.column_stack((t, tau))[padded])
+    kind, request = format_of(tmp_path), Request()
+    assert kind.names(tmp_path) == ["time", "pos", "tau[1]", "tau[2]"]
+    found = kind.columns(tmp_path, ["time", "pos", "tau[2]"], request)
+    np.testing.assert_allclose(found["time"], t[kept])
+    np.testing.assert_allclose(found["pos"], q[kept])
+    np.testing.assert_allclose(found["tau[2]"], tau[kept, 1])
+    assert "rows are 299 of 300 that all have; up to 40 rows at the end repeat the last time" in request.notes[0]
+    np.savetxt(tmp_path / "pos.txt", np.column_stack((t, q))[::2])
+    found = kind.columns(tmp_path, ["pos", "tau[1]"], Request())
+    assert np.isnan(found["pos"]).sum() == 150
+    assert not np.isnan(found["tau[1]"]).any()
+    np.savetxt(tmp_path / "pos.txt", np.column_stack((np.sin(t), q)))
+    assert kind.names(tmp_path) == ["pos[1]", "pos[2]", "tau[1]", "tau[2]", "tau[3]"]
 
 
 def test_the_rate_is_that_of_velocities_known_by_name(tmp_path: Path) -> None:

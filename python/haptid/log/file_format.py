@@ -81,7 +81,7 @@ FORMATS = (
     Format("text with a channel in each row", (), "transposed"),
     Format("folder of Parquet files", (), "parquet_folder", by_rows=True),
     Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
-    Format("folder of tables", (), "table_folder"),
+    Format("folder of tables", (), "table_folder", asks=True),
     Format("text of a controller's variables", (), "assignments"),
 )
 _TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES, _ASSIGNED = (

@@ -1,7 +1,8 @@
 """A folder of tables of one recording, a file for each signal, as `position.csv` and `torque.csv`.
 
 A file of one column is one channel, `q1`; those of others are `position.q1`, or `position[1]` without a header. A file
-of one column that has the samples of several joints in turn is `position[1]`, ... too.
+of one column that has the samples of several joints in turn is `position[1]`, ... too. Files without headers that all
+begin with a column of times are joined by these: `time`, and `pos` or `pos[1]`, ... of `pos.txt`.
 """
 
 from __future__ import annotations
@@ -13,15 +14,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
 from haptid.log.formats.folders import table_files
 from haptid.log.formats.sniff import RawChannel, check_members
+from haptid.log.request import Request
 
 # A file of fewer bytes may be a note, and is read to see whether it is a table.
 _SMALL = 2**16
 # Most joints whose samples follow each other in one column; and the share of the steps from sample to sample that the
 # steps from a joint's sample to its next one are below, in the median.
 _MOST_JOINTS, _IN_TURN = 64, 0.5
+# The channel of the times that files have in common; share of the span by which these may begin and end apart; and
+# share of the rows of each file that its times have in common with all others': where there are fewer, rows of one
+# file alone are kept, and their channels are merged by time.
+_TIME, _APART, _COMMON = "time", 0.05, 0.98
 
 if TYPE_CHECKING:
     from haptid.log.file_format import Format
@@ -34,12 +41,15 @@ class _File:
     Attributes:
         channels: names of its columns, by their names in the folder.
         joints: whose samples follow each other in its only column; 1 where it is one channel.
+        times: its first column, by which it is joined to the others, (n,): that of the rows before the times stop to
+            grow, as where a recorder filled its buffer with the last one; None where files are joined row by row.
     """
 
     path: Path
     kind: Format
     channels: dict[str, str]
     joints: int = 1
+    times: Array | None = None
 
     def columns(self, wanted: Sequence[str]) -> dict[str, RawChannel]:
         """The wanted channels, each (n,)."""
@@ -55,7 +65,8 @@ class _File:
 
 def names(folder: Path) -> list[str]:
     """Channels of all files; what is no table, as a note beside them, is passed over."""
-    found = [own for file in _files(folder) for own in file.channels]
+    files = _files(folder)
+    found = [_TIME] * bool(files and files[0].times is not None) + [own for file in files for own in file.channels]
     check_members(folder, len(found), "channels")
     return found
 
@@ -71,23 +82,71 @@ def units(folder: Path) -> dict[str, str]:
     }
 
 
-def columns(folder: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
+def columns(folder: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted channels, each (n,)."""
     found: dict[str, RawChannel] = {}
-    for file in _files(folder):
-        found |= file.columns(wanted)
+    files = _files(folder)
+    if files and files[0].times is not None:
+        found = _by_time(files, wanted, request)
+    else:
+        for file in files:
+            found |= file.columns(wanted)
     return {name: found[name] for name in wanted if name in found}
 
 
 def _files(folder: Path) -> list[_File]:
     """Each file with its channels."""
     found = list(_tables(folder))
+    if timed := _timed(found):
+        return timed
     alone = [file for file in found if list(file.channels) == [file.path.stem]]
     if len(alone) < 2:
         return found
     samples = {file.path: next(iter(file.columns(list(file.channels)).values())) for file in alone}
     rows = min(column.size for column in samples.values())
     return [_in_turn(file, samples[file.path], rows) if file.path in samples else file for file in found]
+
+
+def _timed(files: Sequence[_File]) -> list[_File]:
+    """Files without headers whose first columns are times of one recording; none where one of them is not so."""
+    made = list[_File]()
+    for file in files:
+        inside = list(file.channels.values())
+        if len(inside) < 2 or inside[0] != "column[1]" or len(files) < 2:
+            return []
+        t = file.kind.columns(file.path, inside[:1])[inside[0]].astype(np.float64)
+        grown = 1 + int(np.argmin(np.append(np.diff(t) > 0, False)))
+        if grown < 2 or (t[grown:] != t[-1]).any() or t[grown - 1] != t[-1]:
+            return []
+        stem, own = file.path.stem, inside[1:]
+        names = [stem] if len(own) == 1 else [f"{stem}[{k}]" for k in range(1, len(own) + 1)]
+        made.append(_File(file.path, file.kind, dict(zip(names, own, strict=True)), times=t[:grown]))
+    ends = np.array([file.times[[0, -1]] for file in made if file.times is not None])
+    return made if made and np.ptp(ends, axis=0).max() <= _APART * np.ptp(ends[0]) else []
+
+
+def _by_time(files: Sequence[_File], wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
+    """Channels on the rows whose times all files have, or where these are few, on those of each, NaN in the others."""
+    times = [file.times for file in files if file.times is not None]
+    common = times[0]
+    for t in times[1:]:
+        common = common[np.isin(common, t)]
+    longest = max(t.size for t in times)
+    few = common.size < _COMMON * longest
+    common = np.unique(np.concatenate(times)) if few else common
+    found: dict[str, RawChannel] = {_TIME: common}
+    stopped = 0
+    for file, t in zip(files, times, strict=True):
+        own, at = np.isin(t, common), np.isin(common, t)
+        for name, column in file.columns(wanted).items():
+            stopped = max(stopped, column.size - t.size)
+            made = np.full(common.size, np.nan)
+            made[at] = column[: t.size][own]
+            found[name] = made
+    rows = "those of each" if few else f"{common.size} of {longest} that all have"
+    repeated = f"; up to {stopped} rows at the end repeat the last time: left out" if stopped else ""
+    request.notes.append(f"the first column of each file is its times: joined by them, rows are {rows}{repeated}")
+    return found
 
 
 def _in_turn(file: _File, column: RawChannel, rows: int) -> _File:
