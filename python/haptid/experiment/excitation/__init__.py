@@ -25,10 +25,11 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Gradients
 from haptid.experiment.excitation.limits import Coupling, Limits, MotionBounds
+from haptid.experiment.excitation.planned import Excitation, PlannedMotion
 from haptid.experiment.excitation.played import PlayedMotion, compare_with_plan, read_motion
 from haptid.experiment.excitation.player import PlayerSettings, write_player
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
-from haptid.experiment.excitation.search import Excitation, PlannedMotion, Search, design_excitation
+from haptid.experiment.excitation.search import Search, design_excitation
 from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, next_motions, of_buffer
 from haptid.experiment.excitation.writing import plain_experiment, write_experiment
 

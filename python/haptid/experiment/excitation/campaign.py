@@ -28,7 +28,7 @@ from haptid.experiment.bench.trajectories import (
 )
 from haptid.experiment.collision import Clearance, clearance_along
 from haptid.experiment.excitation.limits import FLAT_LOOPS, Limits, MotionBounds
-from haptid.experiment.excitation.search import PlannedMotion, phases
+from haptid.experiment.excitation.planned import PlannedMotion, phases
 
 # Step at which motions are checked, s.
 _STEP = 2e-3

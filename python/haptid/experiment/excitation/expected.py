@@ -20,7 +20,7 @@ from haptid.estimation.methods.wls import WLS
 from haptid.experiment.bench.run import active_names, joint_unit
 from haptid.experiment.bench.setup import Setup
 from haptid.experiment.bench.trajectories import per_coordinate
-from haptid.experiment.excitation.search import Excitation, PlannedMotion
+from haptid.experiment.excitation.planned import Excitation, PlannedMotion
 from haptid.experiment.excitation.sequential import FurtherMotions, LogInformation, with_motions
 from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.log import Channels, Log, Signal

@@ -20,7 +20,7 @@ from haptid._internal.escaping import write_csv
 from haptid.errors import SettingError
 from haptid.experiment.bench.trajectories import Fourier
 from haptid.experiment.excitation.mcap import trajectory_file
-from haptid.experiment.excitation.search import PlannedMotion
+from haptid.experiment.excitation.planned import PlannedMotion
 
 # Numbers of text formats that a program reads: relative rounding of 1e-12.
 _DIGITS = ".13g"

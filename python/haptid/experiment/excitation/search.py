@@ -15,7 +15,7 @@ from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoopClosureError, SettingError, SingularityError, TrajectoryError
 from haptid.estimation.methods.constrained import indices
-from haptid.experiment.bench.trajectories import Figures, Trajectory, TrajectoryKind, per_coordinate, plan
+from haptid.experiment.bench.trajectories import Figures, Trajectory, per_coordinate, plan
 from haptid.experiment.collision import Clearance, clearance_along
 from haptid.experiment.collision.clearance import LEAST_TOLERANCE
 from haptid.experiment.excitation.criteria import (
@@ -29,6 +29,7 @@ from haptid.experiment.excitation.criteria import (
 from haptid.experiment.excitation.families import Basis, Family, FourierSeries
 from haptid.experiment.excitation.gradients import Evaluation, Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
+from haptid.experiment.excitation.planned import CHECK_STEP, Excitation, phases
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
 _WORST = 50.0
@@ -57,8 +58,8 @@ CONVERGED = 1e-7
 LEAST_MARGIN = 0.004
 # Step of the finite differences of a motion by its parameters.
 DIFFERENCE = 1e-6
-# Step at which a motion found is checked for collisions, s, and how many motions are checked, the best first.
-_CHECK_STEP, _LOOKED_AT = 1e-3, 10
+# How many motions found are checked for collisions and between their rows, the best first.
+_LOOKED_AT = 10
 # Rows per second at which a motion is evaluated: several in the shortest period of any family's default.
 ROWS_HZ = 25.0
 # A motion that would be kept is checked again between its rows, and the one that is returned once more: how many times
@@ -88,77 +89,6 @@ class Search:
                 where="tries",
                 found=self.tries,
             )
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedMotion:
-    """A motion within limits.
-
-    Attributes:
-        kind: of motion; the bench plans it.
-        seed: of its phases.
-        bounds: its limits.
-        clearance: least distance of collision shapes along the whole motion; None without shapes.
-    """
-
-    model: DynamicModel
-    kind: TrajectoryKind
-    seed: int
-    bounds: MotionBounds
-    clearance: Clearance | None
-
-    def trajectory(self, dt: float) -> Trajectory:
-        """The motion in steps of dt, s: the same that the bench plans from its experiment file."""
-        return plan(self.kind, self.model, dt, phases(self.seed))
-
-    @cached_property
-    def seconds(self) -> float:
-        """Duration, s."""
-        made = self.trajectory(_CHECK_STEP)
-        return (len(made) - 1) * made.dt
-
-
-@dataclass(frozen=True, eq=False)
-class Excitation(PlannedMotion):
-    """An optimised exciting motion with its quality.
-
-    Attributes:
-        before: quality of the first feasible motion of the search.
-        after: quality of the motion found.
-        tried: number of motions evaluated.
-        noise: standard deviation of a row of each motor, (motors,), N m or N.
-        history: number of motions evaluated, and least cost of the criterion, at each improvement.
-    """
-
-    before: Quality
-    after: Quality
-    tried: int
-    noise: Array
-    history: tuple[tuple[int, float], ...] = ()
-
-    @cached_property
-    def predicted(self) -> dict[str, float]:
-        """Predicted relative standard error of each parameter by name, per cent of its value, for white noise."""
-        return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
-
-    def summary(self) -> str:
-        """As text: condition number before and after, and the predicted standard errors."""
-        lines = [f"{len(self.after.names)} parameters, {self.tried} motions evaluated"]
-        for when, found in (("before", self.before), ("after", self.after)):
-            lines.append(f"  {when:6s} condition {found.raw:.4g} raw, {found.scaled:.4g} with unit columns")
-        if self.clearance is not None:
-            lines.append(f"  {self.clearance}")
-        lines.append(f"  predicted standard errors, {self.after.rows} rows with white noise:")
-        units = [self.after.observation.base.units[k] for k in self.after.columns]
-        for name, se, unit, percent in zip(self.after.names, self.after.se, units, self.after.relative_se, strict=True):
-            share = f" ({percent:.3g} %)" if np.isfinite(percent) else ""
-            lines.append(f"    {name:8s} {se:9.3g} {unit}{share}")
-        return "\n".join(lines)
-
-
-def phases(seed: int) -> np.random.Generator:
-    """The random stream of phases that the bench uses for an experiment of this seed."""
-    return np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
 
 
 @on_one_blas_thread
@@ -384,7 +314,7 @@ class _Search:
             if collision is None:
                 return start, None
             kind = self.family.kind(start.x, self.bounds)
-            made = plan(kind, self.bounds.model, _CHECK_STEP, phases(start.seed))
+            made = plan(kind, self.bounds.model, CHECK_STEP, phases(start.seed))
             found = clearance_along(collision, made.q, made.dt)
             if found.bound > 0 and found.distance >= least - max(0.1 * least, LEAST_TOLERANCE):
                 return start, found

@@ -21,7 +21,8 @@ from haptid.estimation.methods.constrained import indices
 from haptid.experiment.excitation.criteria import LargestDeviation
 from haptid.experiment.excitation.families import Family, FourierSeries
 from haptid.experiment.excitation.limits import Limits
-from haptid.experiment.excitation.search import Excitation, Search, design_excitation
+from haptid.experiment.excitation.planned import Excitation
+from haptid.experiment.excitation.search import Search, design_excitation
 from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.uncertainty.quantities import half_width
 

@@ -16,8 +16,8 @@ from haptid.device.priors import PriorBody
 from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.bench.experiment import KINDS, Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import TrajectoryKind, Triangles, TrianglesAndSines
+from haptid.experiment.excitation.planned import PlannedMotion
 from haptid.experiment.excitation.samples import MotionSamples, write_motion
-from haptid.experiment.excitation.search import PlannedMotion
 
 
 def write_experiment(
