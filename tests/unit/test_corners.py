@@ -7,6 +7,7 @@ import pytest
 
 import haptid
 from haptid.treatment_choice.corners import cuts_corners
+from haptid.treatment_choice.motion_filters import MotionFilters
 from motions import multisine
 
 WIDE, NARROW = (haptid.Treatment(cutoff, parallel_cutoff_hz=6.0, decimation=4) for cutoff in (25.0, 7.0))
@@ -38,3 +39,26 @@ def test_noise_has_none(seed, noise):
 
 def test_a_wider_filter_cuts_nothing():
     assert not cuts_corners([log(0.01, 1e-5, 0)], NARROW, WIDE)
+
+
+PENDULUM = """
+schema = 1
+name = "pendulum"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+
+[[joints]]
+name = "1"
+
+[[terms]]
+kind = "coulomb"
+joints = "all"
+"""
+
+
+@pytest.mark.parametrize(("hold", "corners"), [(0.01, True), (0.0, False)])
+def test_the_balanced_filter_is_not_below_the_parallel_one_where_it_cuts_corners(hold, corners, tmp_path):
+    (tmp_path / "pendulum.toml").write_text(PENDULUM)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "pendulum.toml"))
+    made = MotionFilters.of(model, (log(hold, 2e-3, 0),), {}).at(6.0, {})
+    assert (np.min(made.cutoff_hz) >= made.parallel_cutoff_hz) == corners

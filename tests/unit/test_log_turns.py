@@ -61,6 +61,18 @@ def test_the_draft_has_the_unit_that_is_told(tmp_path: Path) -> None:
         assert f'position = {{ channels = ["q"], unit = "{"rad" if turns else "deg"}" }}' in table
 
 
+def test_the_channel_of_the_largest_values_tells_the_unit_of_all(tmp_path: Path) -> None:
+    """Seven degrees could be radians, and the current of a small servo amperes; a recorder has one unit for each."""
+    wave, other = np.sin(T), np.cos(1.3 * T)
+    columns = np.c_[T, 7 * wave, 64 * other, 15.5 * wave, 240.5 * other]
+    path = tmp_path / "log.csv"
+    np.savetxt(path, columns, delimiter=",", header="t,pan.pos,lift.pos,pan.current,lift.current", comments="")
+    position, torque = (line for line in survey(path).table.splitlines() if line.startswith(("position", "torque")))
+    assert 'unit = "deg"' in position
+    assert "lift.pos" in position.partition("#")[2]
+    assert 'unit = "mA"' in torque
+
+
 def test_whole_numbers_are_no_newton_metres(tmp_path: Path) -> None:
     q = np.rint(500 * np.sin(T))
     np.savez(tmp_path / "log.npz", t=T, q=q, load=np.rint(40 * np.cos(T)), pin_state=(q > 0).astype(int))

@@ -8,7 +8,7 @@ import pytest
 
 import haptid
 from haptid.motion.periods import motion_period
-from haptid.treatment_choice.repeated_errors import repeated_errors
+from haptid.treatment_choice.repeated_errors import _Scores, repeated_errors
 from motions import multisine
 from sampling import of_share
 from small_study import two_links
@@ -111,3 +111,12 @@ def test_each_part_of_a_log_between_gaps_has_rows_of_its_own(model):
     # Two independent errors, each in half of the rows.
     assert np.all(sizes[0] < np.maximum(sizes[1], sizes[2]))
     assert np.median(sizes[0] / np.hypot(sizes[1], sizes[2])) == pytest.approx(0.5, abs=0.15)
+
+
+def test_rows_that_show_more_than_all_rows_have_are_no_defect():
+    """Long logs are judged by some of their rows; these may correlate parameters and delays as no rows can together."""
+    u = np.array([2.0, 0.0, 2000.0])
+    scores = _Scores(np.random.default_rng(0).normal(size=(6, 4, 3)), np.tile(np.outer(u, u) / 6, (6, 1, 1)), 1.0)
+    shifts = scores.shifts(np.eye(2), np.eye(1))
+    assert shifts.shape == (6, 3)
+    assert np.isfinite(shifts).all()

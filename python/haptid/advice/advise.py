@@ -44,7 +44,7 @@ from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
 from haptid.uncertainty.figures import per_cent
 
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
-# The lower one where parameters are found that no bodies have, and for sides.
+# The lower one where parameters are found that no bodies have, of which signs are tried in any case, and for sides.
 _ROUGH, _LARGE = 20.0, 10.0
 # Most actions of a combination.
 _MOST = 4
@@ -89,8 +89,9 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     base = search.base()
     before = unseen_percent(search.model, search.bench, base)
     negative = list(impossible(part, search.rows))
-    if before > (_LARGE if negative else _ROUGH):
-        search = replace(search, candidates=(*search.candidates, *positions(search)))
+    if negative or before > _ROUGH:
+        tried = positions(search, signs_only=before <= _LARGE)
+        search = replace(search, candidates=(*search.candidates, *tried))
     if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
         search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
     made = [_named(one) for one in proven(search, base)]

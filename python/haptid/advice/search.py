@@ -428,16 +428,15 @@ def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
     return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
 
 
-def positions(search: Trials) -> Iterator[TriedChange]:
+def positions(search: Trials, signs_only: bool = False) -> Iterator[TriedChange]:
     """Signs, assignments and unit of the position channels; each is a pass over the log, stored with the trials."""
     model, motions = search.model, search.motions
     names = [model.device.joints[k].name for k in model.device.active]
     units = [model.device.joints[k].prismatic for k in model.device.active]
     changes: list[tuple[str, tuple[int, ...]]] = [("position sign", (k,)) for k in range(len(names))]
-    changes += [
-        ("position swap", pair) for pair in combinations(range(len(names)), 2) if units[pair[0]] == units[pair[1]]
-    ]
-    own = set() if motions[0].log is None else set(motions[0].log.channels.position.each_unit)
+    pairs = () if signs_only else combinations(range(len(names)), 2)
+    changes += [("position swap", pair) for pair in pairs if units[pair[0]] == units[pair[1]]]
+    own = set() if signs_only or motions[0].log is None else set(motions[0].log.channels.position.each_unit)
     unit = own.pop() if len(own) == 1 else ""
     if unit in _OTHER_UNIT and not all(units):
         changes.append(("position unit", ()))

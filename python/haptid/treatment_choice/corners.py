@@ -30,6 +30,16 @@ def cuts_corners(logs: Sequence[Log], wide: Treatment, narrow: Treatment) -> boo
     """
     if wide.cutoff_hz is None or narrow.cutoff_hz is None or np.min(narrow.cutoff_hz) >= np.min(wide.cutoff_hz):
         return False
+    return bool(corners_cut(logs, wide, narrow).any())
+
+
+def corners_cut(logs: Sequence[Log], wide: Treatment, narrow: Treatment) -> Array:
+    """Of which channels what a lower position filter removes is motion near reversals, (channels,), bool.
+
+    Args:
+        logs: recordings.
+        wide, narrow: treatments that differ in the position filter.
+    """
     power = np.zeros((2, 2, logs[0].position.shape[1]))  # near reversals and elsewhere: sum of squares, samples
     for log in logs:
         try:
@@ -38,8 +48,9 @@ def cuts_corners(logs: Sequence[Log], wide: Treatment, narrow: Treatment) -> boo
             continue
     near, elsewhere = power
     known = (near[1] > 0) & (elsewhere[1] > 0) & (elsewhere[0] > 0)
-    ratio = near[0, known] * elsewhere[1, known] / (near[1, known] * elsewhere[0, known])
-    return bool((ratio > _CORNERS).any())
+    cut = np.zeros(len(known), dtype=bool)
+    cut[known] = near[0, known] * elsewhere[1, known] > _CORNERS * near[1, known] * elsewhere[0, known]
+    return cut
 
 
 def _removed(log: Log, wide: Treatment, narrow: Treatment) -> Array:

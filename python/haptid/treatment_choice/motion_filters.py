@@ -19,6 +19,7 @@ from haptid.motion.filters import KAISER_REACH
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Plan
+from haptid.treatment_choice.corners import corners_cut
 
 # Usual cut-off of the parallel filter over the motion's bandwidth.
 USUAL = 3.0
@@ -163,8 +164,13 @@ class MotionFilters:
         low = _LOWEST * self.bandwidth
         high = max(min(HIGHEST * 2 * self.top, _WIDEST * parallel), 1.1 * low)
         ceiling = min(0.95 * 0.5 / self.dt, self.position * self.bandwidth)
-        found = (min(own.balanced_cutoff(parallel, low, high), ceiling) for own in self.channels)
-        return tuple(float(f"{cutoff:.3g}") for cutoff in found)
+        found = np.array([own.balanced_cutoff(parallel, low, high) for own in self.channels])
+        if (found < parallel).any():
+            # Below the parallel filter's cut-off what is removed is missed in the rows.
+            wide = np.where(found < parallel, high, found)
+            own, less = (Treatment(cutoff_hz=tuple(f), parallel_cutoff_hz=parallel) for f in (wide, found))
+            found = np.where(corners_cut(self.logs, own, less), wide, found)
+        return tuple(float(f"{cutoff:.3g}") for cutoff in np.minimum(found, ceiling))
 
     def _slow(self, treatment: Treatment) -> tuple[float, ...]:
         """The speed of each row of torque below which the sign of its dry friction is uncertain."""

@@ -66,9 +66,11 @@ class _Scores:
             prior: inverse of the delays' prior covariance, (delays, delays), s^-2.
         """
         own, k = root.shape[1], self.G.shape[1]
-        information = linalg.block_diag(np.eye(own), prior) if k > own else np.eye(own)
-        information[:, own:] += self.G.sum(axis=0)[:, own:] / self.rows
-        information[own:, :own] = information[:own, own:].T
+        seen = self.G.sum(axis=0) / self.rows
+        # Other rows have the rest of the fit's information. These may be too few to tell it, and show more than all.
+        values, vectors = linalg.eigh(np.eye(own) - seen[:own, :own])
+        rest = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        information = seen + (linalg.block_diag(rest, prior) if k > own else rest)
         joint = linalg.inv(linalg.cholesky(information))  # lower: its rows are the joint coordinates
         adjustment = Adjustment.of(joint.T @ self.G @ joint / self.rows)
         move = np.concatenate([root @ joint[:own], joint[own:]])

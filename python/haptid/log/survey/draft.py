@@ -12,6 +12,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.guesses import STATED
 from haptid.log.survey.joint_names import are_named, matched, owners
 from haptid.log.survey.names import (
     COMMAND_WORDS,
@@ -344,15 +345,20 @@ def _signal_line(key: str, family: _Family) -> str:
     units = dict.fromkeys(channel.unit for channel in family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     where = _where(family)
-    reason = next(iter(reasons)) + ("; units differ between channels" if len(units) > 1 and not _mixed(units) else "")
+    unit, reason = next(iter(units)), next(iter(reasons))
+    if len(units) > 1 and not _mixed(units):
+        # A small joint, or a small motor, fits both units; that with the largest values tells which.
+        largest = max(family.channels, key=lambda channel: max(abs(channel.low), abs(channel.high)))
+        stated = any(channel.reason.startswith(STATED) for channel in family.channels)
+        unit, reason = (unit, reason) if stated else (largest.unit, largest.reason)
+        reason += "; units differ between channels" if stated else f" ({largest.name}; the others fit too)"
     still = [channel.name for channel in family.channels if not channel.usable]
     constant = ""
     if still:
         reason += f"; without a change, is it connected?: {', '.join(still[:6])}"
         constant = ", constant_ok = true" if len(still) < len(family.channels) else ""
-    unit = next(iter(units))
     mixed = _mixed(units)
-    stated = (
+    written = (
         "[" + ", ".join(basic_string(channel.unit) for channel in family.channels) + "]"
         if mixed
         else basic_string(unit)
@@ -372,7 +378,7 @@ def _signal_line(key: str, family: _Family) -> str:
     if key == "position" and unit == "counts" and all(c.low >= 0 and c.high < _TWELVE_BITS for c in family.channels):
         counted = f", gain = {2 * math.pi / _TWELVE_BITS:.9f}, offset = {-math.pi:.5f}"
         reason = f"whole numbers below {_TWELVE_BITS}, as of servos of 12 bits a turn with their zero at the middle"
-    return f"{key} = {{ {where}, unit = {stated}{counted}{more}{side}{constant} }}  # guess: {reason}"
+    return f"{key} = {{ {where}, unit = {written}{counted}{more}{side}{constant} }}  # guess: {reason}"
 
 
 def _mixed(found: Iterable[str]) -> bool:

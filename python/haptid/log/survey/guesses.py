@@ -29,6 +29,8 @@ _RADIANS, _COUNTS = 4 * math.pi, 2000.0
 # Below this, rad, a joint may have turned, as a pendulum or a wheel.
 _FEW_TURNS = 20 * math.pi
 _UNSTATED = "no unit is stated"
+# How reasons begin of units that the file has, and that are no guess.
+STATED = ("the file states", "by its name")
 MAY_TURN = "a joint that turns so far is in rad"
 # Currents beyond this are in mA.
 _AMPERES = 200.0
@@ -52,9 +54,9 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     scales = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     known = known_unit(stated) if stated else None
     if known is not None and known[0] == "time":
-        unit, reason = known[1], f"the file states {stated}"
+        unit, reason = known[1], f"{STATED[0]} {stated}"
     elif named_unit := time_unit(channel.name):
-        unit, reason = named_unit, "by its name"
+        unit, reason = named_unit, STATED[1]
     elif channel.name.endswith("@time"):
         unit, reason = "ns", "as stamps of a waveform are read"
     elif column.dtype.kind in "iu" and channel.low > 1e17:
@@ -108,12 +110,12 @@ def guessed(
     if known is not None and known[0] != "time":
         if quantity == "other" and known[0] in ("position", "torque"):
             quantity = known[0]
-        return replace(channel, quantity=quantity, unit=known[1], reason=f"the file states {stated}")
+        return replace(channel, quantity=quantity, unit=known[1], reason=f"{STATED[0]} {stated}")
     if stated and known is None and quantity in ("position", "torque"):
         return replace(channel, quantity=quantity, unit="counts", reason=_own_unit(stated))
     suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
     if suffix is not None and suffix[0] == quantity and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
-        return replace(channel, quantity=quantity, unit=suffix[1], reason="by its name")
+        return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1])
     largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
     unit, reason = unit_of(quantity, words | topic, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
@@ -121,7 +123,7 @@ def guessed(
 
 def _own_unit(stated: str) -> str:
     """Reason of a channel whose stated unit is none that haptid converts, such as per cent of a rated torque."""
-    return f"the file states {stated}, which haptid does not know: a gain in SI per {stated} is required"
+    return f"{STATED[0]} {stated}, which haptid does not know: a gain in SI per {stated} is required"
 
 
 def unit_of(
