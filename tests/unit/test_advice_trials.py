@@ -11,11 +11,14 @@ from scipy import stats
 
 import haptid
 import small_study
-from haptid.advice import advise
+from haptid.advice import Advice, Applied, advise
+from haptid.advice.action import Action
+from haptid.advice.edits import Edit
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows, trial_rows
 from haptid.advice.search import Proven, TriedChange, _ranked, finer
 from haptid.advice.trial import Bench, Setting, Trial, gain
+from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError
 from haptid.inference.diagnosis.finding import Finding
 from motions import motion, truth
@@ -31,6 +34,19 @@ def bench(seed=0, extra=0.0, factor=1.0, swapped=False):
     used = np.ones((2, 1200), dtype=bool)
     rows = TrialRows(W, y, used, block, np.arange(1200.0), ((3,),), y, y, block, block)
     return rows, Bench({"used": rows.grams()}, 3, np.arange(3), np.ones(2), np.ones((2, 2)))
+
+
+def test_what_applying_leaves_out_and_does_not_prove_is_said():
+    """A dead channel is in no file, and a unit by prior bodies lowers no error."""
+    edit = Edit("study", "set", ("a",), 1)
+    unit = Action("unit", ("motor 1",), "correct", "prior bodies", 0.1, 1.0, None, 1.0, True, (edit,))
+    dead = Action("dead torque", ("motor 2",), "leave out", "unseen error", 50.0, 40.0, None, 0.2, True, ())
+    made = Applied(Path("out/study.toml"), (unit,), 55.0, 57.0, None)
+    first, second = written_sentences(Advice((unit, dead), 55.0, 40.0, (), 9), made)
+    assert first.endswith("57.0 % instead of 55.0 %; it is no smaller, and the proof is that of prior bodies.")
+    assert second.startswith("Not in it, as no file can say it: dead torque (motor 2).")
+    (only,) = written_sentences(Advice((unit,), 55.0, 40.0, (), 9), replace(made, after=40.0))
+    assert only.endswith("40.0 % instead of 55.0 %.")
 
 
 def test_rows_without_candidates_are_fitted_as_those_with_them():

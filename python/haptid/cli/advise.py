@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +21,9 @@ from haptid.cli.common import (
     progress_bars,
     progress_callback,
 )
+
+if TYPE_CHECKING:
+    from haptid.advice import Advice, Applied
 
 HELP = """\
 Try changes of a study and its device on the study's own logs, and list those that are proven, by their gain.
@@ -51,7 +55,6 @@ def advise(
     from haptid.inference.diagnosis import diagnose
     from haptid.study import read_study
     from haptid.study.identify import identify
-    from haptid.uncertainty.figures import per_cent
 
     with errors_shown(), progress_bars(quiet or as_json) as bars:
         progress = progress_callback(bars)
@@ -70,8 +73,22 @@ def advise(
         none = f"None of {advice.tried} changes is proven to lower the error on unseen blocks."
         print_lines(*(advice.sentences or (none,)))
         if after is not None:
-            kinds = ", ".join(action.kind for action in after.actions)
-            errors = f"{per_cent(after.after, 3)} instead of {per_cent(after.before, 3)}"
-            print_lines(f"{after.study} has {kinds}: identified again, the error on unseen rows is {errors}.")
+            print_lines(*written_sentences(advice, after))
         elif apply is not None:
             out.print("Nothing is written: no change that files can hold is confirmed by identifying again.")
+
+
+def written_sentences(advice: Advice, made: Applied) -> Iterator[str]:
+    """What was written, with its error; proofs that this error says nothing of; and what is not in it."""
+    from haptid.advice.action import MASKS
+    from haptid.inference.diagnosis.finding import joined_names
+    from haptid.uncertainty.figures import per_cent
+
+    kinds = ", ".join(action.kind for action in made.actions)
+    errors = f"{per_cent(made.after, 3)} instead of {per_cent(made.before, 3)}"
+    others = dict.fromkeys(action.proof for action in made.actions if action.proof != "unseen error")
+    higher = f"; it is no smaller, and the proof is that of {' and '.join(others)}" if made.after >= made.before else ""
+    yield f"{made.study} has {kinds}: identified again, the error on unseen rows is {errors}{higher}."
+    without = [f"{a.kind} ({joined_names(a.places)})" for a in advice.combination if a.kind in MASKS and not a.edits]
+    if without:
+        yield f"Not in it, as no file can say it: {joined_names(without)}. Mend that, and record again."
