@@ -1,0 +1,65 @@
+"""Play from the motor side: a loose link against its closed form, size and interval on made logs, silence on others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.inference.diagnosis.play import transmission_play
+from haptid.simulation.play import LooseLinks
+from loose_axis import Axis, estimated, recorded
+
+
+def test_a_loose_link_lands_with_the_momentum_that_it_lacked():
+    """A motor that brakes evenly: its link goes on at the speed that it had, for the root of 2 b / a."""
+    dt, M, brake, b, share = 1e-4, 0.2, 5.0, 0.004, 0.6
+    t = dt * np.arange(2000)
+    begin = 500
+    a = np.where(t >= t[begin], -brake, 0.0)
+    a[:300] = 20.0  # lands on the flank that drives
+    v = 1.0 + np.cumsum(a) * dt - a * dt
+    x = np.concatenate([[0.0], np.cumsum(v)[1:] * dt])
+    links = LooseLinks.of(dt, (x[None], v[None], a[None]), M * a[None], 0 * a[None], np.full((1, len(t)), M))
+    (change,) = links.change(np.array([[b]]), np.array([[share]]), np.array([[0.0]]))[0]
+    crossing = round(np.sqrt(2 * b / brake) / dt)
+    loose = change[begin + 2 : begin + crossing - 2]
+    np.testing.assert_allclose(loose, share * M * brake, rtol=1e-6)
+    landed = change[begin : begin + crossing + 5]
+    assert landed.sum() * dt == pytest.approx(0.0, abs=1e-3 * share * M * brake * crossing * dt)
+    assert landed.min() * dt == pytest.approx(-share * M * brake * crossing * dt, rel=0.02)
+    assert np.abs(change[begin + crossing + 5 : -1]).max() < 1e-6 * share * M * brake
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [Axis(0.005), Axis(0.01, counts=4096.0, gravity=True)],
+    ids=["fine encoder", "12 bits, against gravity"],
+)
+def test_play_is_named_with_its_size(axis):
+    """Against two bodies with a spring outside a dead zone."""
+    (log,) = recorded(axis, [0], seconds=10.0)
+    finding = transmission_play(estimated(axis, log))
+    assert finding.status == "bad"
+    low, size, high = (finding.figures[f"motor 1, {name}"] for name in ("low", "play", "high"))
+    assert size == pytest.approx(axis.play, rel=0.15)
+    assert low < axis.play < high < 1.6 * low
+    assert "motor 1" in finding.sentence
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [Axis(counts=4096.0), Axis(presliding=0.05, stribeck=0.7), Axis(gravity=True), Axis(0.0, stiffness=300.0)],
+    ids=["12 bits", "presliding", "gravity", "elastic"],
+)
+def test_nothing_is_said_without_play(axis):
+    (log,) = recorded(axis, [0], seconds=10.0)
+    finding = transmission_play(estimated(axis, log))
+    assert finding.status == "ok"
+    assert not finding.figures
+
+
+def test_a_diagnosis_tells_of_play():
+    axis = Axis(0.005)
+    (log,) = recorded(axis, [1], seconds=10.0)
+    assert haptid.diagnose(estimated(axis, log))["play"].status == "bad"
