@@ -170,7 +170,7 @@ def identify(
     progress("estimating", 0.0)
     with _naming_still_joints(as_filed, logs, study):
         conditional = estimate(concatenated(study.of_fit(observations)), study.method, intervals)
-    final = _with_all_uncertainty(conditional, proposal, calibration)
+    final = with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     use = model_for_use(final, concatenated(study.of_fit(all_rows)), study.use)
     runs = tuple(map(Run, study.logs, observations, all_rows))
@@ -180,7 +180,7 @@ def identify(
     return Identification(study, model, proposal, final, use, runs, projection, calibration, gimbal_effect(final))
 
 
-def _with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration: Calibration | None) -> Estimate:
+def with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration: Calibration | None) -> Estimate:
     """An estimate that takes the treatment as exact, with the uncertainty of what was found before it."""
     if isinstance(conditional.method, MotorSide):
         final = with_noise_uncertainty(conditional)

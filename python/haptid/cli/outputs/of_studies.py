@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from haptid.cli.outputs.tables import Interval, OutputTable, QuantityOutput
@@ -121,6 +123,48 @@ class PayloadOutput(OutputTable):
     base_parameters: list[QuantityOutput]
     residual_rms: dict[str, Number] = Field(description="by motor")
     notes: list[str]
+
+
+class FleetLogOutput(OutputTable):
+    device: str
+    log: str
+    day: float = Field(description="since 1970")
+    status: str = Field(description="empty where it failed")
+    error_percent: Number = Field(description="relative torque error of its fit")
+    problem: str
+    parameters: list[QuantityOutput]
+
+
+class FleetParameterOutput(OutputTable):
+    """Mean and drift of one parameter of one device."""
+
+    name: str
+    unit: str
+    mean: Number
+    se: Number
+    between_logs: Number = Field(description="standard deviation beyond that of the estimates")
+    slope: Number = Field(description="in a day")
+    slope_se: Number
+    p_holm: Number
+    distance: Number = Field(description="from the median of the devices, robust standard deviations")
+
+
+class FleetDeviceOutput(OutputTable):
+    device: str
+    logs: int
+    parameters: list[FleetParameterOutput]
+
+
+class FleetOutput(OutputTable):
+    """Logs of many devices, each identified by itself."""
+
+    study: str
+    dates: str = Field(description="where the days are from")
+    treatment: dict[str, Any] = Field(description="of all logs, every setting by its name in a study")
+    confidence: float
+    logs: list[FleetLogOutput]
+    devices: list[FleetDeviceOutput]
+    sentences: list[str]
 
 
 class PoseParameterOutput(QuantityOutput):

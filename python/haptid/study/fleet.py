@@ -1,0 +1,411 @@
+"""Fleets: every log of many devices identified by itself as one study says; what drifts, and which device differs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from haptid._internal.arrays import Array, freeze_fields
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import HaptidError, LogFileError, listed
+from haptid.estimation import Estimate, estimate
+from haptid.executors import Executor, SerialExecutor
+from haptid.log.file_format import FORMATS
+from haptid.motion.motion import treat
+from haptid.motion.treatment import Treatment
+from haptid.observation.observation import observe
+from haptid.study import Study
+from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, with_all_uncertainty
+from haptid.study.schema import fault
+from haptid.study.study import silent
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.uncertainty.multiple_testing import holm_adjusted, two_sided
+from haptid.uncertainty.quantities import LEVEL, aligned, half_width
+from haptid.uncertainty.random_effects import RandomEffects, random_effects
+from haptid.validation.validation import fit_errors
+
+_SECONDS_IN_DAY = 86400.0
+# A date in a name, with the time of the day where it follows.
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:h]?([0-5]\d)(?:[-:m]?([0-5]\d))?)?(?!\d)"
+)
+# Fewest logs of a device whose drift is told, and fewest devices of which one is called unusual.
+_LEAST_LOGS, _LEAST_DEVICES = 3, 4
+# Distance from the median of the devices, in robust standard deviations, of an unusual one (Iglewicz and Hoaglin 1993).
+_UNUSUAL = 3.5
+_NORMAL_MAD = 1.4826
+_Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class FleetLog:
+    """A log of a fleet.
+
+    Attributes:
+        device: name of the folder that it lies in.
+        path: of the file.
+        day: when it was recorded, days since 1970.
+    """
+
+    device: str
+    path: Path
+    day: float
+
+
+@dataclass(frozen=True, eq=False)
+class FleetEstimate:
+    """What one log gives.
+
+    Attributes:
+        log: which.
+        error: why it gives nothing; empty where it does.
+        status: of the estimate.
+        error_percent: relative torque error of its fit.
+        names, units: of the parameters, (k,).
+        values, se, dof: of the parameters, (k,).
+    """
+
+    log: FleetLog
+    error: str = ""
+    status: str = ""
+    error_percent: float = np.nan
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    se: Array = field(default_factory=lambda: np.zeros(0))
+    dof: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        k = len(self.names)
+        freeze_fields(self, values=(k,), se=(k,), dof=(k,))
+
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals of the parameters, (k, 2)."""
+        half = half_width(self.se, self.dof, level)
+        return np.column_stack([self.values - half, self.values + half])
+
+
+@dataclass(frozen=True, eq=False)
+class FleetTrend:
+    """Mean and drift of the parameters of one device, by random-effects regression over its logs.
+
+    Attributes:
+        device: its name.
+        logs: number of its logs that count.
+        mean: of each parameter at the middle of the time, (k,).
+        slope: of each parameter in a day, (k,); undetermined where all logs are of one time.
+    """
+
+    device: str
+    logs: int
+    mean: tuple[RandomEffects, ...]
+    slope: tuple[RandomEffects, ...]
+
+    def of_mean(self, name: Literal["values", "se"]) -> Array:
+        """Values or standard errors of all means, (k,)."""
+        return np.array([getattr(one, name)[0] for one in self.mean])
+
+    def of_slope(self, name: Literal["values", "se"]) -> Array:
+        """Values or standard errors of all slopes, (k,)."""
+        return np.array([getattr(one, name)[-1] for one in self.slope])
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom of the slopes, (k,)."""
+        return np.array([one.dof for one in self.slope])
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """All logs of a fleet, each identified by itself.
+
+    Drift is tested device by device and parameter by parameter, with Holm's correction over all of them. A device is
+    unusual in a parameter where its mean is further from the median of all devices than 3.5 robust standard deviations,
+    and further than its interval.
+
+    Attributes:
+        name: of the study.
+        dates: where the days are from, "file names" or "modification times".
+        treatment: that all logs have, as the study's own logs propose it.
+        entries: one for each log, by device and day.
+        confidence: family-wise level of the tests of drift.
+    """
+
+    name: str
+    dates: str
+    treatment: Treatment
+    entries: tuple[FleetEstimate, ...]
+    confidence: float = LEVEL
+
+    @property
+    def failed(self) -> tuple[FleetEstimate, ...]:
+        """The logs that gave nothing."""
+        return tuple(one for one in self.entries if one.error)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return next((one.names for one in self.entries if not one.error), ())
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return next((one.units for one in self.entries if not one.error), ())
+
+    @cached_property
+    def trends(self) -> tuple[FleetTrend, ...]:
+        """One for each device with a log that counts."""
+        groups: dict[str, list[FleetEstimate]] = {}
+        for one in self.entries:
+            if not one.error:
+                groups.setdefault(one.log.device, []).append(one)
+        return tuple(_trend(device, group) for device, group in groups.items())
+
+    @cached_property
+    def drift_p(self) -> Array:
+        """p-values of all slopes with Holm's correction over devices and parameters, (devices, k)."""
+        tests = [
+            np.where(np.isfinite(trend.of_slope("se")), two_sided(*_known(trend)), 1.0)
+            if trend.logs >= _LEAST_LOGS
+            else np.ones(len(self.names))
+            for trend in self.trends
+        ]
+        p = np.array(tests).reshape(len(self.trends), len(self.names))
+        return holm_adjusted(p.ravel()).reshape(p.shape)
+
+    @cached_property
+    def distance(self) -> Array:
+        """Distance of each mean from the devices' median in robust standard deviations, (devices, k).
+
+        Zero where it is within its own interval, and with fewer than four devices.
+        """
+        means = np.array([trend.of_mean("values") for trend in self.trends]).reshape(len(self.trends), len(self.names))
+        if len(means) < _LEAST_DEVICES:
+            return np.zeros(means.shape)
+        away = means - np.nanmedian(means, axis=0)
+        half = np.array([half_width(t.of_mean("se"), [one.dof for one in t.mean]) for t in self.trends])
+        spread = _NORMAL_MAD * np.nanmedian(np.abs(away), axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(np.abs(away) > half, np.nan_to_num(away / spread, posinf=np.inf, neginf=-np.inf), 0.0)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What failed, drifts and differs, the most significant first."""
+        return (*self._failures(), *self._drifts(), *self._unusual())
+
+    def _failures(self) -> Iterator[str]:
+        good, devices = len(self.entries) - len(self.failed), len({one.log.device for one in self.entries})
+        yield f"{good} of {len(self.entries)} logs of {devices} devices are identified; days by their {self.dates}."
+        for one in self.failed[:5]:
+            yield f"{one.log.device}/{one.log.path.name}: {one.error}"
+        if len(self.failed) > 5:
+            yield f"{len(self.failed) - 5} more logs failed: logs.csv has their errors."
+
+    def _drifts(self) -> Iterator[str]:
+        found = np.argwhere(self.drift_p < 1 - self.confidence)
+        for d, k in found[np.argsort(self.drift_p[tuple(found.T)])][:10]:
+            trend = self.trends[d]
+            slope, se = trend.of_slope("values")[k], trend.of_slope("se")[k]
+            half = float(half_width(se, trend.dof[k], self.confidence))
+            yield (
+                f"{trend.device}: {self.names[k]} drifts by {slope:.3g} {self.units[k]} in a day "
+                f"(interval {slope - half:.2g} .. {slope + half:.2g}, p = {self.drift_p[d, k]:.1e})."
+            )
+        if not len(found):
+            told = sum(trend.logs >= _LEAST_LOGS and np.isfinite(trend.of_slope("se")).any() for trend in self.trends)
+            if told:
+                yield f"No parameter drifts at {100 * self.confidence:g} % confidence for all {told} devices together."
+            else:
+                yield f"Drift is not told: no device has {_LEAST_LOGS} logs of different times."
+        elif len(found) > 10:
+            yield f"{len(found) - 10} more parameters drift: devices.csv has them."
+
+    def _unusual(self) -> Iterator[str]:
+        found = np.argwhere(np.abs(self.distance) > _UNUSUAL)
+        for d, k in found[np.argsort(-np.abs(self.distance[tuple(found.T)]))][:10]:
+            means = [trend.of_mean("values")[k] for trend in self.trends]
+            yield (
+                f"{self.trends[d].device} is unusual: {self.names[k]} is {means[d]:.3g}, the median of the devices "
+                f"{np.nanmedian(means):.3g} {self.units[k]}."
+            )
+        if len(found) > 10:
+            yield f"{len(found) - 10} more means are unusual: devices.csv has them."
+
+    def log_table(self) -> list[list[str]]:
+        """Every log: device, file, day, status, error of the fit, parameters and standard errors."""
+        heads = [head for name in self.names for head in (name, f"se {name}")]
+        rows = [["device", "log", "recorded", "status", "error of the fit, %", *heads, "problem"]]
+        for one in self.entries:
+            when = datetime.fromtimestamp(one.log.day * _SECONDS_IN_DAY, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            pairs = [f"{x:.9g}" for pair in zip(one.values, one.se, strict=True) for x in pair] or [""] * len(heads)
+            error = "" if one.error else f"{one.error_percent:.4g}"
+            rows.append([one.log.device, one.log.path.name, when, one.status, error, *pairs, one.error])
+        return rows
+
+    def device_table(self) -> list[list[str]]:
+        """Every device and parameter: mean, spread between logs, drift, and distance from the other devices."""
+        head = "device,logs,parameter,unit,mean,se,between logs,slope in a day,se of the slope,p (Holm),distance"
+        rows = [head.split(",")]
+        for d, trend in enumerate(self.trends):
+            for k, name in enumerate(self.names):
+                numbers = (
+                    trend.of_mean("values")[k],
+                    trend.of_mean("se")[k],
+                    trend.mean[k].between,
+                    trend.of_slope("values")[k],
+                    trend.of_slope("se")[k],
+                    self.drift_p[d, k],
+                    self.distance[d, k],
+                )
+                cells = [f"{x:.6g}" if np.isfinite(x) else "" for x in numbers]
+                rows.append([trend.device, str(trend.logs), name, self.units[k], *cells])
+        return rows
+
+    def summary(self) -> str:
+        """A table of the devices: logs, drifting and unusual parameters; then the sentences."""
+        rows = [["device", "logs", "drifting", "unusual"]]
+        for trend, p, away in zip(self.trends, self.drift_p, self.distance, strict=True):
+            drifting = [name for name, one in zip(self.names, p, strict=True) if one < 1 - self.confidence]
+            odd = [name for name, one in zip(self.names, away, strict=True) if abs(one) > _UNUSUAL]
+            rows.append([trend.device, str(trend.logs), listed(drifting, 4) or "-", listed(odd, 4) or "-"])
+        return "\n".join([*aligned(rows[:41]), *(["..."] if len(rows) > 41 else []), "", *self.sentences])
+
+
+def fleet_logs(folder: Path) -> tuple[tuple[FleetLog, ...], str]:
+    """The logs below a folder by device and day, and where the days are from.
+
+    Each folder in it is a device; files of the folder itself are of a device of its name. Days are dates in the names
+    of files, such as 2026-03-02 or 20260302T1400; where a name has none, times of modification are taken for all.
+
+    Raises:
+        LogFileError: no file there has the suffix of a log.
+    """
+    suffixes = {suffix for kind in FORMATS for suffix in kind.suffixes}
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
+    paths = [path for path in paths if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+    if not paths:
+        raise LogFileError(
+            f"{folder} has no logs.",
+            where=folder,
+            limit=tuple(sorted(suffixes)),
+            advice="Give the folder of the fleet: a folder for each device with its logs in it.",
+        )
+    named = [day for path in paths if (day := day_in(path.name)) is not None]
+    whole = len(named) == len(paths)
+    days = named if whole else [path.stat().st_mtime / _SECONDS_IN_DAY for path in paths]
+    own = folder.resolve().name
+    devices = [parts[0] if len(parts := path.relative_to(folder).parts) > 1 else own for path in paths]
+    logs = sorted(map(FleetLog, devices, paths, days), key=lambda log: (log.device, log.day, log.path))
+    return tuple(logs), "file names" if whole else "modification times"
+
+
+def day_in(name: str) -> float | None:
+    """The date in a name as days since 1970, taken as UTC; None without one."""
+    for found in _DATE.finditer(name):
+        year, month, day, hour, minute, second = (int(part or 0) for part in found.groups())
+        try:
+            return datetime(year, month, day, hour, minute, second, tzinfo=UTC).timestamp() / _SECONDS_IN_DAY
+        except ValueError:  # such as a thirteenth month
+            continue
+    return None
+
+
+@dataclass(frozen=True)
+class _OneLog:
+    """Identification of one log, sent to the workers once."""
+
+    study: Study
+    proposal: Proposal
+
+    @cached_property
+    def _model(self) -> DynamicModel:
+        return DynamicModel(read_device(self.study.device))
+
+    def __call__(self, log: FleetLog) -> FleetEstimate:
+        entry = replace(self.study.logs[0], path=str(log.path), time_range=None, episodes=None, exclude=())
+        try:
+            motion = treat(read_entry(entry, Path(), silent), self.proposal.treatment)
+            observation = observe(self._model, motion)
+            found = estimate(observation, self.study.method, self.study.intervals)
+            found = with_all_uncertainty(found, self.proposal, None)
+            return _entry(log, found)
+        except HaptidError as error:
+            return FleetEstimate(log, error=" ".join(str(error).split()))
+
+
+def _entry(log: FleetLog, found: Estimate) -> FleetEstimate:
+    free = found.unconstrained
+    percent = fit_errors(found, found.observation).relative
+    return FleetEstimate(log, "", found.status, percent, free.names, free.units, free.values, free.se, free.dof)
+
+
+def identify_fleet(
+    study: Study,
+    folder: Path,
+    data: str | Path | None = None,
+    progress: _Progress | None = None,
+    workers: Executor | None = None,
+) -> Fleet:
+    """Identify every log below a folder by itself, with the device, channels, method and treatment of a study.
+
+    All logs have the treatment that the study's own logs propose, so that estimates differ by the devices and not by
+    filters. A log that cannot be read or identified is an entry with its error, and stops nothing.
+
+    Args:
+        study: whose first log's channels all logs have.
+        folder: see `fleet_logs`.
+        data: where the study's relative log paths start; the study's own folder where None.
+        progress: called with the name of a step and the share of it done.
+        workers: executor of the logs; this process where None.
+
+    Raises:
+        HaptidError: any error of the study and of its own logs; the folder has no logs.
+    """
+    progress = progress or silent
+    check_kind(study)
+    model = DynamicModel(read_device(study.device))
+    if study.calibration is not None or model.device.searched or any(entry.body for entry in study.logs):
+        raise fault(
+            study.path,
+            "device" if model.device.searched else "logs",
+            "has nonlinear constants, zeros of encoders or payloads to find, which a fleet does not",
+            advice="Fix them in the device file, or identify each log by itself and compare the results.",
+        )
+    study = study.on(model.device)
+    logs, dates = fleet_logs(folder)
+    own = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
+    progress("choosing a treatment", 0.0)
+    proposal = propose(model, *logs_to_propose_from(study, own), **study.treatment)
+    found: list[FleetEstimate | None] = [None] * len(logs)
+    for done, (k, entry) in enumerate((workers or SerialExecutor()).map(_OneLog(study, proposal), logs), 1):
+        found[k] = entry
+        progress("identifying logs", done / len(logs))
+    return Fleet(study.name, dates, proposal.treatment, tuple(one for one in found if one is not None))
+
+
+def _trend(device: str, group: Sequence[FleetEstimate]) -> FleetTrend:
+    days = np.array([one.log.day for one in group])
+    ones = np.ones((len(group), 1))
+    line = np.column_stack([ones, days - days.mean()])
+    values, se, dof = (np.array([getattr(one, name) for one in group]) for name in ("values", "se", "dof"))
+    if len(group) == 1:  # its mean is that of the log
+        mean = tuple(RandomEffects(*one, np.nan) for one in zip(values.T, se.T, dof[0], strict=True))
+    else:
+        mean = tuple(random_effects(v, s, ones) for v, s in zip(values.T, se.T, strict=True))
+    slope = tuple(random_effects(v, s, line) for v, s in zip(values.T, se.T, strict=True))
+    return FleetTrend(device, len(group), mean, slope)
+
+
+def _known(trend: FleetTrend) -> tuple[Array, Array, Array]:
+    """Slopes with their standard errors and degrees of freedom, undetermined ones as zero."""
+    slope, se = trend.of_slope("values"), trend.of_slope("se")
+    known = np.isfinite(se)
+    return np.where(known, slope, 0.0), np.where(known, se, 1.0), np.where(known, trend.dof, 1.0)

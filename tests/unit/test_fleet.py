@@ -1,0 +1,162 @@
+"""`haptid fleet`: logs of many devices, each identified by itself, their drift and their differences."""
+
+import csv
+import json
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid.cli import app
+from haptid.errors import LogFileError, StudyFileError
+from haptid.executors import ProcessExecutor
+from haptid.study import read_study
+from haptid.study.fleet import day_in, fleet_logs, identify_fleet
+from json_outputs import valid
+from motions import multisine
+from small_study import DEVICE, HEAD
+from true_parameters import true_parameters
+
+DAYS = (1, 3, 8, 15, 20)
+# Viscous friction of joint 1 that one device gains in a day; centre of mass of link 2 that another has more.
+DRIFT, HEAVIER = 0.004, 1.2
+
+
+@dataclass
+class Arms:
+    """A folder with a study and the logs of five devices."""
+
+    folder: Path
+    model: haptid.DynamicModel
+
+    @property
+    def study(self):
+        return read_study(self.folder / "study.toml")
+
+
+def written(path, model, chi, seed):
+    """A log of eight seconds with noisy torque."""
+    rng, dt = np.random.default_rng(seed), 4e-3
+    q, qd, qdd = multisine(2, 8.0, dt, seed)
+    tau = haptid.inverse_dynamics(model, model.base.of(chi), q, qd, qdd)
+    tau = tau + 0.03 * tau.std(axis=1, keepdims=True) * rng.standard_normal(tau.shape)
+    names = ["t", "q1", "q2", "tau1", "tau2"]
+    table = pa.table(dict(zip(names, [dt * np.arange(q.shape[1]), *q, *tau], strict=True)))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pyarrow.csv.write_csv(table, path)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arms")
+    (folder / "device.toml").write_text(DEVICE, encoding="utf-8")
+    (folder / "study.toml").write_text(f'{HEAD}[[logs]]\npath = "own.csv"\n', encoding="utf-8")
+    model = haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
+    chi = true_parameters(model, FV=0.3, FC=0.2)
+    written(folder / "own.csv", model, chi, 99)
+    kinds, rng = list(model.device.parameters.kinds), np.random.default_rng(7)
+    viscous, mass = kinds.index("FV"), 10 + kinds[:10].index("MX")
+    for device in range(5):
+        for day in DAYS:
+            one = chi.copy()
+            one[viscous] *= 1 + 0.01 * rng.standard_normal()  # from day to day
+            if device == 1:
+                one[viscous] += DRIFT * day
+            one[mass] *= HEAVIER if device == 3 else 1 + 0.005 * rng.standard_normal()
+            written(folder / "fleet" / f"arm {device}" / f"2026-03-{day:02d}.csv", model, one, 100 * device + day)
+    broken = folder / "fleet" / "arm 2" / "2026-03-25.csv"
+    broken.write_text("t,q1,q2,tau1\n0,0,0,0\n", encoding="utf-8")
+    return Arms(folder, model)
+
+
+@pytest.fixture(scope="module")
+def fleet(arms):
+    return identify_fleet(arms.study, arms.folder / "fleet")
+
+
+def test_what_drifts_and_what_is_unusual_is_found_and_nothing_else(fleet):
+    drifting = np.argwhere(fleet.drift_p < 0.05)
+    assert [(fleet.trends[d].device, fleet.names[k]) for d, k in drifting] == [("arm 1", "FV1")]
+    slope = fleet.trends[1].slope[fleet.names.index("FV1")]
+    assert abs(slope.values[1] - DRIFT) < 4 * slope.se[1]
+    unusual = {fleet.trends[d].device for d, k in np.argwhere(np.abs(fleet.distance) > 3.5) if fleet.names[k] != "FV1"}
+    assert unusual == {"arm 3"}
+    assert any(line.startswith("arm 1: FV1 drifts by 0.00") for line in fleet.sentences)
+    assert any(line.startswith("arm 3 is unusual") for line in fleet.sentences)
+
+
+def test_a_log_that_cannot_be_read_is_an_entry_and_stops_nothing(fleet):
+    (failed,) = fleet.failed
+    assert (failed.log.device, failed.log.path.name) == ("arm 2", "2026-03-25.csv")
+    assert "tau2" in failed.error
+    assert len(fleet.entries) == 26
+    assert fleet.sentences[0].startswith("25 of 26 logs of 5 devices are identified; days by their file names")
+
+
+def test_an_entry_is_what_identify_gives_with_the_same_treatment(arms, fleet):
+    log = replace(arms.study.logs[0], path=str(fleet.entries[0].log.path))
+    settings = {field.name: getattr(fleet.treatment, field.name) for field in fields(fleet.treatment)}
+    found = haptid.identify(replace(arms.study, logs=(log,), treatment=settings))
+    np.testing.assert_allclose(fleet.entries[0].values, found.estimate.unconstrained.values, rtol=1e-9, atol=1e-12)
+
+
+def test_workers_give_the_same(arms, fleet):
+    other = identify_fleet(arms.study, arms.folder / "fleet", workers=ProcessExecutor(2))
+    for one, same in zip(fleet.entries, other.entries, strict=True):
+        assert one.log == same.log
+        np.testing.assert_allclose(one.values, same.values, rtol=1e-9)
+
+
+def test_the_command(arms, fleet, tmp_path):
+    arguments = [str(arms.folder / "study.toml"), str(arms.folder / "fleet"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, ["fleet", *arguments])
+    assert done.exit_code == 0, done.output
+    values = valid("fleet", (tmp_path / "out" / "fleet.json").read_text())
+    assert [device["device"] for device in values["devices"]] == [f"arm {k}" for k in range(5)]
+    with (tmp_path / "out" / "logs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["FV1"]) == pytest.approx(fleet.entries[0].values[fleet.names.index("FV1")], rel=1e-6)
+    with (tmp_path / "out" / "devices.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 5 * len(fleet.names)
+    done = CliRunner().invoke(app, ["fleet", *arguments, "--json"])
+    assert json.loads(done.stdout)["sentences"] == list(fleet.sentences)
+
+
+@pytest.mark.parametrize(
+    ("name", "day"),
+    [
+        ("2026-03-02.csv", 20514.0),
+        ("arm7_20260302T1200.mcap", 20514.5),
+        ("run 2026-03-02 06-00-00 b.npz", 20514.25),
+        ("20261302.csv", None),
+        ("serial120260302.csv", None),
+        ("log17.csv", None),
+    ],
+)
+def test_dates_in_names(name, day):
+    assert day_in(name) == day
+
+
+def test_without_dates_in_all_names_the_times_of_modification_count(tmp_path):
+    for name in ("2026-03-02.csv", "b.csv", ".hidden.csv", "notes.txt.bak"):
+        (tmp_path / name).write_text("t\n", encoding="utf-8")
+    logs, dates = fleet_logs(tmp_path)
+    assert dates == "modification times"
+    assert {log.device for log in logs} == {tmp_path.name}
+    assert len(logs) == 2
+    assert all(log.day > 20_000 for log in logs)
+
+
+def test_a_folder_without_logs_and_a_study_with_payloads_are_refused(arms, tmp_path):
+    with pytest.raises(LogFileError, match="has no logs"):
+        identify_fleet(arms.study, tmp_path)
+    load = '[[logs]]\npath = "fleet/arm 0/2026-03-01.csv"\npayload = { link = "2", mass = 1.0, com = [0, 0, 0] }\n'
+    text = (arms.folder / "study.toml").read_text(encoding="utf-8") + load
+    (arms.folder / "loaded.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(StudyFileError, match="which a fleet does not"):
+        identify_fleet(read_study(arms.folder / "loaded.toml"), arms.folder / "fleet")
