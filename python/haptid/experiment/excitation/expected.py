@@ -25,9 +25,8 @@ from haptid.experiment.excitation.sequential import FurtherMotions, LogInformati
 from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.log import Channels, Log, Signal
 from haptid.motion.motion import treat
-from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
-from haptid.treatment_choice import propose
+from haptid.treatment_choice import propose, with_treatment_uncertainty
 
 # Variance of rounding, squared steps.
 _ROUNDED = 1 / 12
@@ -91,8 +90,10 @@ def expected_noise(
         return None
     model, logs = setup.model, [expected_log(setup, planned, _DRAWS * seed + k) for k in range(_DRAWS)]
     try:
-        treatment: Treatment = propose(model, logs[0], **(given or {})).treatment
-        return TreatedNoise.of(*(estimate(observe(model, treat(log, treatment)), WLS()) for log in logs))
+        proposal = propose(model, logs[0], **(given or {}))
+        found = [estimate(observe(model, treat(log, proposal.treatment)), WLS()) for log in logs]
+        unsure = with_treatment_uncertainty(found[0], proposal.delays, proposal.effects, proposal.rounding)
+        return replace(TreatedNoise.of(*found), shifts=unsure.shifts)
     except HaptidError:
         return None
 

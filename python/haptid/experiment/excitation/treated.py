@@ -37,12 +37,15 @@ class TreatedNoise:
         dt: their sampling period, s.
         models: of the serial correlation of each measured motor's residual, from row to row, N m or N.
         variances: of each residual, (motors,), (N m)^2 or N^2.
+        shifts: by how much one standard error of each part of what the treatment leaves uncertain, such as a delay,
+            moves the base parameters, (k, p), SI; None where nothing is.
     """
 
     treatment: Treatment
     dt: float
     models: tuple[Autoregression, ...]
     variances: tuple[float, ...]
+    shifts: Array | None = None
 
     @staticmethod
     def of(*estimates: Estimate) -> TreatedNoise:
@@ -85,7 +88,8 @@ class TreatedNoise:
                 X = fft.rfft(W, length, axis=0)
                 A += W.T @ W / variance
                 M += ((X.conj().T * (own.spectrum(length) * once / length)) @ X).real / variance**2
-        return _sandwiched(A, M)
+        found = _sandwiched(A, M)
+        return found if self.shifts is None else _less_sure(found, self.shifts)
 
     def _motion(self, model: DynamicModel, made: Trajectory) -> Motion:
         """As a treated log: exact rates, so that only the filter of the rows and the drop of slow ones remain."""
@@ -104,3 +108,9 @@ def _sandwiched(A: Array, M: Array) -> Array:
     Z = scale[:, None] * kept
     right = Z.T @ A
     return np.asarray(right.T @ np.linalg.solve(Z.T @ M @ Z, right))
+
+
+def _less_sure(information: Array, shifts: Array) -> Array:
+    """Information, singular or not, where shifts add their squares to the covariance, (p, p): Woodbury's identity."""
+    moved = shifts @ information
+    return np.asarray(information - moved.T @ np.linalg.solve(np.eye(len(shifts)) + moved @ shifts.T, moved))
