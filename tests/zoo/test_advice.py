@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from typer.testing import CliRunner
 
 from haptid.advice import advise
 from haptid.advice import apply_advice as applied
+from haptid.advice.recorder import ChannelFault
 from haptid.cli.common import app
 from haptid.inference.diagnosis import diagnose
+from haptid.log import Log
 from haptid.study.identify import Identification, identify
 from haptid.study.read import read_study
 from json_outputs import valid
@@ -77,6 +80,21 @@ def test_a_reversed_position_is_tried_where_only_impossible_bodies_show_it(tmp_p
     (action,) = (action for action in made.actions if action.kind == "position sign")
     assert action.proof == "unseen error"
     assert action.after < 0.7 * action.before
+
+
+def test_rows_of_much_torque_are_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dry friction stops a joint as a stuck encoder does: the other rows have to be less wrong without those."""
+
+    def stopped(log: Log) -> Iterator[ChannelFault]:
+        size = np.convolve(np.abs(np.asarray(log.torque)[:, 0]), np.ones(50) / 50, "same")
+        most = size > np.quantile(size, 0.9)
+        yield ChannelFault("stuck position", 0, most, float(most.mean()), 0.0)
+
+    monkeypatch.setattr(sys.modules["haptid.advice.search"], "faults", stopped)
+    _, wrong = found(AXIS, "spring", tmp_path)
+    made = advise(wrong)
+    assert made.actions[0].kind == "spring"
+    assert "stuck position" not in {action.kind for action in made.actions}
 
 
 def test_a_sign_that_only_rescales_is_proven_by_bodies_that_can_exist(tmp_path: Path) -> None:

@@ -292,8 +292,9 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
 def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
-    A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others and that it
-    is a good part of the error; a contact, or another log, has to harm the others too.
+    A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others, that it is a
+    good part of the error, and that the error of the others is less: dry friction stops a joint too. A contact, or
+    another log, has to harm the others too.
     """
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
@@ -308,6 +309,8 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
     if not (helps or dead or (harmless and total > LEAST_GAIN)):
         return None
     error, after = unseen_percent(search.model, whole, base), unseen_percent(search.model, bench, trial)
+    if not (helps or dead or after < error):  # rows of much torque, no more wrong than the others
+        return None
     se = paired(search.model, bench, replace(before, setting=trial.setting), trial)
     proof = replace(made, share=max(total, made.share))
     return Proven(one, trial, proof, figures=(error, after, se))
