@@ -71,9 +71,7 @@ def main() -> None:
     for counts, axes in LOOSE:
         own, size = findings(axes, LOOSE_SEEDS), axes[0].play or 0.0
         label = f"{1000 * size:g} mrad, {counts:g} counts"
-        named = np.array(
-            [[one.figures[f"motor 1, {k}"] for k in ("play", "low", "high")] for one in own if one.figures]
-        )
+        named = np.array([[one[f"motor 1, {k}"] for k in ("play", "low", "high")] for _, one in own if one])
         figures |= {f"{label}: logs": len(own), f"{label}: found": len(named)}
         if len(named):
             inside = (named[:, 1] <= size) & (size <= named[:, 2])

@@ -15,6 +15,7 @@ from haptid.inference.elimination import (
     eliminate,
     eliminate_by_motor,
 )
+from haptid.inference.frequency_response import FrequencyResponse, Spring, multisine_response
 from haptid.inference.payloads import AttachedBody, identify_payloads
 from haptid.inference.static_poses import FrictionAtRest, GravityVerdict, StaticIdentification, identify_poses
 from haptid.inference.targets import Targets, target_map, targets
@@ -28,12 +29,14 @@ __all__ = [
     "Drift",
     "Elimination",
     "Finding",
+    "FrequencyResponse",
     "FrictionAtRest",
     "GautierRatio",
     "GravityVerdict",
     "MaxRelativeStd",
     "ModelAlarm",
     "Series",
+    "Spring",
     "StaticIdentification",
     "Targets",
     "Verdict",
@@ -44,6 +47,7 @@ __all__ = [
     "eliminate_by_motor",
     "identify_payloads",
     "identify_poses",
+    "multisine_response",
     "target_map",
     "targets",
 ]
