@@ -43,8 +43,16 @@ def test_play_is_named_with_its_size(axis):
     assert finding.status == "bad"
     low, size, high = (finding.figures[f"motor 1, {name}"] for name in ("low", "play", "high"))
     assert size == pytest.approx(axis.play, rel=0.15)
-    assert low < axis.play < high < 1.6 * low
+    assert low < axis.play < high < 3 * low
     assert "motor 1" in finding.sentence
+
+
+def test_the_interval_allows_for_friction_at_the_motor():
+    """Five sixths of the friction, against gravity: the search takes it for the link's."""
+    axis = Axis(0.002, (0.05, 0.25), gravity=True)
+    (log,) = recorded(axis, [0], seconds=10.0)
+    finding = transmission_play(estimated(axis, log))
+    assert finding.figures["motor 1, low"] < axis.play < finding.figures["motor 1, high"]
 
 
 @pytest.mark.parametrize(
