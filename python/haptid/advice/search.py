@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid._internal.signals import running_mean
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
+from haptid.advice.contact import contact
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
 from haptid.advice.rows import BaseRows, Column, TrialRows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
@@ -53,9 +53,6 @@ _MANY = 24
 DEAD_ERROR = 0.15
 # Factors between torque and model that cannot be distinguished from 1, on either side.
 SAME = 0.03
-# A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
-# state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
-CONTACT, CONTACT_S, _MOST_MASKED, MOST_CONTACTS, _NEAR, APART_S, SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +120,7 @@ class Trials:
     @cached_property
     def contact(self) -> np.ndarray:
         """Rows in which something touches the device, (rows,)."""
-        return contact(self)
+        return contact(self.rows, self.bench.without_candidates())
 
     def base(self, setting: Setting | None = None) -> Trial:
         return self.bench.run(setting or Setting())
@@ -369,66 +366,6 @@ def _touched(search: Trials, log: int, samples: np.ndarray) -> np.ndarray:
     middle = search.rows.sample
     high, low = np.clip(middle + ahead + 1, 0, len(samples)), np.clip(middle - back, 0, len(samples))
     return np.asarray((search.rows.log == log) & (count[high] > count[low]))
-
-
-def contact(search: Trials) -> np.ndarray:
-    """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
-
-    A term that the model lacks is a function of the state; a hand on the device is not.
-    """
-    rows, bench = search.rows, search.bench.without_candidates()
-    use: np.ndarray = np.asarray(rows.used.any(axis=0))
-    none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
-    flagged = none
-    step = float(np.median(np.diff(rows.t))) or 1.0
-    width = max(3, round(CONTACT_S / step))
-    # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
-    for limit in (CONTACT / 4, CONTACT / 2, CONTACT, CONTACT):
-        clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
-        fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
-        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
-        power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
-        smooth = running_mean(power, width)
-        median = float(np.median(smooth[use]))
-        if limit < CONTACT:
-            flagged = smooth > max(limit * median, _quantile(smooth[use]))
-            continue
-        high = smooth > limit * median
-        if not high.any():
-            return none
-        from scipy import ndimage  # slow to import, and few logs have such rows
-
-        # Rows that are not used, at reversals, do not end an episode.
-        flagged = ndimage.binary_closing(high, iterations=width)
-        flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
-        if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
-            return none
-    runs = int((np.diff(flagged.astype(int)) == 1).sum())
-    flagged = flagged & use
-    return flagged if runs <= MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
-
-
-def _quantile(power: Array) -> float:
-    """Power above which there are half as many rows as may be left out."""
-    return float(np.quantile(power, 1 - 0.5 * _MOST_MASKED))
-
-
-def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
-    """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
-    from scipy.spatial import cKDTree  # slow to import, and few logs have such rows
-
-    state = np.vstack([rows.position, rows.velocity])
-    state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
-    stride = max(1, round(SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
-    clean = np.flatnonzero(use & ~flagged)[::stride]
-    tree = cKDTree(state[:, clean].T)
-
-    def distance(which: np.ndarray) -> float:
-        near, at = tree.query(state[:, which].T, k=min(60, len(clean)))
-        other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > APART_S, near, np.inf)
-        return float(np.median(other.min(axis=1)))
-
-    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
 
 
 def positions(search: Trials, signs_only: bool = False) -> Iterator[TriedChange]:

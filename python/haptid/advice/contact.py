@@ -1,0 +1,77 @@
+"""Contacts: parts of logs in which something touches the device, found by residuals that its state does not explain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid._internal.signals import running_mean
+from haptid.advice.rows import TrialRows
+from haptid.advice.trial import Bench, Setting
+
+# A contact: residual power over its median, smoothed over so long, s; the most rows and episodes of it; how near the
+# state is to that of other rows, over what is usual; rows further apart than this are other passages, s.
+_CONTACT, _CONTACT_S, _MOST_MASKED, _MOST_CONTACTS, _NEAR, _APART_S, _SPACING_S = 12.0, 0.3, 0.4, 12, 2.0, 1.0, 0.05
+
+
+def contact(rows: TrialRows, bench: Bench) -> np.ndarray:
+    """Rows in which the residual is far above that of other rows in the same state of motion, (rows,).
+
+    A term that the model lacks is a function of the state; a hand on the device is not.
+
+    Args:
+        rows: of all logs.
+        bench: of fits to them, without candidates.
+    """
+    use: np.ndarray = np.asarray(rows.used.any(axis=0))
+    none: np.ndarray = np.zeros(rows.used.shape[1], dtype=bool)
+    flagged = none
+    step = float(np.median(np.diff(rows.t))) or 1.0
+    width = max(3, round(_CONTACT_S / step))
+    # A contact distorts the first fit, so that all of the log has a residual: the first limits are low.
+    for limit in (_CONTACT / 4, _CONTACT / 2, _CONTACT, _CONTACT):
+        clean = bench.with_rows("clean", rows.grams(np.broadcast_to(~flagged, rows.used.shape), bench.base))
+        fitted = clean.fit(Setting(rows="clean"), np.arange(bench.blocks))
+        e = np.where(rows.used, rows.y - rows.W[:, :, fitted.columns] @ fitted.theta, np.nan) * bench.weights[:, None]
+        power = np.nan_to_num(np.nanmean(np.where(use, e, 0.0) ** 2, axis=0))
+        smooth = running_mean(power, width)
+        median = float(np.median(smooth[use]))
+        if limit < _CONTACT:
+            flagged = smooth > max(limit * median, _quantile(smooth[use]))
+            continue
+        high = smooth > limit * median
+        if not high.any():
+            return none
+        from scipy import ndimage  # slow to import, and few logs have such rows
+
+        # Rows that are not used, at reversals, do not end an episode.
+        flagged = ndimage.binary_closing(high, iterations=width)
+        flagged = ndimage.binary_dilation(flagged, iterations=width // 2)
+        if not 0 < (flagged & use).sum() < _MOST_MASKED * use.sum():
+            return none
+    runs = int((np.diff(flagged.astype(int)) == 1).sum())
+    flagged = flagged & use
+    return flagged if runs <= _MOST_CONTACTS and _elsewhere(rows, flagged, use) else none
+
+
+def _quantile(power: Array) -> float:
+    """Power above which there are half as many rows as may be left out."""
+    return float(np.quantile(power, 1 - 0.5 * _MOST_MASKED))
+
+
+def _elsewhere(rows: TrialRows, flagged: np.ndarray, use: np.ndarray) -> bool:
+    """Whether the states of flagged rows are as near to those of other blocks' unflagged rows as any states are."""
+    from scipy.spatial import cKDTree  # slow to import, and few logs have such rows
+
+    state = np.vstack([rows.position, rows.velocity])
+    state = state / np.maximum(state.std(axis=1, keepdims=True), 1e-300)
+    stride = max(1, round(_SPACING_S / (float(np.median(np.diff(rows.t))) or 1.0)))
+    clean = np.flatnonzero(use & ~flagged)[::stride]
+    tree = cKDTree(state[:, clean].T)
+
+    def distance(which: np.ndarray) -> float:
+        near, at = tree.query(state[:, which].T, k=min(60, len(clean)))
+        other = np.where(np.abs(rows.t[clean[at]] - rows.t[which][:, None]) > _APART_S, near, np.inf)
+        return float(np.median(other.min(axis=1)))
+
+    return distance(np.flatnonzero(flagged & use)) < _NEAR * distance(clean[:: max(1, len(clean) // 500)])
