@@ -59,26 +59,33 @@ def of_axis(axis: Axis, seeds: Sequence[int]) -> list[tuple[str, dict[str, float
 def main() -> None:
     """Measure, print, store."""
     figures: dict[str, float] = {}
-    pool = ProcessPoolExecutor(int(os.environ.get("PROCESSES", "1")))
+    with ProcessPoolExecutor(int(os.environ.get("PROCESSES", "1"))) as pool:
 
-    def findings(axes: list[Axis], seeds: Sequence[int]) -> list[tuple[str, dict[str, float]]]:
-        return [one for own in pool.map(of_axis, axes, [seeds] * len(axes)) for one in own]
+        def findings(axes: list[Axis], seeds: Sequence[int]) -> list[tuple[str, dict[str, float]]]:
+            return [one for own in pool.map(of_axis, axes, [seeds] * len(axes)) for one in own]
 
-    for name, axes in (("rigid", RIGID), ("elastic", ELASTIC)):
-        own = findings(axes, RIGID_SEEDS)
-        figures |= {f"{name}: logs": len(own), f"{name}: false alarms": sum(status != "ok" for status, _ in own)}
-        print(figures, flush=True)
-    for counts, axes in LOOSE:
-        own, size = findings(axes, LOOSE_SEEDS), axes[0].play or 0.0
-        label = f"{1000 * size:g} mrad, {counts:g} counts"
-        named = np.array([[one[f"motor 1, {k}"] for k in ("play", "low", "high")] for _, one in own if one])
-        figures |= {f"{label}: logs": len(own), f"{label}: found": len(named)}
-        if len(named):
-            inside = (named[:, 1] <= size) & (size <= named[:, 2])
-            figures[f"{label}: error, rms, %"] = 100 * float(np.sqrt(np.mean((named[:, 0] / size - 1) ** 2)))
-            figures[f"{label}: in the interval"] = int(inside.sum())
-        print({k: round(v, 3) for k, v in figures.items() if k.startswith(label)}, flush=True)
+        for name, axes in (("rigid", RIGID), ("elastic", ELASTIC)):
+            own = findings(axes, RIGID_SEEDS)
+            figures |= {f"{name}: logs": len(own), f"{name}: false alarms": sum(status != "ok" for status, _ in own)}
+            print(figures, flush=True)
+        for counts, axes in LOOSE:
+            label = f"{1000 * (axes[0].play or 0.0):g} mrad, {counts:g} counts"
+            figures |= {
+                f"{label}: {k}": v for k, v in summary(findings(axes, LOOSE_SEEDS), axes[0].play or 0.0).items()
+            }
+            print({k: round(v, 3) for k, v in figures.items() if k.startswith(label)}, flush=True)
     RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def summary(own: list[tuple[str, dict[str, float]]], size: float) -> dict[str, float]:
+    """How often play of a size was found, how far off, and how often in its interval."""
+    named = np.array([[one[f"motor 1, {k}"] for k in ("play", "low", "high")] for _, one in own if one])
+    figures: dict[str, float] = {"logs": len(own), "found": len(named)}
+    if len(named):
+        inside = (named[:, 1] <= size) & (size <= named[:, 2])
+        figures["error, rms, %"] = 100 * float(np.sqrt(np.mean((named[:, 0] / size - 1) ** 2)))
+        figures["in the interval"] = int(inside.sum())
+    return figures
 
 
 if __name__ == "__main__":
