@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import fft, optimize, stats
+from scipy import fft
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.counterparts import with_stiff_springs
@@ -23,6 +23,7 @@ from haptid.log import Log
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
+from haptid.uncertainty.distributions import f_quantile
 
 # Periods that are needed, and how many times as much as the median neighbours may differ within a motion that repeats.
 _FEWEST, _STRAYS = 3, 9.0
@@ -63,7 +64,7 @@ class FrequencyResponse:
     @property
     def radius(self) -> Array:
         """Radius of the circle about each G that holds the true value at 95 %, (bins, n, n)."""
-        return np.asarray(np.sqrt(self.variance * stats.f.ppf(0.95, 2, 2 * self.dof)))
+        return np.asarray(np.sqrt(self.variance * f_quantile(0.95, 2, 2 * self.dof)))
 
     def summary(self) -> str:
         """A line for each frequency: of every coordinate by its own torque, size, phase and radius of the circle."""
@@ -225,7 +226,7 @@ def _excited(C: np.ndarray) -> np.ndarray:
     """Whether any coordinate moves more than its noise, (bins,)."""
     periods, bins = C.shape[1:]
     mean, noise = np.abs(C.mean(axis=1)) ** 2, C.var(axis=1, ddof=1) / periods
-    limit = max(_EXCITED, float(stats.f.isf(_FALSE / bins, 2, 2 * (periods - 1))))
+    limit = max(_EXCITED, 1 / float(f_quantile(_FALSE / bins, 2 * (periods - 1), 2)))
     return np.asarray((mean > limit * noise + 1e-20 * mean.max()).any(axis=0))
 
 
@@ -259,6 +260,8 @@ def _fitted_spring(label: str, f: Array, Z: np.ndarray, variance: Array, dof: in
 
     Weights are of estimated variances: their mean is dof / (dof - 1) times that of the true ones.
     """
+    from scipy import optimize  # slow to import, and few logs are of a multisine
+
     s, sigma = 2j * np.pi * f, np.sqrt(0.5 * variance)
     if len(f) < _BINS:
         raise _hidden(label, f, f"{len(f)} frequencies are excited (at least {_BINS})")
