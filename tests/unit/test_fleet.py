@@ -84,6 +84,7 @@ def test_what_drifts_and_what_is_unusual_is_found_and_nothing_else(fleet):
     assert [(fleet.trends[d].device, fleet.names[k]) for d, k in drifting] == [("arm 1", "FV1")]
     slope = fleet.trends[1].slope[fleet.names.index("FV1")]
     assert abs(slope.values[1] - DRIFT) < 4 * slope.se[1]
+    # The friction that drifts has an unusual mean too.
     unusual = {fleet.trends[d].device for d, k in np.argwhere(np.abs(fleet.distance) > 3.5) if fleet.names[k] != "FV1"}
     assert unusual == {"arm 3"}
     assert any(line.startswith("arm 1: FV1 drifts by 0.00") for line in fleet.sentences)

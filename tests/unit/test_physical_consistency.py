@@ -115,6 +115,7 @@ def test_the_nearest_possible_parameters_are_optimal(mechanism, seed):
     conditions = roomy(model, wrong)
     y, y0 = (conditions.null.T @ x for x in (found.chi / conditions.scale, conditions.centre))
     penalty = FIT_PENALTY * np.linalg.norm(y - y0) * np.linalg.norm(y) * np.linalg.norm(R @ (found.beta - wrong)) ** 2
+    # The bodies found are the most interior ones, not those of the penalised optimum: 0.8 to 4 times that was seen.
     assert abs(gradient @ found.beta) < 1e-8 * size + 10 * penalty
     assert dual_margin(model, model.base.regrouping.T @ gradient, cone(model, wrong).scale) > -1e-6 * size
 
