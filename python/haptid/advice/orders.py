@@ -23,7 +23,7 @@ from haptid.inference.diagnosis.finding import joined_names
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES
 from haptid.motion.motion import Motion, with_delay
 
-# Up to so many joints every order is tried; above that, exchanges of two, rotations and the reverse.
+# The most joints of which every order is tried; of more, exchanges of two, rotations and the reverse.
 _ALL_ORDERS = 4
 
 

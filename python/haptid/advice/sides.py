@@ -47,7 +47,7 @@ class OtherAssumption:
     blocks: int
 
     def proven(self, tried: int) -> bool:
-        """Whether the gain is proven among so many that were tried, and no matter of a few per cent."""
+        """Whether the gain is significant, corrected for the number of assumptions tried, and large."""
         rare = self.gain.p * tried < SIGNIFICANCE
         return rare and large_enough(self.gain) and self.after < MOST_LEFT * self.before
 

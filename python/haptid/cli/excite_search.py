@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     )
     from haptid.experiment.excitation.treated import TreatedNoise
 
-# Share of the evaluations, one in so many, by which the motion is found along which noise is expected.
+# Divisor of the number of evaluations for the motion along which noise is expected.
 _QUICKLY = 4
 
 

@@ -27,8 +27,8 @@ from haptid.uncertainty.distributions import f_quantile
 
 # Periods that are needed, and how many times as much as the median neighbours may differ within a motion that repeats.
 _FEWEST, _STRAYS = 3, 9.0
-# A bin is excited where the mean's power is at least so many times that of its noise, and as noise alone is in any bin
-# with this probability; none is beyond this share of the sampling rate.
+# A bin is excited where the ratio of the mean's power to that of its noise is at least the first number, and above what
+# noise alone reaches in any bin with the second as probability; none is beyond this share of the sampling rate.
 _EXCITED, _FALSE, _HIGHEST = 30.0, 1e-3, 0.4
 # Largest difference of a motion from itself a period later, over its variance, and how far above the least it may be.
 _REPEATS, _NEAR = 0.05, 4.0

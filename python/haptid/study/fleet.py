@@ -357,7 +357,9 @@ def identify_fleet(
     """Identify every log below a folder by itself, with the device, channels, method and treatment of a study.
 
     All logs have the treatment that the study's own logs propose, so that estimates differ by the devices and not by
-    filters. A log that cannot be read or identified is an entry with its error, and stops nothing.
+    filters. What it leaves uncertain, such as the delay, is theirs too: it is in every standard error, and since all
+    logs share it, standard errors of a drift are upper bounds. A log that cannot be read or identified is an entry
+    with its error, and stops nothing.
 
     Args:
         study: whose first log's channels all logs have.

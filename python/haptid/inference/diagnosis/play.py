@@ -37,7 +37,7 @@ _FILTERS, _OTHERS = (20.0, 8.0), (10.0, 5.0)
 _ROWS = 5.0
 # Sizes that are tried, over the range of the positions, with shares of the link in inertia and friction.
 _SIZES, _SHARES, _FRICTION = np.geomspace(2e-4, 0.06, 12), (0.4, 0.65, 0.9), 0.65
-# Play is named where it explains so much of the residual, with a torque of at least and at most so many times its own;
+# Play is named where it explains this share of the residual, with a factor on its torque between these two limits;
 # it is searched from half of that on.
 _EXPLAINED, _LEAST, _MOST = 0.5, 0.6, 1.6
 # What the model of a loose link errs by, of the logarithm of a size: how friction is divided between motor and link is
