@@ -353,3 +353,40 @@ def test_samples_stay_where_others_are_missing(tmp_path: Path) -> None:
         np.testing.assert_array_equal(log.position[there, 0], raw["q"])
         np.testing.assert_array_equal(log.torque[there, 0], raw["tau"])
     assert np.abs(log.position[~there, 0] - np.sin(2 * np.pi * t[~there])).max() < 4e-3
+
+
+@pytest.mark.parametrize("late", [[0.9], [3.0, 2.1, 1.2, 0.3]])
+def test_stamps_that_come_late_lose_no_row(tmp_path: Path, late: list[float]) -> None:
+    """As of a recorder that was held up: the row was counted twice from there on, and the clock was said to drift."""
+    taken = np.arange(4000) / 200
+    t = taken + 0.06 / 200 * np.random.default_rng(0).normal(size=4000)
+    t[1500 : 1500 + len(late)] += np.array(late) / 200
+    log = record(tmp_path, np.maximum.accumulate(t) - t[0], taken=taken)
+    assert log.t.size == 4000
+    assert log.dt == pytest.approx(1 / 200, rel=1e-5)
+    assert not any("drifts" in note or "missing" in note for note in log.notes)
+
+
+def test_a_lost_row_is_counted_where_its_step_is_shortened_by_jitter(tmp_path: Path) -> None:
+    taken = np.delete(np.arange(4000) / 200, 1700)
+    t = taken + 0.2 / 200 * np.random.default_rng(1).normal(size=3999)
+    t[1700] -= 0.5 / 200 + t[1700] - taken[1700]  # 1.5 steps from the row before, less that one's own jitter
+    log = record(tmp_path, np.maximum.accumulate(t) - t[0], taken=taken - t[0])
+    assert log.t.size == 4000
+
+
+def test_rows_that_were_not_counted_are_no_drift(tmp_path: Path) -> None:
+    """Where jitter is too large to count lost rows, two at the border of two medians changed the rate by 1 %."""
+    taken = np.delete(np.arange(4020) / 200, [1608, 1609])
+    t = np.sort(taken + 1.2 / 200 * np.random.default_rng(0).normal(size=4018))
+    log = record(tmp_path, t - t[0], taken=taken)
+    assert log.time_base is not None
+    assert log.time_base.method == "line"
+    assert not any("drifts" in note for note in log.notes)
+
+
+def test_a_clock_that_drifts_is_followed(tmp_path: Path) -> None:
+    taken = np.arange(4000) / 200
+    t = taken * (1 + 0.004 * taken / taken[-1]) + 0.06 / 200 * np.random.default_rng(0).normal(size=4000)
+    log = record(tmp_path, t - t[0], taken=taken)
+    assert any("drifts: its rate changes" in note for note in log.notes)

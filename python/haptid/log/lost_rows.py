@@ -15,7 +15,7 @@ from haptid._internal.signals import running_maximum
 # Standard error of a jump, steps, that the windows on either side are long enough for; their fewest and most rows.
 _KNOWN, _FEWEST, _MOST = 0.12, 8, 200
 # Steps, over an ordinary one, from which on a gap is looked for, and the jump that is one.
-_LONGER, _JUMP = 0.5, 0.65
+_LONGER, _JUMP = 0.0, 0.65
 # Passes: gaps near each other are counted apart, and the step is found again without them.
 _PASSES = 10
 

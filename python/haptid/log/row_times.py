@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid._internal.signals import polynomial_filter
+from haptid._internal.signals import polynomial_filter, running_maximum
 from haptid.log.lost_rows import lost_rows
 from haptid.log.resampling import Spans
 from haptid.log.sample_counts import count_steps
@@ -36,6 +36,10 @@ MISSING_LIMIT = 0.01
 DRIFT_ROWS = 201
 # Change of the rate, as a share, from which on the drift is not neglected.
 DRIFT = 2e-3
+# Differences of such medians in a row that a drift is in.
+_LASTS = 3
+# Rows after which late stamps, as of a recorder that was held up, are back in time.
+_LATE = 64
 # Jitter, in steps, up to which missing rows are counted by rounding each step, and by the means of many. Above it
 # stamps are no longer in the order of their samples, and jitter and gaps are alike.
 COUNTED, COUNTED_IN_MEAN = 0.12, 0.6
@@ -307,7 +311,7 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
         elif spread < COUNTED_IN_MEAN:
             own = 1 + lost_rows(seconds[a:b], spread)
         index = np.arange(1, b - a)  # no two rows are in one place
-        slots[a + 1 : b] = index + np.maximum(np.maximum.accumulate(np.cumsum(own) - index), 0)
+        slots[a + 1 : b] = index + np.maximum(np.maximum.accumulate(_lasting(np.cumsum(own) - index)), 0)
     # Between the ends alone, their jitter would be an error of the rate: over half a segment the median has little.
     a, b = max(spans, key=lambda span: span[1] - span[0])
     half = (b - a) // 2
@@ -320,15 +324,28 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
     return slots, offset, step
 
 
+def _lasting(lost: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows that were counted as lost, less those of late stamps: the least of each and the _LATE - 1 after it."""
+    ahead = np.append(-lost, np.full(_LATE // 2, -np.inf))
+    return -running_maximum(ahead, _LATE)[_LATE // 2 :].astype(np.intp)
+
+
 def _followed(offset: Array) -> tuple[Array, float]:
-    """Medians of `DRIFT_ROWS` rows joined by lines, and the largest change from one row to the next."""
+    """Medians of `DRIFT_ROWS` rows joined by lines, and the largest lasting change from one row to the next.
+
+    A jump, as of a row that was miscounted, is in two differences of medians at most: a drift is in more.
+    """
     whole = offset.size // DRIFT_ROWS
     if whole < 3:
         return np.full(offset.size, float(np.median(offset))), 0.0
     middles = np.median(offset[: whole * DRIFT_ROWS].reshape(whole, DRIFT_ROWS), axis=1)
     at = DRIFT_ROWS * (np.arange(whole) + 0.5) - 0.5
-    follow = np.interp(np.arange(offset.size), at, middles)
-    return follow, float(np.abs(np.diff(middles)).max()) / DRIFT_ROWS
+    follow, changes = np.interp(np.arange(offset.size), at, middles), np.diff(middles)
+    if changes.size < _LASTS:
+        return follow, 0.0
+    runs = np.lib.stride_tricks.sliding_window_view(changes, _LASTS)
+    lasting = np.maximum(runs.min(axis=1), -runs.max(axis=1))  # below zero where signs differ
+    return follow, max(float(lasting.max()), 0.0) / DRIFT_ROWS
 
 
 def stamps_tell(
