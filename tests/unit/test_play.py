@@ -31,6 +31,24 @@ def test_a_loose_link_lands_with_the_momentum_that_it_lacked():
     assert np.abs(change[begin + crossing + 5 : -1]).max() < 1e-6 * share * M * brake
 
 
+def test_parts_side_by_side_are_the_motion_as_a_whole(monkeypatch):
+    """Also where a link crosses the play for longer than a part lasts, and hangs between the flanks."""
+    dt, rng = 1e-3, np.random.default_rng(0)
+    t = dt * np.arange(1000)
+    f = np.array([[0.7], [1.3]])
+    x, v, a = np.sin(2 * np.pi * f * t), 2 * np.pi * f * np.cos(2 * np.pi * f * t), -((2 * np.pi * f) ** 2)
+    a = a * x
+    friction = 0.3 * np.sign(v) + 0.1 * v
+    M = 0.2 + 0.05 * np.cos(x)
+    links = LooseLinks.of(dt, (x, v, a), M * a + friction + 0.4 * np.sin(3 * x), friction, M)
+    cases = rng.uniform((1e-3, 0.3, 0.0), (0.5, 1.0, 1.0), (2, 20, 3))
+    cases[0, 0, 0] = 1.9
+    monkeypatch.setattr("haptid.simulation.play._PARTS", 1)
+    whole = links.change(*np.moveaxis(cases, 2, 0))
+    monkeypatch.setattr("haptid.simulation.play._PARTS", 8)
+    np.testing.assert_array_equal(links.change(*np.moveaxis(cases, 2, 0)), whole)
+
+
 @pytest.mark.parametrize(
     "axis",
     [Axis(0.005), Axis(0.01, counts=4096.0, gravity=True)],
