@@ -254,7 +254,9 @@ def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kin
     motors = (SimpleNamespace(label="motor 1"),)
     diagnosis = SimpleNamespace(
         findings=(Finding("units and signs", "bad", {"factor motor 1": factor}, ""),),
-        estimate=SimpleNamespace(observation=SimpleNamespace(motors=motors)),
+        estimate=SimpleNamespace(
+            model=SimpleNamespace(device=device), observation=SimpleNamespace(motors=motors, motions=())
+        ),
     )
     search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None)
     assert [action.kind for action in module._units(search, None, diagnosis, set())] == kinds

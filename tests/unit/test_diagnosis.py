@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.exogeneity import narrowly_filtered
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
-from haptid.inference.diagnosis.plausibility import unit_error
+from haptid.inference.diagnosis.plausibility import confusions, unit_error
 from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.elimination import not_identifiable
@@ -184,6 +185,29 @@ def test_factors_are_named_after_what_makes_them():
     assert unit_error(2.7, [2.73]) == "a gear ratio left out"
     assert unit_error(0.37, [2.73]) == "a gear ratio counted twice"
     assert unit_error(4.0, []) is None
+
+
+@pytest.mark.parametrize(
+    ("factors", "unit", "named"),
+    [
+        ((9.6, 1.1, 0.9), "N m", ()),  # kilograms, of one channel of three
+        ((9.6, 11.0, 13.0), "N m", (1, 2)),  # of all, as far as they are near
+        ((9.6,), "N m", (1,)),  # nothing is known of the others
+        ((9.6, 11.0, 13.0), "A", ()),  # no currents
+        ((56.0, 1.1), "A", ()),
+        ((1000.0, 1.1, 0.9), "A", (1,)),  # a drive has its own
+    ],
+)
+def test_no_motor_has_a_unit_of_its_own_where_all_share_one(clean, factors, unit, named):
+    """The largest error of a wrist's small motor was once "kilograms for newtons", among currents."""
+    motors = clean.observation.motors
+    channels = SimpleNamespace(torque_unit=unit, torque_units=(unit,) * len(motors))
+    fitted = SimpleNamespace(
+        model=clean.model,
+        observation=SimpleNamespace(motors=motors, motions=(SimpleNamespace(log=SimpleNamespace(channels=channels)),)),
+    )
+    sizes = {f"motor {k}": factor for k, factor in enumerate(factors, 1)}
+    assert set(confusions(fitted, sizes)) == {f"motor {k}" for k in named}
 
 
 def test_advice_names_the_joint_or_motor(clean):

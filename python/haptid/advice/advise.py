@@ -37,7 +37,7 @@ from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
 from haptid.inference.diagnosis.finding import joined_names
-from haptid.inference.diagnosis.plausibility import GOOD, gears_of, unit_error
+from haptid.inference.diagnosis.plausibility import GOOD, confusions
 from haptid.inference.diagnosis.subsample import subsample
 from haptid.study.identify import Identification
 from haptid.treatment_choice.motion_filters import HIGHEST_PARALLEL
@@ -428,8 +428,10 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
     if found is None or found.status != "bad":
         return
     labels = [motor.label for motor in diagnosis.estimate.observation.motors]
+    factors = {label: found.figures[f"factor {label}"] for label in labels if f"factor {label}" in found.figures}
+    causes = confusions(diagnosis.estimate, factors)
     for k, label in enumerate(labels):
-        factor = found.figures.get(f"factor {label}")
+        factor = factors.get(label)
         if factor is None or (0.5 < factor < 2.0) or {("gain", label), ("torque sign", label)} & known:
             continue
         # Confused units and signs leave the fit as good as it is: the factor of a bad one has another cause.
@@ -437,7 +439,7 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
             GOOD > -factor > 1 / GOOD or factor > 0
         ):
             continue
-        if factor > 0 and unit_error(factor, gears_of(search.model.device)) is None:
+        if factor > 0 and label not in causes:
             continue  # as of a motor that hardly turns its link: bodies, friction and noise are as likely
         kind = "torque sign" if factor < 0 else "unit"
         edit = Edit("study", "multiply", ("channels", "torque", "gain"), float(f"{1 / factor:.6g}"), k)

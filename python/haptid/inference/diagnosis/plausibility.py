@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,6 +31,9 @@ _UNITS = {
     9.80665: "kilograms for newtons",
     1 / 9.80665: "newtons for kilograms",
 }
+# Those that one program or one convention makes for all channels alike, and those that no electric current has.
+_COMMON = {words for value, words in _UNITS.items() if value not in (1000.0, 1e-3)}
+_OF_FORCES = {"kilograms for newtons", "newtons for kilograms"}
 # Tolerance, as a logarithm, for a factor to have a known cause; factors up to this one are within prior uncertainty.
 _NAMED, GOOD = 0.15, 2.0
 # A torque scale is used if its standard error is below this share of it.
@@ -167,9 +170,9 @@ def moved_from_outside(
     )
 
 
-def unit_error(factor: float, gears: Sequence[float]) -> str | None:
-    """The confusion of units or gear ratios that causes a factor; None if no known one does."""
-    named = dict(_UNITS)
+def unit_error(factor: float, gears: Sequence[float], impossible: Collection[str] = ()) -> str | None:
+    """The possible confusion of units or gear ratios that causes a factor; None if no known one does."""
+    named = {value: words for value, words in _UNITS.items() if words not in impossible}
     for gear in gears:
         if abs(np.log(abs(gear))) > np.log(GOOD):
             named |= {abs(gear): "a gear ratio left out", 1 / abs(gear): "a gear ratio counted twice"}
@@ -177,6 +180,37 @@ def unit_error(factor: float, gears: Sequence[float]) -> str | None:
     near = [(abs(np.log(abs(factor) / value)), words) for value, words in named.items()]
     distance, words = min(near)
     return words if distance < _NAMED else None
+
+
+def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]:
+    """The confusion of units or gear ratios behind each motor's factor, for those that a known one causes.
+
+    Degrees, kilograms and the unit of time are common to channels of one unit: where most of the other motors in the
+    same unit have other factors, no such confusion makes that of a single motor.
+
+    Args:
+        fitted: whose motors.
+        factors: torque over that of the prior bodies, by the motor's label, of those where it is known.
+    """
+    motors = fitted.observation.motors
+    units = dict(zip((motor.label for motor in motors), _channel_units(fitted, len(motors)), strict=True))
+    found = {}
+    for label, factor in factors.items():
+        others = [own for name, own in factors.items() if name != label and units[name] == units[label]]
+        alike = sum(abs(np.log(abs(other / factor))) < np.log(GOOD) for other in others)
+        impossible = _COMMON if 2 * alike < len(others) else _OF_FORCES if units[label] == "A" else set()
+        if words := unit_error(factor, gears_of(fitted.model.device), impossible):
+            found[label] = words
+    return found
+
+
+def _channel_units(fitted: Estimate, motors: int) -> tuple[str, ...]:
+    """Unit of each motor's channel, SI; where a motor has several channels, those of the log."""
+    logs = [motion.log for motion in fitted.observation.motions if motion.log is not None]
+    if not logs:
+        return ("",) * motors
+    units = logs[0].channels.torque_units
+    return units if len(units) == motors else (logs[0].channels.torque_unit,) * motors
 
 
 def gears_of(device: Device) -> list[float]:
@@ -189,11 +223,11 @@ def gears_of(device: Device) -> list[float]:
 def units_and_signs(fitted: Estimate, scales: Sequence[TorqueScale]) -> Finding:
     """Torque scales with a known cause, and negative friction."""
     figures = {f"factor {scale.motor}": scale.value for scale in scales}
-    gears = gears_of(fitted.model.device)
+    causes = confusions(fitted, {scale.motor: scale.value for scale in scales})
     bad, doubt = [], []
     for scale in scales:
         size = f"The torque of {scale.motor} is {scale.value:.3g} times {BODIES}"
-        words = unit_error(scale.value, gears)
+        words = causes.get(scale.motor)
         if scale.value < 0:
             bad.append(f"{size}: a sign is wrong, of torque or of position.")
         elif words and not 1 / GOOD < scale.value < GOOD:
