@@ -43,7 +43,7 @@ def main() -> int:
     if (out / "result.json").exists():
         console.print("\n[bold]3[/] Against the truth the logs were made from")
         console.print(against_truth(json.loads((logs / "sweep.truth.json").read_text())["base"], out / "result.json"))
-        console.print(f"Pictures: {', '.join(str(p) for p in sorted(out.glob('*.png')))}", highlight=False)
+        console.print(f"Pictures: {', '.join(str(p) for p in sorted(out.glob('*.svg')))}", highlight=False)
     return status
 
 

@@ -42,10 +42,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(autouse=True, scope="session")
 def small_pictures() -> Iterator[Callable[..., None]]:
-    """Pictures of few points that are put together and not rendered, as few tests are about them; the plain `savefig`.
-
-    A quarter of the processor time of `haptid identify` is their rendering.
-    """
+    """Plots that are put together and not rendered, as few tests are about them; the plain `savefig`."""
     from matplotlib.figure import Figure
 
     plain = Figure.savefig
@@ -58,7 +55,6 @@ def small_pictures() -> Iterator[Callable[..., None]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", saved)
-        patch.setattr("haptid.report.plots._PIXELS", 100)
         yield plain
 
 

@@ -40,7 +40,6 @@ def identify(folder, *options):
     return CliRunner().invoke(app, arguments)
 
 
-@pytest.mark.usefixtures("full_pictures")
 def test_the_good_one_is_good(folder):
     done = identify(folder)
     assert (done.exit_code, done.stdout) == (0, ""), done.output
@@ -52,10 +51,10 @@ def test_the_good_one_is_good(folder):
         "report-data.json.gz",
         "report.html",
         "result.json",
-        "torque-1-log.png",
-        "torque-2-check.png",
+        "torque-1-log.svg",
+        "torque-2-check.svg",
     ]
-    assert all(picture.stat().st_size > 10_000 for picture in (folder / "out").glob("*.png"))
+    assert all(picture.stat().st_size > 10_000 for picture in (folder / "out").glob("*.svg"))
     found = json.loads((folder / "out" / "result.json").read_text())
     unseen = [v for v in found["validation"] if v["rows"] == "unseen" and v["motor"] == "all"]
     assert unseen[0]["relative_error_percent"] < 5
@@ -266,7 +265,7 @@ def test_a_run_that_fails_while_drawing_leaves_nothing(folder, monkeypatch):
     def broken(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("haptid.report.plots.plot_torque", broken)
+    monkeypatch.setattr("haptid.report.run.draw_torque", broken)
     done = identify(folder)
     assert done.exit_code == 2
     assert "no space left" in done.stderr
@@ -278,7 +277,7 @@ def test_an_interrupted_run_leaves_nothing(folder, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptid.report.plots.plot_torque", interrupted)
+    monkeypatch.setattr("haptid.report.run.draw_torque", interrupted)
     assert identify(folder).exit_code != 0
     assert not (folder / "out").exists()
     assert not list(folder.glob(".out-*"))

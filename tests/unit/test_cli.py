@@ -158,7 +158,7 @@ def test_without_a_report_the_numbers_are_the_same_and_no_earlier_report_is_left
     assert whole["verdict"]
     assert whole["advice"] is not None
     assert bare == whole | {"verdict": [], "advice": None}
-    assert not [path.name for path in (folder / "bare").iterdir() if path.suffix in (".html", ".png")]
+    assert not [path.name for path in (folder / "bare").iterdir() if path.suffix in (".html", ".svg")]
 
 
 @pytest.mark.parametrize(

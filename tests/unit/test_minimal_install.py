@@ -59,7 +59,7 @@ def test_what_needs_an_optional_package_names_its_extra(tmp_path):
     done = without(f"import haptid; haptid.read_log({str(tmp_path / 'log.parquet')!r})")
     assert "MissingDependencyError: reading Parquet needs the package pyarrow" in done.stderr
     assert 'pip install "haptid[parquet]"' in done.stderr
-    done = without("import haptid.report.plots")
+    done = without("import haptid.end_effector.characterisation.plots")
     assert 'pip install "haptid[plots]"' in done.stderr
     done = without(f"sys.argv = ['haptid', 'app', {str(tmp_path)!r}]\nfrom haptid.cli import main\nmain()")
     assert 'pip install "haptid[app]"' in done.stderr.replace("\n", " ")

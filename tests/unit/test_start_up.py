@@ -40,11 +40,11 @@ def test_import_and_help_load_nothing_heavy(program: str) -> None:
     [
         (
             "haptid.advice, haptid.report.report",
-            "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial scipy.ndimage",
+            "scipy.stats scipy.signal scipy.optimize scipy.sparse scipy.spatial scipy.ndimage matplotlib",
         ),
         (
             "haptid.report.run, haptid.report.tables",
-            "haptid.advice haptid.report.report jinja2 scipy.optimize",
+            "haptid.advice haptid.report.report jinja2 scipy.optimize matplotlib",
         ),
         ("haptid.experiment.excitation", "scipy.stats scipy.signal matplotlib mujoco"),
     ],

@@ -16,7 +16,6 @@ from haptid.cli.common import (
     Quiet,
     StudyFile,
     command,
-    err,
     errors_shown,
     out,
     progress_bars,
@@ -37,7 +36,7 @@ estimator. Writes into OUT:
 - `parameters.csv`: the table of parameters
 - `correlation.csv`: correlation of their errors
 - `clusters.npz`: scores of the time blocks, for joint tests of `haptid compare`
-- `torque-*.png`: measured and predicted torque, one plot for each log
+- `torque-*.svg`: measured and predicted torque, one plot for each log
 - `haptid-files.json`: SHA-256 of these files: a reader refuses one of another run
 
 Changes of study and device (terms, signs, gains, delays, lengths, ...) are tried on the same data; those with a proof
@@ -71,7 +70,6 @@ def identify(
         bool, typer.Option("--no-report", help="only the numbers: no diagnosis, advice, report or pictures")
     ] = False,
 ) -> None:
-    from importlib.util import find_spec
 
     from haptid.cli.work import interruptible, resumed, workers
     from haptid.report import tables
@@ -93,8 +91,6 @@ def identify(
                 report=not no_report,
             )
             identification = source.identification
-        if find_spec("matplotlib") is None and not no_report:
-            err.print('No pictures of the torque: pip install "haptid[plots]"', highlight=False)
     if as_json:
         sys.stdout.write(result.to_json())
     elif not quiet:

@@ -1,4 +1,4 @@
-"""Reports: one self-contained HTML page of an identification or of several compared, terminal tables, plots."""
+"""Reports: one self-contained HTML page of an identification or of several compared, terminal tables, pictures."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from haptid._internal.atomic_folder import check_writable, publishing
@@ -11,6 +10,7 @@ from haptid.executors import Executor
 from haptid.observation.cache import RFactorCache
 from haptid.observation.plan import Plan
 from haptid.report.source import ReportSource
+from haptid.report.torque_picture import draw_torque
 from haptid.results.result import Result
 from haptid.study import Study
 from haptid.study.identify import Run, identify
@@ -32,8 +32,6 @@ def write_identification(
     report: bool = True,
 ) -> tuple[Result, ReportSource]:
     """Carry out a study, and write result, report and pictures into a folder, all or none.
-
-    Without matplotlib there are no pictures.
 
     Args:
         study: to carry out.
@@ -71,15 +69,13 @@ def _write_with_report(source: ReportSource, folder: Path, progress: Callable[[s
     result.write_into(folder)
     report_of(source).write_into(folder)
     progress("writing the report", 1.0)
-    for k, run in _pictured(identification.runs) if find_spec("matplotlib") else ():
-        from haptid.report.plots import plot_torque
-
-        name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
+    for k, run in _pictured(identification.runs):
+        name = f"torque-{k + 1}-{Path(run.entry.path).stem}.svg"
         progress(f"drawing {name}", 0.0)
         kind = "rows of the fit" if run.fit_errors else "unseen"
         title = f"{identification.study.name}: {run.entry.path} ({kind})"
         predicted = predictions(identification.use.estimate, run.motion)
-        plot_torque(predicted, Plan.of(identification.model, run.motion).rows, title, folder / name)
+        draw_torque(predicted, Plan.of(identification.model, run.motion).rows, title, folder / name)
         progress(f"drawing {name}", 1.0)
     return result
 
