@@ -150,3 +150,23 @@ def test_settings_that_do_not_fit():
         check(bench.Multisine(2.0, CENTRE, SIZE))
     assert raised.value.found == pytest.approx(2.0)
     assert (per_coordinate("x", (2.0,), ["a", "b"]) == 2.0).all()
+
+
+@pytest.mark.parametrize(("count", "band"), [(4, (0.3, 2.4)), (8, (0.25, 2.0)), (1, (1.0, 1.0))])
+def test_a_multisine_with_a_period_repeats(count, band):
+    """Between start and stop; every sine in the band has another frequency, all multiples of one over the period."""
+    kind = bench.Multisine(16.0, (0.2,), (0.5,), band, count, ramp=1.0, period=4.0)
+    q, _, _ = kind.motion(["1"], 1e-3, np.random.default_rng(2))
+    np.testing.assert_allclose(q[2000:6000], q[6000:10000], atol=1e-9)
+    lines = np.abs(np.fft.rfft(q[2000:6000, 0] - 0.2))
+    found = np.flatnonzero(lines > 1e-6 * lines.max()) / 4.0
+    assert len(found) == count
+    assert band[0] <= found[0] <= found[-1] <= band[1]
+
+
+def test_a_period_without_room_for_the_sines_is_refused():
+    kind = bench.Multisine(16.0, (0.2,), (0.5,), (0.25, 2.0), 9, period=4.0)
+    with pytest.raises(errors.ExperimentError, match="has 8 frequencies") as caught:
+        kind.motion(["1"], 1e-3, np.random.default_rng(2))
+    assert "5.15 s" in str(caught.value)
+    bench.Multisine(16.0, (0.2,), (0.5,), (0.25, 2.0), 9, period=5.15).motion(["1"], 1e-3, np.random.default_rng(2))

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import haptid
 from elastic_motors import FV, FVM, IA, TRUTH, D, J, K, axis
+from haptid.cli import app
 from haptid.device.toml.reader import checked_tables, device_of
 from haptid.errors import IdentifiabilityError, LogTimeError
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.inference import multisine_response
 from haptid.treatment_choice.hidden_joints import complete_logs
+from json_outputs import valid
 
 DT, PERIOD = 1e-3, 2.5
 HARMONICS = np.arange(1, 41)
@@ -79,7 +84,7 @@ def test_two_motors_from_two_logs():
     s = (2j * np.pi * HARMONICS / PERIOD)[:, None, None]
     Z = np.array([[0.4, 0.1], [0.1, 0.1]]) * s**2 + np.array([[0.5, -0.1], [-0.1, 0.3]]) * s + np.diag([20.0, 5.0])
     logs = [recorded(Z, seed) for seed in (1, 2)]
-    found = multisine_response(model, logs, torque_delay_s=0.0)
+    found = multisine_response(model, logs, torque_delay_s=(0.0, 0.0))
     assert np.mean(np.abs(found.G - np.linalg.inv(Z)) < found.radius) > 0.9
     own, variance = found.stiffness(1)
     assert np.mean(np.abs(own - Z[:, 1, 1]) < np.sqrt(3.3 * variance)) > 0.9
@@ -113,3 +118,102 @@ def test_what_does_not_repeat_or_shows_no_spring_is_refused(truth):
         multisine_response(axis(), recorded(truth[:, None, None], periods=2))
     with pytest.raises(LogTimeError, match="2 periods"):
         multisine_response(axis(), recorded(truth[:, None, None], periods=2), PERIOD)
+
+
+MOTION = """schema = 1
+name = "multisine that repeats"
+seed = 1
+
+[trajectory]
+kind = "multisine"
+seconds = 11.0
+centre = 0.0
+amplitude = 0.3
+frequencies_hz = [0.5, 30.0]
+count = 24
+period = 2.0
+
+[controller]
+kp = 600.0
+kd = 15.0
+
+[encoders]
+counts_per_turn = 4000.0
+gear = 50.0
+
+[amplifiers]
+noise = 0.02
+
+[parameters]
+"""
+AXIS = """schema = 1
+name = "axis"
+gravity = [0.0, 0.0, -9.81]
+joints = [{ name = "1" }]
+terms = [
+    { kind = "elastic", motors = "all" },
+    { kind = "rotor-inertia", motors = "all" },
+    { kind = "viscous", joints = "all" },
+    { kind = "viscous", motors = "all" },
+]
+"""
+STUDY = """schema = 1
+name = "response"
+device = "axis.toml"
+
+[[logs]]
+path = "log.parquet"
+
+[channels]
+time = "t"
+position = { channels = ["q_rotor1"], unit = "rad" }
+torque = { channels = ["command1"], unit = "N m", side = "motor" }
+"""
+
+
+def test_the_command_finds_the_spring_of_the_bench(tmp_path):
+    """From a repeating motion of the bench, whose springs MuJoCo simulates, to files."""
+    values = {**TRUTH, "FV1": FV, "FVM1": FVM}
+    (tmp_path / "motion.toml").write_text(MOTION + "".join(f"{name} = {x}\n" for name, x in values.items()))
+    (tmp_path / "axis.toml").write_text(AXIS)
+    (tmp_path / "study.toml").write_text(STUDY)
+
+    def called(*arguments):
+        done = CliRunner().invoke(app, [str(one) for one in arguments])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    called("bench", tmp_path / "axis.toml", tmp_path / "motion.toml", "--out", tmp_path / "log.parquet")
+    printed = called("response", tmp_path / "study.toml", "--out", tmp_path / "out")
+    assert re.search(r"a spring of (600|599\.9|600\.\d)\d* N m/rad \(", printed)
+    assert "there is more" not in printed
+    found = valid("response", called("response", tmp_path / "study.toml", "--out", tmp_path / "out", "--json"))
+    assert found["period"] == pytest.approx(2.0)
+    f = np.array(found["f"])
+    np.testing.assert_allclose(f * 2.0, np.round(f * 2.0), atol=1e-6)
+    assert len(f) >= 24
+    (spring,) = found["springs"]
+    assert spring["stiffness"] == pytest.approx(K, rel=5e-3)
+    assert spring["damping"] == pytest.approx(D, rel=0.05)
+    (entry,) = found["responses"]
+    with (tmp_path / "out" / "response.csv").open() as file:
+        head, first, *_ = csv.reader(file)
+    assert head[:2] == ["f, Hz", "motor 1 by motor 1, real, rad/(N m)"]
+    assert [float(x) for x in first] == [f[0], *(entry[key][0] for key in ("real", "imaginary", "radius"))]
+    assert (tmp_path / "out" / "response.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_motion_without_a_period_is_refused_by_the_command(tmp_path):
+    """The same file without `period`: one sentence, and nothing is written."""
+    (tmp_path / "motion.toml").write_text(MOTION.replace("period = 2.0\n", ""))
+    (tmp_path / "axis.toml").write_text(AXIS)
+    (tmp_path / "study.toml").write_text(STUDY)
+    values = "".join(f"{name} = {x}\n" for name, x in {**TRUTH, "FV1": FV, "FVM1": FVM}.items())
+    with (tmp_path / "motion.toml").open("a") as file:
+        file.write(values)
+    log = ["bench", str(tmp_path / "axis.toml"), str(tmp_path / "motion.toml"), "--out", str(tmp_path / "log.parquet")]
+    assert CliRunner().invoke(app, log).exit_code == 0
+    done = CliRunner().invoke(app, ["response", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2
+    assert "no motion that repeats" in done.stderr
+    assert not (tmp_path / "out").exists()

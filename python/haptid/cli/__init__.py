@@ -17,8 +17,8 @@ from haptid.errors import MissingDependencyError
 # isort: off
 # Each module registers its command, in the order of `haptid --help`.
 from haptid.cli import check, identify, advise, report, compare, characterise, datasheet, redesign, eliminate, fleet  # noqa: F401
-from haptid.cli import friction, payload, poses, export, channels, import_, model, devices, excite, bench, workbench  # noqa: F401
-from haptid.cli import demo, fetch, schema, completion  # noqa: F401
+from haptid.cli import friction, response, payload, poses, export, channels, import_, model, devices, excite, bench  # noqa: F401
+from haptid.cli import workbench, demo, fetch, schema, completion  # noqa: F401
 # isort: on
 
 

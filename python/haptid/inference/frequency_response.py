@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -23,15 +24,19 @@ from haptid.log import Log
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
-from haptid.uncertainty.distributions import f_quantile
+from haptid.uncertainty.distributions import f_quantile, t_quantile
 
-# Periods that are needed, and how many times as much as the median neighbours may differ within a motion that repeats.
+# Periods that are needed, and how many times as much as the nearest neighbours may differ within a motion that repeats.
 _FEWEST, _STRAYS = 3, 9.0
 # A bin is excited where the ratio of the mean's power to that of its noise is at least the first number, and above what
 # noise alone reaches in any bin with the second as probability; none is beyond this share of the sampling rate.
 _EXCITED, _FALSE, _HIGHEST = 30.0, 1e-3, 0.4
 # Largest difference of a motion from itself a period later, over its variance, and how far above the least it may be.
 _REPEATS, _NEAR = 0.05, 4.0
+# Part of a log at either end that may be a soft start or stop.
+_ENDS = 6
+# Samples at which the first period may begin.
+_OFFSETS = 16
 # Frequencies of a link that a fit begins with, over the range of the bins.
 _STARTS = (0.5, 1.0, 2.0, 4.0)
 # Fewest bins for a spring, and parameters of one.
@@ -43,28 +48,56 @@ class FrequencyResponse:
     """Compliance of a device at the frequencies that its logs excite.
 
     Attributes:
-        labels: of the coordinates, (n,).
+        device: its name.
+        labels, units: of the coordinates, (n,); rad or m.
         f: Hz, (bins,).
         G: position by torque, complex, (bins, n, n), rad/(N m) and so on.
         variance: of each, E|G - true|^2, (bins, n, n).
         dof: degrees of freedom of the noise, from periods and logs.
         period: s.
+        periods: of each log, (logs,).
     """
 
+    device: str
     labels: tuple[str, ...]
+    units: tuple[str, ...]
     f: Array
     G: np.ndarray
     variance: Array
     dof: int
     period: float
+    periods: tuple[int, ...]
 
     def __post_init__(self) -> None:
         freeze_fields(self, "f", "variance")
 
     @property
+    def circle(self) -> float:
+        """Square of a radius that holds a true value at 95 %, over the variance."""
+        return float(f_quantile(0.95, 2, 2 * self.dof))
+
+    @property
     def radius(self) -> Array:
         """Radius of the circle about each G that holds the true value at 95 %, (bins, n, n)."""
-        return np.asarray(np.sqrt(self.variance * f_quantile(0.95, 2, 2 * self.dof)))
+        return np.asarray(np.sqrt(self.variance * self.circle))
+
+    def unit(self, position: int, torque: int) -> str:
+        """Unit of G of a position by a torque."""
+        return f"{self.units[position]}/{'N' if self.units[torque] == 'm' else '(N m)'}"
+
+    def table(self) -> list[list[object]]:
+        """Rows of a CSV file, the first with headers: f, then of each position and torque both parts and the radius."""
+        n, radius = len(self.labels), self.radius
+        pairs = [(i, j) for i in range(n) for j in range(n)]
+        head: list[object] = ["f, Hz"]
+        for i, j in pairs:
+            name = f"{self.labels[i]} by {self.labels[j]}"
+            head += [f"{name}, real, {self.unit(i, j)}", f"{name}, imaginary", f"{name}, radius"]
+        rows = [head]
+        for k, f in enumerate(self.f):
+            cells = (float(x) for i, j in pairs for x in (self.G[k, i, j].real, self.G[k, i, j].imag, radius[k, i, j]))
+            rows.append([float(f), *cells])
+        return rows
 
     def summary(self) -> str:
         """A line for each frequency: of every coordinate by its own torque, size, phase and radius of the circle."""
@@ -91,23 +124,52 @@ class FrequencyResponse:
         Z, variance = self.stiffness(motor)
         return _fitted_spring(self.labels[motor], self.f, Z, variance, self.dof)
 
+    @cached_property
+    def springs(self) -> tuple[Spring | IdentifiabilityError, ...]:
+        """The spring of each motor, or why its frequency response shows none."""
+        found: list[Spring | IdentifiabilityError] = []
+        for motor in range(len(self.labels)):
+            try:
+                found.append(self.spring(motor))
+            except IdentifiabilityError as error:
+                found.append(error)
+        return tuple(found)
+
 
 @dataclass(frozen=True)
 class Spring:
     """A spring behind a motor, from its frequency response.
 
     Attributes:
-        stiffness, se: N m/rad or N/m.
+        stiffness, se, dof: N m/rad or N/m, its standard error and the degrees of freedom of that.
         damping, link, rotor: of spring, and both inertias.
+        link_friction, rotor_friction: viscous.
         misfit: mean square of the error in standard errors: one where the model is right.
+        error: root mean square of the error over the dynamic stiffness.
     """
 
     stiffness: float
     se: float
+    dof: int
     damping: float
     link: float
     rotor: float
+    link_friction: float
+    rotor_friction: float
     misfit: float
+    error: float
+
+    def conf_int(self, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of the stiffness."""
+        half = float(t_quantile(0.5 + 0.5 * level, self.dof)) * self.se
+        return self.stiffness - half, self.stiffness + half
+
+    def dynamic_stiffness(self, f: Array) -> np.ndarray:
+        """Torque by position of the rotor at frequencies in Hz, complex, (n,)."""
+        s = 2j * np.pi * np.asarray(f)
+        return _two_inertias(
+            s, self.link, self.stiffness, self.rotor, self.damping, self.rotor_friction, self.link_friction
+        )
 
     @property
     def antiresonance(self) -> float:
@@ -119,7 +181,7 @@ def multisine_response(
     model: DynamicModel,
     logs: Log | Sequence[Log],
     period_s: float | None = None,
-    torque_delay_s: float | None = None,
+    torque_delay_s: float | Sequence[float] | None = None,
 ) -> FrequencyResponse:
     """Frequency response at the motors' side from logs of a periodic motion; as many logs as motors, or more.
 
@@ -127,7 +189,8 @@ def multisine_response(
         model: the dynamic model; elastic motors count as rigid.
         logs: recordings, each of another motion with the same period.
         period_s: period of the motion; found where None.
-        torque_delay_s: of the torque; half a sampling period, as of a command that is held, where None.
+        torque_delay_s: of the torque, or of each motor's; half a sampling period, as of a command that is held, where
+            None.
 
     Raises:
         LogTimeError: no period, or too few.
@@ -150,7 +213,8 @@ def multisine_response(
     length = round(period_s / dt) if period_s else _period(signals[0][0], recordings[0])
     parts = [_periods(C, T, length, log) for (C, T), log in zip(signals, recordings, strict=True)]
     f = np.arange(1, int(_HIGHEST * length)) / (length * dt)
-    late = np.exp(-2j * np.pi * f * (0.5 * dt if torque_delay_s is None else torque_delay_s))
+    delay = np.broadcast_to(0.5 * dt if torque_delay_s is None else torque_delay_s, len(labels))
+    late = np.exp(-2j * np.pi * f * delay[:, None])[:, None]  # the same in every period
     spectra = [(_spectra(C, len(f)), _spectra(T, len(f)) * late) for C, T in parts]
     excited = np.all([_excited(C) for C, _ in spectra], axis=0)
     if not excited.any():
@@ -161,7 +225,10 @@ def multisine_response(
             limit=_EXCITED,
             advice="Give the period with period_s, move more, or record more periods.",
         )
-    return _estimated(labels, f[excited], [(C[..., excited], T[..., excited]) for C, T in spectra], length * dt)
+    G, variance, dof = _estimated([(C[..., excited], T[..., excited]) for C, T in spectra])
+    periods = tuple(C.shape[1] for C, _ in spectra)
+    units = rigid.device.coordinate_units
+    return FrequencyResponse(rigid.device.name, labels, units, f[excited], G, variance, dof, length * dt, periods)
 
 
 def _signals(model: DynamicModel, log: Log) -> tuple[Array, Array]:
@@ -172,7 +239,27 @@ def _signals(model: DynamicModel, log: Log) -> tuple[Array, Array]:
 
 
 def _period(C: Array, log: Log) -> int:
-    """Samples after which a motion repeats, from the mean square of its difference from itself."""
+    """Samples after which a motion repeats; a soft start and stop count only where the motion repeats with them."""
+    n = C.shape[1]
+    most, ends = n // _FEWEST, n // _ENDS
+    length, error = _repetition(C, most)
+    if error > _REPEATS:
+        length, error = _repetition(C[:, ends : n - ends], most)
+    if error > _REPEATS:
+        raise LogTimeError(
+            f"{log.path.name} has no motion that repeats {_FEWEST} times: it differs from itself by "
+            f"{100 * error:.0f} % of its variance at least (limit {100 * _REPEATS:.0f} %).",
+            where=log.path.name,
+            found=error,
+            limit=_REPEATS,
+            advice=f"Record a multisine whose frequencies are multiples of one, for {_FEWEST} periods or more.",
+        )
+    return length
+
+
+def _repetition(C: Array, most: int) -> tuple[int, float]:
+    """Samples up to so many after which a motion is nearest to itself, and the mean square of how far, over twice its
+    variance: one where no sample is."""
     x = C - C.mean(axis=1, keepdims=True)
     n, scale = x.shape[1], x.var(axis=1, keepdims=True)
     x = x / np.sqrt(np.where(scale > 0, scale, 1.0))
@@ -181,40 +268,45 @@ def _period(C: Array, log: Log) -> int:
     power = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=0))])
     lag = np.arange(n)
     apart = (power[n] - power[lag] + power[n - lag] - 2 * products) / np.maximum(n - lag, 1) / (2 * len(x))
-    most = n // _FEWEST
     first = int(np.argmax(apart[:most] > 0.5))  # the motion has left its beginning
     found = apart[first:most]
-    if not first or not len(found) or found.min() > _REPEATS:
-        raise LogTimeError(
-            f"{log.path.name} has no motion that repeats {_FEWEST} times: it differs from itself by "
-            f"{100 * found.min(initial=1.0):.0f} % of its variance at least (limit {100 * _REPEATS:.0f} %).",
-            where=log.path.name,
-            found=float(found.min(initial=1.0)),
-            limit=_REPEATS,
-            advice=f"Record a multisine whose frequencies are multiples of one, for {_FEWEST} periods or more.",
-        )
+    if not first or not len(found):
+        return 0, 1.0
     near = np.flatnonzero(found < _NEAR * found.min() + 1e-6)
     group = near[: int(np.argmax(np.append(np.diff(near), 2) > 1)) + 1]  # of neighbouring lags, the first
-    return first + int(group[np.argmin(found[group])])
+    return first + int(group[np.argmin(found[group])]), float(found.min())
 
 
 def _periods(C: Array, T: Array, length: int, log: Log) -> tuple[Array, Array]:
-    """The longest run of periods that repeat, each (n, periods, samples)."""
-    count = C.shape[1] // length
-    c, tau = (x[:, x.shape[1] - count * length :].reshape(len(x), count, length) for x in (C, T))
-    steps = (np.diff(c, axis=1) ** 2).sum(axis=(0, 2)) if count > 1 else np.zeros(0)
-    breaks = np.flatnonzero(steps > _STRAYS * np.median(steps)) if len(steps) else np.zeros(0, dtype=int)
-    edges = [0, *(int(k) + 1 for k in breaks), count]
-    start, stop = max(pairwise(edges), key=lambda run: run[1] - run[0])
-    if stop - start < _FEWEST:
+    """The longest run of periods that repeat, each (n, periods, samples): of those that begin at different samples the
+    middle one, which is the farthest from a soft start and stop."""
+    count, rest = divmod(C.shape[1], length)
+    offsets = np.unique(np.linspace(0, length - 1 if count > _FEWEST else rest, _OFFSETS).astype(int))
+    runs = [(offset, *_longest_run(C[:, offset:], length)) for offset in offsets.tolist()]
+    most = max((stop - start for _, start, stop in runs), default=0)
+    if most < _FEWEST:
         raise LogTimeError(
-            f"{log.path.name} has {stop - start} periods of {length * log.dt:.4g} s that repeat (at least {_FEWEST}).",
+            f"{log.path.name} has {most} periods of {length * log.dt:.4g} s that repeat (at least {_FEWEST}).",
             where=log.path.name,
-            found=float(stop - start),
+            found=float(most),
             limit=float(_FEWEST),
             advice="Record longer, or give the period with period_s.",
         )
-    return c[:, start:stop], tau[:, start:stop]
+    begins = sorted(offset + length * start for offset, start, stop in runs if stop - start == most)
+    begin = begins[len(begins) // 2]
+    c, tau = (x[:, begin : begin + most * length].reshape(len(x), most, length) for x in (C, T))
+    return c, tau
+
+
+def _longest_run(C: Array, length: int) -> tuple[int, int]:
+    """First of the periods of the longest run that repeats, and the one after its last."""
+    count = C.shape[1] // length
+    if count < 2:
+        return 0, count
+    c = C[:, : count * length].reshape(len(C), count, length)
+    steps = (np.diff(c, axis=1) ** 2).sum(axis=(0, 2))
+    edges = [0, *(int(k) + 1 for k in np.flatnonzero(steps > _STRAYS * steps.min())), count]
+    return max(pairwise(edges), key=lambda run: run[1] - run[0])
 
 
 def _spectra(x: Array, bins: int) -> np.ndarray:
@@ -230,29 +322,32 @@ def _excited(C: np.ndarray) -> np.ndarray:
     return np.asarray((mean > limit * noise + 1e-20 * mean.max()).any(axis=0))
 
 
-def _estimated(
-    labels: tuple[str, ...], f: Array, spectra: Sequence[tuple[np.ndarray, np.ndarray]], period: float
-) -> FrequencyResponse:
-    """G = C T^+ of the means, and its variance from what single periods differ by.
+def _estimated(spectra: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, Array, int]:
+    """G = C T^+ of the means, its variance from what single periods differ by, and the degrees of freedom of that.
 
     Args:
-        labels: of the coordinates.
-        f: frequencies of the bins, Hz.
         spectra: of positions and torques of each log, (n, periods, bins).
-        period: s.
     """
     means = [np.array([part[k].mean(axis=1).T for part in spectra]).transpose(1, 2, 0) for k in (0, 1)]
     C, T = means  # (bins, n, logs)
     G = C @ np.linalg.pinv(T)
     dof = sum(c.shape[1] - 1 for c, _ in spectra)
-    noise = np.zeros((len(f), len(labels)))
+    noise = np.zeros(C.shape[:2])
     for c, tau in spectra:
         v = (c - c.mean(axis=1, keepdims=True)) - np.einsum("bij,jpb->ipb", G, tau - tau.mean(axis=1, keepdims=True))
         noise += (np.abs(v) ** 2).sum(axis=1).T
     periods = np.array([c.shape[1] for c, _ in spectra])
     back = np.linalg.pinv(T)  # (bins, logs, n): noise of a log's mean reaches G by it
     spread = np.einsum("bej,e->bj", np.abs(back) ** 2, 1 / periods)
-    return FrequencyResponse(labels, f, G, (noise / dof)[:, :, None] * spread[:, None, :], dof, period)
+    return G, (noise / dof)[:, :, None] * spread[:, None, :], dof
+
+
+def _two_inertias(
+    s: np.ndarray, link: float, stiffness: float, rotor: float, damping: float, motor: float, joint: float
+) -> np.ndarray:
+    """Dynamic stiffness of a rotor with a link behind a spring and damper; friction of motor and joint is viscous."""
+    load, bend = link * s**2 + joint * s, stiffness + damping * s
+    return np.asarray(rotor * s**2 + motor * s + load * bend / (load + bend))
 
 
 def _fitted_spring(label: str, f: Array, Z: np.ndarray, variance: Array, dof: int) -> Spring:
@@ -267,14 +362,8 @@ def _fitted_spring(label: str, f: Array, Z: np.ndarray, variance: Array, dof: in
         raise _hidden(label, f, f"{len(f)} frequencies are excited (at least {_BINS})")
     inertia = float(np.median(np.abs(Z) / np.abs(s) ** 2))
 
-    def parts(p: Array) -> tuple[np.ndarray, np.ndarray]:
-        link, stiffness, rotor = np.exp(p[:3])
-        damping, motor, joint = p[3:]
-        load, bend = link * s**2 + joint * s, stiffness + damping * s
-        return rotor * s**2 + motor * s + load * bend / (load + bend), load
-
     def error(p: Array) -> Array:
-        e = (parts(p)[0] - Z) / sigma
+        e = (_two_inertias(s, *np.exp(p[:3]), *p[3:]) - Z) / sigma
         return np.concatenate([e.real, e.imag])
 
     fits = []
@@ -291,7 +380,20 @@ def _fitted_spring(label: str, f: Array, Z: np.ndarray, variance: Array, dof: in
     se = float(stiffness * np.sqrt(covariance[1, 1]))
     if not se < 0.5 * stiffness:
         raise _hidden(label, f, f"the stiffness would be {stiffness:.3g} with a standard error of {se:.2g}")
-    return Spring(float(stiffness), se, float(best.x[3]), float(link), float(rotor), float(misfit / weights))
+    damping, rotor_friction, link_friction = (float(x) for x in best.x[3:])
+    relative = error(best.x) * np.tile(sigma / np.abs(Z), 2)
+    return Spring(
+        float(stiffness),
+        se,
+        left,
+        damping,
+        link=float(link),
+        rotor=float(rotor),
+        link_friction=link_friction,
+        rotor_friction=rotor_friction,
+        misfit=float(misfit / weights),
+        error=float(np.sqrt(2 * np.mean(relative**2))),
+    )
 
 
 def _hidden(label: str, f: Array, why: str) -> IdentifiabilityError:

@@ -43,6 +43,7 @@ from haptid.cli.outputs.of_studies import (
     FrictionOutput,
     PayloadOutput,
     PosesOutput,
+    ResponseOutput,
 )
 from haptid.results.tables import finite
 
@@ -73,6 +74,7 @@ OUTPUTS: Mapping[str, Any] = {
     "poses": PosesOutput,
     "redesign": RedesignOutput,
     "report": ReportOutput,
+    "response": ResponseOutput,
 }
 
 

@@ -1,4 +1,4 @@
-"""`haptid check`, `advise`, `eliminate`, `payload`, `poses` and `friction`."""
+"""`haptid check`, `advise`, `eliminate`, `payload`, `poses`, `friction` and `response`."""
 
 from __future__ import annotations
 
@@ -230,3 +230,44 @@ class FrictionOutput(OutputTable):
     criterion: str
     viscous_and_coulomb_are_enough: bool
     joints: list[JointFrictionOutput]
+
+
+class ResponseEntryOutput(OutputTable):
+    """Position by torque at every frequency."""
+
+    position: str
+    torque: str
+    unit: str
+    real: list[Number]
+    imaginary: list[Number]
+    radius: list[Number] = Field(description="of the circle that holds the true value at 95 %")
+
+
+class SpringOutput(OutputTable):
+    """Rotor, spring and link that have the frequency response of a motor, the others held; SI at the joint side."""
+
+    motor: str
+    problem: str = Field(description="why there is none; empty where there is one, and the other figures with it")
+    stiffness: Number = None
+    se: Number = None
+    dof: Number = None
+    conf_int: Interval = Field((None, None), description="95 % confidence interval of the stiffness [low, high]")
+    damping: Number = None
+    link: Number = Field(None, description="inertia")
+    rotor: Number = Field(None, description="inertia")
+    link_friction: Number = Field(None, description="viscous")
+    rotor_friction: Number = Field(None, description="viscous")
+    antiresonance_hz: Number = Field(None, description="of the link on its spring, the motor held")
+    misfit: Number = Field(None, description="mean square of the error in standard errors")
+    error_percent: Number = Field(None, description="root mean square of the error over the dynamic stiffness")
+
+
+class ResponseOutput(OutputTable):
+    """Frequency response from logs of a motion that repeats."""
+
+    device: str
+    period: float
+    periods: list[int] = Field(description="of each log")
+    f: list[float] = Field(description="frequencies, Hz")
+    responses: list[ResponseEntryOutput]
+    springs: list[SpringOutput]

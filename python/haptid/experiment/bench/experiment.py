@@ -79,6 +79,9 @@ class MultisineTable(SinesTable):
     seconds: Seconds = Field(description="duration, s")
     centre: Each = Field(description=CENTRE)
     ramp: _Positive = Field(1.5, description=RAMP)
+    period: _Positive | None = Field(
+        None, description="s; frequencies are multiples of one over it, so that the motion repeats"
+    )
 
 
 class TrianglesTable(_Table):
@@ -433,7 +436,7 @@ SCALARS: tuple[str, ...] = (
     "jitter",
     "bandwidth_hz",
 )
-SCALARS += ("fundamental_hz", "step", "tolerance")
+SCALARS += ("fundamental_hz", "period", "step", "tolerance")
 
 
 def _tuples(given: Mapping[str, Any]) -> dict[str, Any]:

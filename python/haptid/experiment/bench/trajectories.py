@@ -90,6 +90,7 @@ class Multisine:
         count: number of sines per joint.
         speed: maximum velocity, lowers the amplitude where needed, rad/s or m/s; None for no limit.
         ramp: duration of the start, and of the stop, s.
+        period: s, after which the motion repeats between start and stop; None where it does not.
     """
 
     seconds: float
@@ -99,12 +100,16 @@ class Multisine:
     count: int = 4
     speed: Figures | None = None
     ramp: float = 1.5
+    period: float | None = None
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """Phases and frequencies from `rng`."""
+        """Phases, and frequencies of a motion that does not repeat, from `rng`."""
         t, joints = _times(self.seconds, dt), len(names)
-        series = np.geomspace(*self.frequencies_hz, self.count)
-        f = series * (1 + SPREAD * rng.uniform(-1, 1, (joints, self.count)))
+        if self.period is None:
+            series = np.geomspace(*self.frequencies_hz, self.count)
+            f = series * (1 + SPREAD * rng.uniform(-1, 1, (joints, self.count)))
+        else:
+            f = np.tile(self._multiples(self.period), (joints, 1))
         omega, phase = 2 * np.pi * f[:, :, None], rng.uniform(0, 2 * np.pi, (joints, self.count, 1))
         angle, weight = omega * t + phase, (f[:, :1] / f)[:, :, None]
         x = np.sum(weight * np.sin(angle), axis=1).T
@@ -116,6 +121,30 @@ class Multisine:
         return _windowed(
             t, self.ramp, per_coordinate("centre", self.centre, names), (scale * x, scale * xd, scale * xdd)
         )
+
+    def _multiples(self, period: float) -> Array:
+        """The multiples of one over the period that are nearest to a geometric series, each once, (count,), Hz."""
+        low, high = self.frequencies_hz
+        first, last = max(1, int(np.ceil(low * period - 1e-9))), int(np.floor(high * period + 1e-9))
+        room = max(last - first + 1, 0)
+        if self.count > room:
+            raise ExperimentError(
+                f"a period of {period:g} s has {room} frequencies from {low:g} to {high:g} Hz, for {self.count} sines.",
+                where="trajectory",
+                found=float(self.count),
+                limit=float(room),
+                advice=f"Take a period of at least {_enough(self.count, self.frequencies_hz):g} s, or fewer sines.",
+            )
+        order = np.arange(self.count)
+        k = np.clip(np.round(np.geomspace(first, last, self.count)), first + order, last - order[::-1])
+        # Neighbours that fall on one multiple move up: the rest of the series has room by the limit above.
+        return np.asarray(np.maximum.accumulate(k - order) + order) / period
+
+
+def _enough(count: int, band: tuple[float, float]) -> float:
+    """A period of whole hundredths of a second whose multiples in a band are at least so many, s."""
+    low, high = band
+    return float(np.ceil(100 * (count / (high - low) if high > low else count / high)) / 100)
 
 
 @dataclass(frozen=True)
