@@ -17,6 +17,7 @@ from haptid.cli import app
 from haptid.device import read_device
 from haptid.log.survey import survey
 from haptid.study import read_study
+from haptid.study.check import check_study
 from haptid.study.draft import draft_study
 from haptid.study.identify import identify
 
@@ -265,3 +266,40 @@ def test_joints_that_stand_still_are_drafted_and_named(tmp_path: Path) -> None:
         identify(read_study(tmp_path / "drafted.toml"))
     assert raised.value.where == (read_device(device).joints[1].name,)
     assert "=0.3`" in str(raised.value)
+
+
+def test_joints_that_tremble_while_others_move_are_refused_and_named(tmp_path: Path) -> None:
+    """A joint that is held, and whose encoder flickers, set the filters: 117 Hz for a motion below 3 Hz."""
+    small_study.write_study(tmp_path)
+    log = small_study.columns(1)
+    log["q2"] = 0.3 + 5e-4 * np.rint(np.random.default_rng(3).standard_normal(log["q2"].size))
+    header, data = ",".join(log), np.column_stack([*log.values()])
+    np.savetxt(tmp_path / "one.csv", data, delimiter=",", header=header, comments="")
+    device = tmp_path / tomllib.loads(small_study.STUDY)["device"]
+    text, _ = draft_study([tmp_path / "one.csv"], read_device(device), str(device), tmp_path)
+    assert "q2 hardly move" in text
+    (tmp_path / "drafted.toml").write_text(text)
+    with pytest.raises(errors.IdentifiabilityError, match=r"no log moves .* others by") as raised:
+        identify(read_study(tmp_path / "drafted.toml"))
+    assert raised.value.where == (read_device(device).joints[1].name,)
+    assert "no log moves" in check_study(tmp_path / "drafted.toml").problems[0]
+
+
+def test_channels_that_move_are_those_of_a_device_with_fewer_joints(tmp_path: Path) -> None:
+    """Of an arm's seven joints two move, and the device has two: the draft takes these, with torques and velocities."""
+    small_study.write_study(tmp_path)
+    log, rng = small_study.columns(1), np.random.default_rng(4)
+    own = {1: "1", 3: "2"}
+    made = {"t": log["t"]}
+    for what, size in (("pos", 1e-4), ("vel", 1e-2), ("effort", 0.2)):
+        for k in range(5):
+            source = {"pos": "q", "vel": "q", "effort": "tau"}[what]
+            moved = log[source + own[k]] if k in own else size * rng.standard_normal(log["t"].size)
+            made[f"{what}[{k}]"] = np.gradient(moved, log["t"]) if what == "vel" and k in own else moved
+    header, data = ",".join(made), np.column_stack([*made.values()])
+    np.savetxt(tmp_path / "arm.csv", data, delimiter=",", header=header, comments="")
+    device = tmp_path / "arm.toml"  # names that are no numbers of channels
+    device.write_text(small_study.DEVICE.replace('name = "1"', 'name = "a"').replace('name = "2"', 'name = "b"'))
+    text, _ = draft_study([tmp_path / "arm.csv"], read_device(device), str(device), tmp_path)
+    channels = tomllib.loads(text)["channels"]
+    assert [channels[key]["joints"] for key in ("position", "torque", "velocity")] == [[1, 3]] * 3

@@ -133,6 +133,8 @@ def test_root_tip_and_held_joints(tmp_path: Path) -> None:
     only = imported(tmp_path, ARM, only=["elbow"], hold={"shoulder-pan": 0.1})
     assert (only.device.joint_names, only.source.held["shoulder-pan"]) == (("elbow", "rail"), 0.1)
     assert imported(tmp_path, ARM, only=["shoulder-pan"]).source.held["rail"] == pytest.approx(0.2)
+    by_device = imported(tmp_path, ARM, hold={"shoulder_pan": 0.1})  # as the device file spells it
+    assert by_device.source.held["shoulder-pan"] == 0.1
     with pytest.raises(RobotFileError, match="elbow"):
         imported(tmp_path, ARM, only=["ellbow"])
     made = ["import", str(tmp_path / "robot.urdf"), "--only", "elbow,shoulder-pan", "--out", str(tmp_path / "arm.toml")]

@@ -15,7 +15,7 @@ from haptid.device.device import Device
 from haptid.errors import DeviceError, OutputFolderError, RobotFileError, suggestion
 from haptid.robot_files.balls import with_ball_hinges, without_spin
 from haptid.robot_files.check import Check, check, device_from
-from haptid.robot_files.device_file import device_text
+from haptid.robot_files.device_file import clean_names, device_text
 from haptid.robot_files.loops import opened_loops
 from haptid.robot_files.moving_tree import MovingTree, moving_tree
 from haptid.robot_files.newton_euler import tree_torque
@@ -116,7 +116,7 @@ def import_robot(
         path, packages, xacro_arguments, lengths, snap: as for `read_robot`.
         root: link that is the base; the description's root link if None.
         tip: last link of a chain; all joints that are not on the way to it are held.
-        hold: positions at which joints are held, by name, rad or m.
+        hold: positions at which joints are held, by name, of the description or of the device file, rad or m.
         only: joints that move, by name: all others are held, at zero where `hold` has no position; all move if None.
         priors: whether bodies, friction and springs of the description become prior values.
         torque_constant: torque at each joint per ampere of its motor's current, N m/A or N/A, one for all or by the
@@ -130,7 +130,9 @@ def import_robot(
     """
     given: dict[str, Any] = {"packages": packages, "xacro_arguments": xacro_arguments, "lengths": lengths}
     tree = read_robot(path, **given, snap=snap)
-    hold = _but(tree, only, hold)
+    own = _names_in(tree)
+    hold = {own.get(name, name): position for name, position in hold.items()} if hold else hold
+    hold = _but(tree, only and [own.get(name, name) for name in only], hold)
     of = _moving(tree, root, tip, hold)
     if len(of.moving) > MOST_JOINTS:
         found = f"{len(of.moving)} joints move; a device has at most {MOST_JOINTS}"
@@ -159,6 +161,12 @@ def import_robot(
         made = device_text(of, priors, torque_constant)
         device = device_from(made.text, str(path))
     return ImportedRobot(made.text, device, made.names, made.notes, done, of, snapped)
+
+
+def _names_in(tree: RobotTree) -> dict[str, str]:
+    """Names of a description's joints by those that they get in the device file, where these are none of its own."""
+    names = [joint.name for joint in with_ball_hinges(tree, ()).joints]
+    return {clean: name for name, clean in clean_names(names).items() if clean not in names}
 
 
 def _but(tree: RobotTree, only: Collection[str] | None, hold: Mapping[str, float] | None) -> Mapping[str, float] | None:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid._internal.bounded_files import BASE_PARAMETERS
 from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EstimationError, IdentifiabilityError, NoRowsError
+from haptid.errors import EstimationError, NoRowsError
 from haptid.estimation import Estimate, MotorSide, estimate
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
@@ -33,6 +30,7 @@ from haptid.observation.observation import Observation, concatenated
 from haptid.study import LogEntry, Study
 from haptid.study.held_out import held_out
 from haptid.study.schema import fault
+from haptid.study.still_joints import naming_still_joints, refuse_held_joints
 from haptid.study.study import silent
 from haptid.treatment_choice.calibration import Calibration, find_calibration
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling
@@ -43,8 +41,6 @@ from haptid.validation.model_for_use import ModelForUse, model_for_use
 from haptid.validation.motor_torques import MotorShare, motor_shares
 from haptid.validation.validation import Validation, fit_errors, validate
 
-# Range of a position, rad or m, up to which a joint stands still: that of a constant which was resampled.
-_STILL = 1e-9
 _Progress = Callable[[str, float], None]
 
 
@@ -155,8 +151,9 @@ def identify(
     logs = [read_entry(entry, folder, progress, together) for entry in study.logs]
     expect_fast_sampling(as_filed, logs)
     study, logs = _completed(study, as_filed, logs, progress)
+    refuse_held_joints(as_filed, logs, study)
     progress("choosing a treatment", 0.0)
-    with _naming_still_joints(as_filed, logs, study):
+    with naming_still_joints(as_filed, logs, study):
         proposal = propose(as_filed, *logs_to_propose_from(study, logs), **study.treatment)
     progress("choosing a treatment", 1.0)
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
@@ -168,7 +165,7 @@ def identify(
     intervals = projection.intervals if projection else study.intervals
     observations = observe_all(model, motions, workers, cache, _pace(progress))
     progress("estimating", 0.0)
-    with _naming_still_joints(as_filed, logs, study):
+    with naming_still_joints(as_filed, logs, study):
         conditional = estimate(concatenated(study.of_fit(observations)), study.method, intervals)
     final = with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
@@ -215,31 +212,6 @@ def _check_size(model: DynamicModel) -> None:
             advice="Leave joints that stand still out of the device file, or identify a part at a time; "
             f"{BASE_PARAMETERS.variable} sets another limit.",
         )
-
-
-@contextmanager
-def _naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study) -> Iterator[None]:
-    """Where parameters are not identifiable, name the joints that stand still in every log, and what to do."""
-    try:
-        yield
-    except IdentifiabilityError as error:
-        fitted = study.of_fit(logs)
-        names = [model.device.joints[k].name for k in model.device.active]
-        if any(not isinstance(log.position, np.ndarray) or log.position.shape[1] != len(names) for log in fitted):
-            raise
-        still = [k for k in range(len(names)) if all(np.ptp(log.position[:, k]) < _STILL for log in fitted)]
-        if not still or len(still) == len(names):
-            raise
-        options = " ".join(f"--hold {names[k]}={float(fitted[0].position[0, k]):.6g}" for k in still)
-        moving = ", ".join(name for k, name in enumerate(names) if k not in still)
-        raise IdentifiabilityError(
-            f"{study.path}: no log moves {', '.join(names[k] for k in still)}, so their parameters are "
-            "not identifiable.",
-            where=tuple(names[k] for k in still),
-            limit="motion of every joint in some log",
-            advice=f"For a model of {moving} alone, import the robot with `{options}` and map the channels of "
-            f"{moving}; for one of the whole robot, add logs that move the others.",
-        ) from error
 
 
 def _reference_rows(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
+from haptid._internal.numerals import whole_number
 from haptid.errors import HaptidError, LogChannelError, LogFileError
 from haptid.log import units
 from haptid.log.formats.encoding import UTF_16_MARKS
@@ -193,8 +194,9 @@ def channel_list(names: Sequence[str], most: int = 24) -> str:
 
 
 def _elements(inner: list[str]) -> str:
-    if all(element.isdecimal() for element in inner):
-        return f"1..{len(inner)}"
+    first = whole_number(inner[0])
+    if first is not None and len(inner) > 1 and inner == [str(first + k) for k in range(len(inner))]:
+        return f"{inner[0]}..{inner[-1]}"
     return ", ".join(inner[:12]) + (f" and {len(inner) - 12} more" if len(inner) > 12 else "")
 
 

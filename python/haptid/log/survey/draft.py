@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from haptid._internal.toml_text import basic_string
 from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
+from haptid.log.idle import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.guesses import STATED
@@ -38,6 +39,8 @@ _TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", 
 _TWELVE_BITS = 4096
 # Unit of a velocity by that of its position.
 _RATE_UNITS = {"rad": "rad/s", "deg": "deg/s", "turn": "turn/s", "m": "m/s", "mm": "mm/s"}
+# rad or m of a unit of positions.
+_SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # Positions beyond this, m, of a prismatic joint are in mm.
 _METRES = 5.0
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
@@ -113,6 +116,10 @@ class _Family:
         if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels) and named:
             return replace(self, channels=tuple(own[element] for element in wanted))
         return self
+
+    def only(self, kept: Sequence[int], count: int) -> _Family:
+        """Some of the channels, by number, of a family of this many; of another size as it is."""
+        return replace(self, channels=tuple(self.channels[k] for k in kept)) if len(self.channels) == count else self
 
 
 def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
@@ -206,8 +213,13 @@ def channels_table(
         return ""
     if joint_like := [family for family in positions if not family.of_a_point]:
         positions, torques = joint_like, [family for family in torques if not family.of_a_point]
+    rates = [family.of(joints) for family in _families(topics, "velocity", joints)]
     pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
+    if joints and len(position.channels) > len(joints) == len(moved := _moved(position)):
+        count = len(position.channels)
+        rates, position = [rate.ordered(position).only(moved, count) for rate in rates], position.only(moved, count)
+        torque = torque and torque.only(moved, count)
     lines = ["[channels]  # units and choices are guesses: check each of them"]
     lines.append(_time_line(position, torque, kind))
     if len(straight) == len(position.channels):
@@ -221,7 +233,7 @@ def channels_table(
         lines.append(_signal_line("torque", torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
-    lines += _velocity_line([family.of(joints) for family in _families(topics, "velocity", joints)], position)
+    lines += _velocity_line(rates, position)
     return "\n".join(lines) + "\n"
 
 
@@ -240,7 +252,23 @@ def _unlike(position: _Family, joints: Sequence[tuple[str, ...]]) -> str:
         return f"; the device has {len(joints)} joints, and these are {count}: keep those of {names}"
     if joints and not position.known and are_named([unit_apart(c.name)[0] for c in position.channels]):
         return f"; none is named as a joint of the device: put them, and the torques, in the order of {names}"
+    held = sorted(set(range(count)) - set(_moved(position)))
+    if held and held != list(range(count)) and any(position.channels[k].usable for k in held):
+        return (
+            f"; {channel_list([position.channels[k].name for k in held])} hardly move: identify a device file with "
+            f"their joints held (haptid import --hold JOINT=POSITION), or add logs that move them"
+        )
     return ""
+
+
+def _moved(position: _Family) -> list[int]:
+    """Channels, by number, of joints that are not held while others move; all where the unit is none of a position."""
+    scales = [_SI.get(channel.unit, 0.0) for channel in position.channels]
+    if not all(scales):
+        return list(range(len(scales)))
+    travels = [scale * (channel.high - channel.low) for scale, channel in zip(scales, position.channels, strict=True)]
+    held = held_joints(travels, [channel.unit in ("m", "mm") for channel in position.channels])
+    return [k for k in range(len(scales)) if k not in held]
 
 
 def _left(topics: Sequence[TopicSurvey], position: _Family) -> list[str]:
