@@ -192,7 +192,7 @@ def test_factors_are_named_after_what_makes_them():
     [
         ((9.6, 1.1, 0.9), "N m", ()),  # kilograms, of one channel of three
         ((9.6, 11.0, 13.0), "N m", (1, 2)),  # of all, as far as they are near
-        ((9.6,), "N m", (1,)),  # nothing is known of the others
+        ((9.6,), "N m", ()),  # nothing is known of the others
         ((9.6, 11.0, 13.0), "A", ()),  # no currents
         ((56.0, 1.1), "A", ()),
         ((1000.0, 1.1, 0.9), "A", (1,)),  # a drive has its own

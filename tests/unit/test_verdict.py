@@ -1,9 +1,12 @@
 """The verdict names the obstacle in plain words."""
 
+import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from haptid.advice.search import unseen_percent
 from haptid.inference.diagnosis.finding import Finding
 from haptid.inference.diagnosis.verdict import COMPENSATION, MEANING, PREDICTION, SINGLE_PARAMETERS, verdict
 from haptid.validation.validation import MotorError, Validation
@@ -82,3 +85,51 @@ def test_negative_friction_is_not_said_of_the_torque():
         findings = [Finding("units and signs", "doubt", figures, sentence)]
         made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, findings)
         assert f"because {words}" in made.sentences[0]
+
+
+def motor(name, unit, residual, measured):
+    return MotorError(name, f"motor {name}", unit, residual, measured, 10)
+
+
+DEAD = (motor("1", "N m", 1.0, 10.0), motor("2", "N m", 1.0, 0.01), motor("3", "N", 4.0, 20.0))
+
+
+def test_a_motor_with_hardly_any_torque_does_not_decide():
+    """It made 17 846 % of 43, and the verdict."""
+    errors = Validation(DEAD, False)
+    assert errors.mixed
+    assert errors.relative == pytest.approx(100 * math.sqrt((2 / 100.0001 + 0.04) / 2))
+    assert [m.motor for m in errors.silent] == ["2"]
+    assert errors.largest.motor == "3"
+    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), errors, [])
+    assert (made.torque, made.parameters) == ("doubt", "doubt")
+    assert "the torque error of motor 3 is 20 %" in made.sentences[0]
+    assert "motor 2 has hardly any torque" in made.sentences[0]
+
+
+def test_a_small_motor_that_is_predicted_counts_and_so_does_a_large_one_that_is_not():
+    small = Validation((DEAD[0], motor("2", "N m", 0.003, 0.01)), False)
+    assert (small.silent, small.largest.motor) == ((), "2")
+    wrong = Validation((DEAD[0], motor("2", "N m", 40.0, 1.0)), False)
+    assert (wrong.silent, wrong.largest.motor) == ((), "2")
+
+
+def test_channels_without_any_torque_leave_an_error():
+    constant = Validation((DEAD[0], motor("3", "N", 4.0, 0.0)), False)
+    assert constant.relative == pytest.approx(10.0)  # a unit without torque is left out
+    nothing = Validation((motor("1", "N m", 1.0, 0.0),), False)
+    assert (nothing.relative, nothing.largest.motor) == (math.inf, "1")
+
+
+@pytest.mark.parametrize("units", [("N m", "N m", "N m"), ("N m", "N m", "N")])
+def test_advice_has_the_error_of_all_motors_that_tables_have(units):
+    rng = np.random.default_rng(0)
+    residual, measured = rng.uniform(1, 2, (6, 3)), np.array([5.0, 0.1, 20.0])
+    motors = [motor(str(k), units[k], np.linalg.norm(residual[:, k]), measured[k]) for k in range(3)]
+    weights = np.array([1.0, 3.0, 0.5])
+    bench = SimpleNamespace(weights=weights, squares=lambda _: np.tile(measured**2 / 6, (6, 1)))
+    model = SimpleNamespace(device=SimpleNamespace(torque_units=units), measured_rows=range(3))
+    trial = SimpleNamespace(errors=residual**2 * weights**2, setting=None)
+    assert unseen_percent(model, bench, trial) == pytest.approx(Validation(tuple(motors), False).relative)
+    assert unseen_percent(model, bench, trial, 1) == pytest.approx(motors[1].relative)

@@ -29,6 +29,7 @@ from haptid.inference.diagnosis.lack_of_fit import (
 from haptid.motion.channels import torque_map
 from haptid.motion.motion import Motion, with_delay
 from haptid.observation.plan import OUTSIDE_GUARD, Plan
+from haptid.validation.validation import of_all_motors
 
 # Least share of the unseen squared error that an action has to remove, and of its standard errors; of the latter where
 # the share is above LARGE_GAIN: such a gain is no chance, and blocks differ by what happens in them.
@@ -248,26 +249,24 @@ def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
 
 
 def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
-    """Unseen relative error of a motor, or of all (the rms of the motors' where their units differ), per cent."""
-    left, own = trial.errors.sum(axis=0) / bench.weights**2, bench.squares(trial.setting).sum(axis=0)
-    if motor is not None:
-        return float(100 * np.sqrt(left[motor] / max(own[motor], np.finfo(float).tiny)))
-    if len({model.device.torque_units[k] for k in model.measured_rows}) > 1:
-        return float(100 * np.sqrt(np.mean(left / np.maximum(own, np.finfo(float).tiny))))
-    return float(100 * np.sqrt(left.sum() / own.sum()))
+    """Unseen relative error of a motor, or of all as a validation has it, per cent."""
+    left = trial.errors.sum(axis=0) / bench.weights**2
+    return float(100 * np.sqrt(_factors(model, bench, trial, motor) @ left))
 
 
 def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor: int | None = None) -> float:
     """Standard error of the difference of two such errors, per cent: paired by block, by the delta method."""
-    own = np.maximum(bench.squares(before.setting).sum(axis=0), np.finfo(float).tiny)
-    units = {model.device.torque_units[k] for k in model.measured_rows}
-    difference = (before.errors - after.errors) / bench.weights**2
-    if motor is not None:
-        difference = difference[:, motor] / own[motor]
-    else:
-        difference = (difference / (own.sum() if len(units) == 1 else len(own) * own)).sum(axis=1)
+    difference = (before.errors - after.errors) / bench.weights**2 @ _factors(model, bench, before, motor)
     both = sum(unseen_percent(model, bench, trial, motor) for trial in (before, after))
     return float(1e4 * np.sqrt(len(difference)) * difference.std(ddof=1) / max(both, 1e-300))
+
+
+def _factors(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None) -> Array:
+    """Factors of the motors' squared residuals in the squared relative error of a motor, or of all, (motors,)."""
+    own = bench.squares(trial.setting).sum(axis=0)
+    if motor is not None:
+        return np.asarray(np.eye(len(own))[motor] / max(own[motor], np.finfo(float).tiny))
+    return of_all_motors(own, [model.device.torque_units[k] for k in model.measured_rows])
 
 
 def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:

@@ -214,22 +214,20 @@ def track(estimate: Estimate, run: Run) -> Track:
 
 def criterion(identification: Identification) -> str:
     """Largest error on unseen motion and the study's criterion, in a sentence."""
+    from haptid.inference.diagnosis.finding import joined_names
+
     if not identification.unseen:
         return (
             "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or another "
             "[validation]."
         )
     worst = max(identification.unseen, key=lambda v: v.comparable.relative)
-    motors = worst.comparable.motors
     text = f"Relative torque error on unseen motion: {per_cent(worst.comparable.relative)}"
-    if len(motors) > 1:
-        largest = max(motors, key=lambda motor: motor.relative)
-        reference = (
-            "of all motors (RMS of their errors, as units differ)"
-            if worst.comparable.mixed
-            else "of all motors together"
-        )
+    if len(worst.comparable.motors) > 1:
+        largest, silent = worst.comparable.largest, [motor.label for motor in worst.comparable.silent]
+        reference = "of all motors (RMS of the errors by unit)" if worst.comparable.mixed else "of all motors together"
         text += f" {reference}, {per_cent(largest.relative)} of {largest.label}, the largest"
+        text += f" but for {joined_names(silent)} with hardly any torque" if silent else ""
     text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
     if identification.meets_criteria is None:
         return text

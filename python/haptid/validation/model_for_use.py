@@ -37,6 +37,7 @@ from haptid.estimation.methods.regularised import (
 )
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import r_factor
+from haptid.validation.validation import of_all_motors
 
 # Folds of the cross-validation: each block is in one, neighbours in different ones. Of few blocks there are fewer
 # folds, with two blocks each.
@@ -286,7 +287,9 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
     held = _folds(rows, fold_of, reference)
     trial_rows = reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
-    measure = _Measure.of(trial_rows)
+    factors = of_all_motors(
+        np.array([motor.norm**2 for motor in trial_rows.motors]), [motor.unit for motor in trial_rows.motors]
+    )
     prior = fitted.method.knowledge(rows).rows if isinstance(fitted.method, Anchored) else None
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
@@ -306,7 +309,7 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
                     raise
                 del errors[name]  # such a fit is no candidate
             else:
-                errors[name].append(measure.squares(trial_rows, mine, betas))
+                errors[name].append(_squares(factors, trial_rows, mine, betas))
     back = np.argsort(np.concatenate(order))
     return _Trial({name: np.concatenate(parts, axis=1)[:, back] for name, parts in errors.items()})
 
@@ -325,27 +328,17 @@ def _folds(rows: Observation, fold_of: np.ndarray, reference: Observation) -> np
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Measure:
-    """Factors of the motors' squared residuals, (motors,), whose sum is the squared relative error of all motors."""
+def _squares(factors: Array, rows: Observation, blocks: np.ndarray, betas: Array) -> Array:
+    """Squared errors of base parameters, (strengths, p), block by block, (strengths, blocks).
 
-    factors: Array
-
-    @staticmethod
-    def of(rows: Observation) -> _Measure:
-        """As in `Validation.relative`: over all torque, or where units differ the mean over the motors."""
-        square = np.array([motor.norm**2 for motor in rows.motors])
-        if len({motor.unit for motor in rows.motors}) > 1:
-            return _Measure(np.divide(1.0, len(square) * square, out=np.zeros_like(square), where=square > 0))
-        return _Measure(np.full(len(square), 1.0 / max(square.sum(), np.finfo(float).tiny)))
-
-    def squares(self, rows: Observation, blocks: np.ndarray, betas: Array) -> Array:
-        """Squared errors of base parameters, (strengths, p), block by block, (strengths, blocks)."""
-        total = np.zeros((len(betas), len(blocks)))
-        for factor, motor in zip(self.factors, rows.motors, strict=True):
-            v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
-            total += factor * np.einsum("bis,bis->sb", *[motor.r_factors[blocks] @ v.T] * 2)
-        return total
+    Args:
+        factors: of the motors' squared residuals, as of `of_all_motors`.
+    """
+    total = np.zeros((len(betas), len(blocks)))
+    for factor, motor in zip(factors, rows.motors, strict=True):
+        v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
+        total += factor * np.einsum("bis,bis->sb", *[motor.r_factors[blocks] @ v.T] * 2)
+    return total
 
 
 def _fits(model: DynamicModel, name: str, T: Array) -> Iterator[Array]:

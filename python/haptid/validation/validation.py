@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,10 @@ from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, different_models, observe
+
+# Share of the torque of all motors in its unit below which a motor hardly moves anything, and its error, per cent, from
+# which on its torque does not follow the model: its channel may be dead.
+_HARDLY, _NOTHING = 0.02, 100.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,11 @@ class MotorError:
     def rmse(self) -> float:
         """Root mean square error, in the motor's unit."""
         return self.residual / float(np.sqrt(max(self.rows, 1)))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the torque, in the motor's unit."""
+        return self.measured / float(np.sqrt(max(self.rows, 1)))
 
 
 @displayed
@@ -73,17 +83,27 @@ class Validation:
     @property
     def together(self) -> str:
         """What `relative` is of, as text."""
-        return "of all motors (RMS of their errors, as units differ)" if self.mixed else "over all motors"
+        return "of all motors (RMS of the errors by unit)" if self.mixed else "over all motors"
 
     @property
     def relative(self) -> float:
-        """Relative error of all rows together, per cent; where units differ, the RMS of the motors' relative errors."""
-        if self.mixed:
-            return float(np.sqrt(np.mean([m.relative**2 for m in self.motors])))
-        return percent(
-            float(np.linalg.norm([m.residual for m in self.motors])),
-            float(np.linalg.norm([m.measured for m in self.motors])),
-        )
+        """Relative error of all motors, per cent, as `of_all_motors` defines it."""
+        residual, measured = (np.array([getattr(m, key) for m in self.motors]) for key in ("residual", "measured"))
+        if not measured.any():
+            return percent(float(np.linalg.norm(residual)), 0.0)
+        return float(100 * np.sqrt(of_all_motors(measured**2, [m.unit for m in self.motors]) @ residual**2))
+
+    @property
+    def silent(self) -> tuple[MotorError, ...]:
+        """Motors with hardly any of the torque in their unit, and an error above it: channels that may be dead."""
+        total = {m.unit: sum(other.rms**2 for other in self.motors if other.unit == m.unit) for m in self.motors}
+        return tuple(m for m in self.motors if m.relative > _NOTHING and m.rms**2 <= _HARDLY**2 * total[m.unit])
+
+    @property
+    def largest(self) -> MotorError:
+        """The motor with the largest relative error, of those that are not silent."""
+        judged = [m for m in self.motors if m not in self.silent]
+        return max(judged or self.motors, key=lambda motor: motor.relative)
 
     def summary(self) -> str:
         """Text table: motor, relative error, RMSE, rows."""
@@ -197,6 +217,22 @@ def pooled(*parts: Validation) -> Validation:
     references = [part.reference for part in parts if part.reference is not None]
     reference = pooled(*references) if len(references) == len(parts) else None
     return Validation(motors, any(part.seen for part in parts), reference)
+
+
+def of_all_motors(squares: Array, units: Sequence[str]) -> Array:
+    """Factors of the motors' squared residuals, (motors,), whose sum is the squared relative error of all motors.
+
+    In each unit the squared residuals of its motors are divided by their squared torques, and the mean of the units is
+    taken: a motor with hardly any torque does not decide. A unit without torque is left out.
+
+    Args:
+        squares: squared torque of each motor, (motors,), in its unit.
+        units: of the motors' torques.
+    """
+    index = np.unique(np.asarray(units), return_inverse=True)[1]
+    total = np.bincount(index, squares)[index]
+    count = len(set(index[total > 0].tolist()))
+    return np.divide(1.0, count * total, out=np.zeros(len(total)), where=total > 0)
 
 
 def percent(part: float, whole: float) -> float:

@@ -186,7 +186,7 @@ def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]
     """The confusion of units or gear ratios behind each motor's factor, for those that a known one causes.
 
     Degrees, kilograms and the unit of time are common to channels of one unit: where most of the other motors in the
-    same unit have other factors, no such confusion makes that of a single motor.
+    same unit have other factors, or none is known, no such confusion makes that of a single motor.
 
     Args:
         fitted: whose motors.
@@ -198,7 +198,9 @@ def confusions(fitted: Estimate, factors: Mapping[str, float]) -> dict[str, str]
     for label, factor in factors.items():
         others = [own for name, own in factors.items() if name != label and units[name] == units[label]]
         alike = sum(abs(np.log(abs(other / factor))) < np.log(GOOD) for other in others)
-        impossible = _COMMON if 2 * alike < len(others) else _OF_FORCES if units[label] == "A" else set()
+        shared = list(units.values()).count(units[label]) > 1
+        alone = shared and 2 * alike < max(len(others), 1)
+        impossible = _COMMON if alone else _OF_FORCES if units[label] == "A" else set()
         if words := unit_error(factor, gears_of(fitted.model.device), impossible):
             found[label] = words
     return found

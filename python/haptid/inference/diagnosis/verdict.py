@@ -101,9 +101,10 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
         return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
-    torque = [size, *mild(of(PREDICTION))]
+    silent = _silent(errors)
+    torque = [size, *silent, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
-    single = [precise, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
+    single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
     parts = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
@@ -149,8 +150,8 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 
 
 def _size(errors: Validation) -> Reason:
-    """The largest relative torque error."""
-    largest = max(errors.comparable.motors, key=lambda motor: motor.relative)
+    """The largest relative torque error of a motor that has torque."""
+    largest = errors.comparable.largest
     size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = (
         "on the rows of the fit, which proves little"
@@ -161,6 +162,16 @@ def _size(errors: Validation) -> Reason:
     )
     limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
     return Reason(size, f"the torque error of {largest.label} is {per_cent(largest.relative)} ({kind}; {limits})")
+
+
+def _silent(errors: Validation) -> list[Reason]:
+    """Motors of which nothing is known because their channels hardly move."""
+    names = [motor.label for motor in errors.comparable.silent]
+    if not names:
+        return []
+    one = len(names) == 1
+    words = f"{joined_names(names)} {'has' if one else 'have'} hardly any torque, of a channel that may be dead"
+    return [Reason("doubt", words if one else words.replace("of a channel", "of channels"))]
 
 
 def _precision(fitted: Estimate) -> Reason:
