@@ -390,3 +390,22 @@ def test_a_clock_that_drifts_is_followed(tmp_path: Path) -> None:
     t = taken * (1 + 0.004 * taken / taken[-1]) + 0.06 / 200 * np.random.default_rng(0).normal(size=4000)
     log = record(tmp_path, t - t[0], taken=taken)
     assert any("drifts: its rate changes" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("what", ["vibration", "a joint that is held"])
+def test_gaps_are_judged_by_the_motion_and_not_by_what_trembles(tmp_path: Path, what: str) -> None:
+    """Gaps of 20 ms in a motion at 0.3 Hz: a wobble of milliradians at 42 Hz made a segment of each part."""
+    rng, n = np.random.default_rng(0), 20_000
+    t, step = np.arange(n) / 1000, 2 * np.pi / 2**14
+    motion, wobble = np.sin(2 * np.pi * 0.3 * t), 3 * step * np.sin(2 * np.pi * 42 * t) + step * rng.normal(size=n)
+    q = np.column_stack([motion + wobble, motion] if what == "vibration" else [motion, 0.5 + wobble])
+    there = np.ones(n, dtype=bool)
+    for start in range(1000, n, 2000):
+        there[start : start + 20] = False
+    path = tmp_path / "log.npz"
+    q1, q2 = (step * np.round(q / step))[there].T
+    np.savez(path, t=t[there], q1=q1, q2=q2, tau1=np.cos(t[there]), tau2=np.sin(t[there]))
+    channels = Channels(Signal(("q1", "q2"), "rad"), Signal(("tau1", "tau2"), "N m"), time="t")
+    log = read_log(path, channels)
+    assert len(log.segments) == 1
+    assert log.t.size == n

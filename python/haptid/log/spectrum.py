@@ -9,7 +9,7 @@ falls at f^-6 or faster.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ _BANDS, _STEEPEST = 6, 3.0
 _ABOVE, _ABOVE_WIDE = 6.0, 3.0
 # Share of the velocity's power below the motion's bandwidth, and of the acceleration's below its very end.
 _SHARE, _END = 0.98, 0.999
-# Share of the largest power of velocity among several logs above which a log moves a channel.
+# Share of the largest power of velocity among several logs, or channels, above which one moves.
 _MOVES = 0.01
 # Share of the filtered acceleration's power that may be noise before the filter is narrowed.
 _TOLERATED = 0.003
@@ -89,6 +89,11 @@ class Spectrum:
     def noise_rms(self) -> float:
         """RMS of the noise, rad or m."""
         return float(np.sqrt(np.sum(self.noise) * (self.f[1] - self.f[0])))
+
+    @property
+    def motion_rms(self) -> float:
+        """RMS of the motion, rad or m."""
+        return float(np.sqrt(np.sum(self.motion) * (self.f[1] - self.f[0])))
 
     def narrowed(self) -> Spectrum:
         """The same with only the bulk of the position's power as motion, and all above as noise.
@@ -170,6 +175,16 @@ def widest(channels: Sequence[Sequence[Spectrum]]) -> tuple[Spectrum, ...]:
     Where one joint is moved after another, the others tremble fast and little.
     """
     return tuple(max(_moving(own), key=lambda s: s.bandwidth) for own in zip(*channels, strict=True))
+
+
+def fastest(channels: Iterable[Array], dt: float) -> float:
+    """Bandwidth of the bulk of a log's motion, the largest of the channels that have a part in it, Hz; 0 without any.
+
+    A joint that is held has noise, or a vibration of a few steps of its encoder, and nothing else.
+    """
+    found = [Spectrum.of(channel, dt) for channel in channels]
+    found = [own.narrowed() for own in found if own.motion_rms > _STEPS * own.step]
+    return max(own.bandwidth for own in _moving(found)) if found else 0.0
 
 
 def _moving(spectra: Sequence[Spectrum]) -> list[Spectrum]:

@@ -42,7 +42,7 @@ from haptid.log.row_times import (
     sampled_median,
     uniform,
 )
-from haptid.log.spectrum import Spectrum
+from haptid.log.spectrum import fastest
 from haptid.log.stale import Stale, polled
 from haptid.log.stamps import FEWEST_SAMPLES, Stamps
 
@@ -243,12 +243,10 @@ def _segments(
     candidates, step = candidate_gaps(steps)
     if not candidates.size:
         return whole, (), []
-    edges = [0, *(candidates + 1).tolist(), seconds.size]
-    quiet = max(pairwise(edges), key=lambda span: span[1] - span[0])
-    fastest = _motion_edge(recorded.positions(), slice(*quiet), step)
-    period = 1 / fastest if fastest else 0.0
+    edge = _motion_edge(recorded.positions(), candidates, step)
+    period = 1 / edge if edge else 0.0
     longest_bridged = max(LONGEST_GAP * step, LONGEST_GAP_S, BRIDGED * period)
-    limit = min(0.25 * period, longest_bridged) if fastest else longest_bridged
+    limit = min(0.25 * period, longest_bridged) if edge else longest_bridged
     limit = max(limit, SHORTEST_GAP * step)
     breaks = candidates[steps[candidates] > limit]
     if not breaks.size:
@@ -270,7 +268,7 @@ def _segments(
     gaps = tuple((float(seconds[k]), float(steps[k])) for k in breaks)
     sentence = (
         f"{breaks.size} gap{'s' if breaks.size > 1 else ''} of more than {limit:.3g} s (a quarter period of the "
-        f"fastest motion, {fastest:.2g} Hz; at most {LONGEST_GAP:.0f} steps, {LONGEST_GAP_S:g} s or an eighth of it), "
+        f"fastest motion, {edge:.2g} Hz; at most {LONGEST_GAP:.0f} steps, {LONGEST_GAP_S:g} s or an eighth of it), "
         f"the longest "
         f"{steps[longest]:.4g} s at t = {seconds[longest]:.6g} s: {len(spans)} segments of the log are treated by "
         f"themselves"
@@ -289,9 +287,22 @@ def candidate_gaps(steps: Array) -> tuple[NDArray[np.intp], float]:
     return np.flatnonzero(steps > SHORTEST_GAP * step + 4 * jitter), step
 
 
-def _motion_edge(channels: Iterable[Array], rows: slice, step: float) -> float:
-    """The largest bandwidth of the channels' motion, Hz; 0 where nothing moves, infinite in too few rows."""
-    parts = [channel[rows][:MOST_STEPS] for channel in channels]
-    if any(part.size < FEWEST_SAMPLES for part in parts):
-        return np.inf
-    return max(Spectrum.of(part, step).bandwidth for part in parts)
+def _motion_edge(channels: Iterable[Array], gaps: NDArray[np.intp], step: float) -> float:
+    """The largest bandwidth of the channels' motion, Hz; 0 where nothing moves, infinite without enough rows in a row.
+
+    A part between gaps may be too short to show the motion: all are joined, with what the position moves by in each gap
+    taken off.
+
+    Args:
+        channels: positions, each (rows,).
+        gaps: rows before a step that may be a gap.
+        step: the mean of the others, s.
+    """
+    joined = []
+    for channel in channels:
+        if np.diff(gaps, prepend=-1, append=channel.size - 1).max() < FEWEST_SAMPLES:
+            return np.inf
+        moved = np.diff(channel, prepend=channel[:1])
+        moved[gaps + 1] = 0.0
+        joined.append(np.cumsum(moved)[:MOST_STEPS])
+    return fastest(joined, step)
