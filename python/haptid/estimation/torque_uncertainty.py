@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.motion.channels import state
@@ -37,11 +38,22 @@ def torque_uncertainty(observation: Observation, covariance: Array, W: Array | N
     if not np.isfinite(covariance).all():
         return float("inf")
     W = other_motion(observation) if W is None else W
-    return 100 * float(np.sqrt(max(np.einsum("ij,jk,ik->", W, covariance, W), 0.0) / len(observation.motors)))
+    return 100 * float(np.sqrt(max(np.sum((W @ covariance) * W), 0.0) / len(observation.motors)))
+
+
+# Rows of the other motion of an observation: it is judged again without one parameter after another.
+_OTHER: WeakKeyDictionary[Observation, Array] = WeakKeyDictionary()
 
 
 def other_motion(observation: Observation) -> Array:
     """Rows of the other motion: each motor's mean square is its torque's in units of the measured, (rows, p)."""
+    if observation not in _OTHER:
+        _OTHER[observation] = freeze(_other_motion(observation))
+    return _OTHER[observation]
+
+
+def _other_motion(observation: Observation) -> Array:
+    """The same, computed."""
     model = observation.model
     c, cd, cdd = (np.ascontiguousarray(x) for x in _mixed(*_states(model, observation.motions)))
     columns, selection = model.needed
