@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+import typer
 
 import haptid
 
@@ -33,6 +34,21 @@ except SystemExit:
 @pytest.mark.parametrize("program", ["import haptid", HELP])
 def test_import_and_help_load_nothing_heavy(program: str) -> None:
     assert not loaded(program) & set(HEAVY)
+
+
+@pytest.mark.parametrize("name", ["identify", "import", "app", "friction"])
+def test_a_command_is_registered_alone(name: str) -> None:
+    program = HELP.replace('"--help"', f'"{name}", "--help"').replace("import app", "import main as app")
+    printed = f"{program}\nfrom haptid.cli import common\nprint(sum(n.startswith('haptid.cli.') for n in sys.modules))"
+    run = subprocess.run([sys.executable, "-c", printed], capture_output=True, text=True, check=True)
+    assert f"Usage: haptid {name}" in run.stdout
+    assert int(run.stdout.splitlines()[-1]) <= 3
+
+
+def test_every_command_is_known_by_its_name() -> None:
+    from haptid import cli
+
+    assert sorted(cli._COMMANDS.split()) == sorted(typer.main.get_command(cli.app).commands)
 
 
 @pytest.mark.parametrize(

@@ -6,23 +6,43 @@ import gc
 import os
 import sys
 import traceback
-from typing import Annotated
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import haptid
-from haptid.cli.common import COMPLETION_VARIABLE, EXIT_DEFECT, EXIT_ERROR, app, complain, out
+from haptid.cli import common
+from haptid.cli.common import COMPLETION_VARIABLE, EXIT_DEFECT, EXIT_ERROR, complain, out
 from haptid.errors import MissingDependencyError
 
-# isort: off
-# Each module registers its command, in the order of `haptid --help`.
-from haptid.cli import check, identify, advise, report, compare, characterise, datasheet, redesign, eliminate, fleet  # noqa: F401
-from haptid.cli import friction, response, payload, poses, export, channels, import_, model, devices, excite, bench  # noqa: F401
-from haptid.cli import workbench, demo, fetch, schema, completion  # noqa: F401
-# isort: on
+if TYPE_CHECKING:
+    from haptid.cli.common import app as app
+
+# Commands in the order of `haptid --help`. Each is registered by the module of its name, but for a few.
+_COMMANDS = """
+check identify advise report compare characterise datasheet redesign eliminate fleet friction response payload poses
+export channels import model devices excite bench app demo fetch schema completion
+"""
+_MODULES = {"import": "import_", "app": "workbench"}
 
 
-@app.callback(invoke_without_command=True)
+def _register(called: str | None = None) -> typer.Typer:
+    """The application with all commands, or with one alone where it is called: the others take as long to load."""
+    every = _COMMANDS.split()
+    for name in [called] if called in every else every:
+        import_module(f"{__name__}.{_MODULES.get(name, name)}")
+    return common.app
+
+
+def __getattr__(name: str) -> object:
+    """`app`, with all commands, at its first use (PEP 562)."""
+    if name == "app":
+        return _register()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@common.app.callback(invoke_without_command=True)
 def version(show: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
     """Identify dynamic models of haptic devices and robots from their motion logs."""
     if show:
@@ -39,12 +59,13 @@ def main() -> None:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # The garbage collector would go through what is imported again and again, a tenth of a command's time.
     gc.set_threshold(300_000, 50, 50)
-    if COMPLETION_VARIABLE in os.environ:
+    is_completion = COMPLETION_VARIABLE in os.environ
+    if is_completion:
         from typer.completion import completion_init  # type: ignore[attr-defined]
 
         completion_init()
     try:
-        app(prog_name="haptid")
+        _register(None if is_completion else next(iter(sys.argv[1:]), None))(prog_name="haptid")
     except MissingDependencyError as error:  # of an import, before a command does anything
         complain(str(error))
         sys.exit(EXIT_ERROR)
