@@ -12,6 +12,7 @@ import bisect
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -158,10 +159,16 @@ class Spectrum:
         return np.fft.irfft(z, n)
 
 
+# Of each log: the choice of its treatment and the diagnosis ask for the same.
+_SPECTRA: WeakKeyDictionary[Log, tuple[Spectrum, ...]] = WeakKeyDictionary()
+
+
 def spectra(log: Log) -> tuple[Spectrum, ...]:
     """Of each position channel of a log."""
-    highest = log.usable_bandwidth_hz
-    return tuple(Spectrum.of(np.asarray(channel), float(log.dt), highest) for channel in log.position.T)
+    if log not in _SPECTRA:
+        highest = log.usable_bandwidth_hz
+        _SPECTRA[log] = tuple(Spectrum.of(np.asarray(y), float(log.dt), highest) for y in log.position.T)
+    return _SPECTRA[log]
 
 
 def bandwidth(log: Log) -> float:
