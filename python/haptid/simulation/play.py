@@ -18,8 +18,8 @@ from haptid._internal.arrays import Array
 
 # Least inertia at a motor over its median: that of an estimate need not be positive in every pose.
 _LEAST = 0.1
-# Parts of the motion that are integrated side by side, and steps in a block.
-_PARTS, _BLOCK = 8, 25
+# Parts of the motion that are integrated side by side, at most, with about so many links in all; steps in a block.
+_PARTS, _CELLS, _BLOCK = 16, 1500, 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,8 @@ class _Steps:
     def of(links: LooseLinks, size: Array, share: Array, friction: Array) -> _Steps:
         """Of cases of each motor, (motors, cases)."""
         dt, samples = links.dt, links.x.shape[1]
-        length = _BLOCK * -(-samples // (_PARTS * _BLOCK))
+        parts = min(_PARTS, max(1, _CELLS // size.size))
+        length = _BLOCK * -(-samples // (parts * _BLOCK))
 
         def parted(signal: Array) -> Array:
             filled = np.pad(signal, ((0, 0), (0, -samples % length)), mode="edge")

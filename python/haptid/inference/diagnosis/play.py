@@ -38,7 +38,7 @@ _ROWS = 5.0
 # Sizes that are tried, over the range of the positions, with shares of the link in inertia and friction.
 _SIZES, _SHARES, _FRICTION = np.geomspace(2e-4, 0.06, 12), (0.4, 0.65, 0.9), 0.65
 # Play is named where it explains this share of the residual, with a factor on its torque between these two limits;
-# it is searched from half of that on.
+# it is searched from half of that on, and at all shares of the link where it explains a quarter at the middle one.
 _EXPLAINED, _LEAST, _MOST = 0.5, 0.6, 1.6
 # What the model of a loose link errs by, of the logarithm of a size: how friction is divided between motor and link is
 # hardly seen, and moves the size (`benchmarks/play.py`).
@@ -221,21 +221,48 @@ def _loose(chunk: Chunk, chi: Array, rows: list[int]) -> LooseLinks:
 
 def _found(rows: _Rows) -> list[_Fit | None]:
     """The play behind every motor, None where there is no sign of it."""
-    ranges, cases = np.ptp(rows.links.x, axis=1), np.array(list(product(_SIZES, _SHARES)))
-    size, share = np.multiply.outer(ranges, cases[:, 0]), np.tile(cases[:, 1], (len(ranges), 1))
-    made = rows.links.change(size, share, np.full_like(share, _FRICTION))
+    cases, ranges = np.array(list(product(_SIZES, _SHARES))), np.ptp(rows.links.x, axis=1)
+    # The share of the link changes little of what play explains, and few motors have any.
+    first = _made(rows.links, ranges, cases[len(_SHARES) // 2 :: len(_SHARES)])
     found: list[_Fit | None] = []
-    for motor, e in enumerate(rows.error):
-        r = rows.changes(motor, made[motor])
-        along, power = r @ e, (r**2).sum(axis=1)
-        explained = along**2 / np.where(power > 0, power, np.inf) / max(float(e @ e), np.finfo(float).tiny)
-        plausible = (along > 0.5 * _LEAST * power) & (along < 2 * _MOST * power)
-        best = int(np.argmax(np.where(plausible, explained, 0.0)))
+    for motor in range(len(ranges)):
         fit = None
-        if plausible[best] and explained[best] > 0.5 * _EXPLAINED:
-            fit = _searched(rows, motor, np.array([np.log(size[motor, best]), share[motor, best], _FRICTION]))
+        if _best(rows, motor, first[motor], 0.25)[1] > 0.25 * _EXPLAINED:
+            best, explained = _best(
+                rows, motor, _made(rows.links.alone(motor), ranges[motor : motor + 1], cases)[0], 0.5
+            )
+            if explained > 0.5 * _EXPLAINED:
+                size, share = cases[best]
+                fit = _searched(rows, motor, np.array([np.log(size * ranges[motor]), share, _FRICTION]))
         found.append(fit if fit and fit.named(len(cases)) else None)
     return found
+
+
+def _made(links: LooseLinks, ranges: Array, cases: Array) -> Array:
+    """Changes of torque, (motors, cases, samples).
+
+    Args:
+        links: of the motors.
+        ranges: of their positions, (motors,), rad or m.
+        cases: size over the range, and share of the link in inertia, (cases, 2).
+    """
+    size, share = np.multiply.outer(ranges, cases[:, 0]), np.tile(cases[:, 1], (len(ranges), 1))
+    return links.change(size, share, np.full_like(share, _FRICTION))
+
+
+def _best(rows: _Rows, motor: int, made: Array, strict: float) -> tuple[int, float]:
+    """The change of torque, of (cases, samples), that explains most of a motor's residual, and the share of its power.
+
+    Args:
+        strict: the limits of the factor on its torque are wider by this.
+    """
+    r, e = rows.changes(motor, made), rows.error[motor]
+    along, power = r @ e, (r**2).sum(axis=1)
+    explained = along**2 / np.where(power > 0, power, np.inf) / max(float(e @ e), np.finfo(float).tiny)
+    plausible = (along > strict * _LEAST * power) & (along < _MOST / strict * power)
+    explained = np.where(plausible, explained, 0.0)
+    best = int(np.argmax(explained))
+    return best, float(explained[best])
 
 
 def _searched(rows: _Rows, motor: int, at: Array) -> _Fit:
