@@ -173,3 +173,17 @@ def test_a_file_without_a_header_is_drafted_in_degrees(tmp_path: Path) -> None:
     assert 'joints = [2, 3, 4], unit = "deg" }' in drafted
     assert "joints = [8, 9, 10]" in drafted
     assert "or column[11] to column[13]" in drafted
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.2])
+def test_accelerations_of_another_rate_are_no_torques_and_torques_of_equal_wheels_are(scale: float) -> None:
+    """Learning data sets hold q, dq, ddq, tau without names: accelerations, filtered, were drafted as torques."""
+    parts = signals()
+    noise = np.random.default_rng(8).standard_normal(parts["qdd"].shape)
+    parts["acc"] = (parts["qdd"] + 0.3 * np.std(parts["qdd"]) * noise) * scale
+    names = [f"{what}{k}" for what in ("q", "qd", "acc", "tau") for k in range(JOINTS)]
+    table = np.hstack([parts[what] for what in ("q", "qd", "acc", "tau")])
+    found = Content.of(dict(zip(names, table.T, strict=True)))
+    assert found.torques == ("tau0", "tau1", "tau2")
+    alone = Content.of(dict(zip(names[:9], table.T[:9], strict=True)))  # of another rate: torques of equal inertias
+    assert alone.torques == (() if scale == 1.0 else ("acc0", "acc1", "acc2"))

@@ -25,6 +25,8 @@ DATA = np.column_stack([np.arange(N) * 0.01, np.sin(np.arange(N)), np.cos(np.ara
         ('"t" "q" "u"\n', '"{k}" {0} {1} {2}\n', ["row", "t", "q", "u"], ""),
         ("t, q, u 20.5, 1.5, -2.5\n", "{0}, {1}, {2}\n", ["t", "q", "u"], ""),
         ("time joint angle torque measured\n", "{0} {1} {2}\n", ["column[1]", "column[2]", "column[3]"], "has 5 cells"),
+        (",pos,torque\nt,j1,j1\n", "{0},{1},{2}\n", ["t", "pos j1", "torque j1"], "two lines"),
+        ("group,arm,\nt,q,q\n", "{0},{1},{2}\n", ["t", "q (1)", "q (2)"], "2 columns are named q"),
         ("time,torque\n", "{0},{1},{2}\n", ["column[1]", "column[2]", "column[3]"], "has 2 cells where they have 3"),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptid.log.formats.sniff import channel_list
 from haptid.log.survey import survey
 from haptid.log.survey.names import element_of, quantity_of, time_unit, unit_apart
 
@@ -46,6 +47,16 @@ TAU = Q + np.cos(5.0 * T)
          ("t", "s"), (["qi1", "qi2"], "rad"), (["u1", "u2"], "N m")),
         ("t;X1_meas;X2_meas;F1;F2;tq1;tq2", (T, Q, Q, Q, Q, TAU, TAU),
          ("t", "s"), (["X1_meas", "X2_meas"], "rad"), (["tq1", "tq2"], "N m")),
+        ("时间;关节1位置;关节2位置;关节1速度;关节2速度;目标位置;关节1力矩;关节2力矩", (T, Q, Q, Q, Q, Q, TAU, TAU),
+         ("时间", "s"), (["关节1位置", "关节2位置"], "rad"), (["关节1力矩", "关节2力矩"], "N m")),
+        ("время;угол;скорость;момент", (T, Q, Q, TAU), ("время", "s"), (["угол"], "rad"), (["момент"], "N m")),
+        ("millis;ticks1;ticks2;pwm1;pwm2", (1e3 * T, *np.rint([500 * Q, 500 * Q, 99 * TAU, 99 * TAU])),
+         ("millis", "ms"), (["ticks1", "ticks2"], "counts"), (["pwm1", "pwm2"], "counts")),
+        ("ts;qs;us", (T, Q, TAU), ("ts", "s"), (["qs"], "rad"), (["us"], "N m")),
+        ("__time;/joint_states/position.hip;/joint_states/position.knee;/joint_states/effort.hip;/joint_states/effort.knee",
+         (T, Q, Q, TAU, TAU), ("__time", "s"),
+         (["/joint_states/position.hip", "/joint_states/position.knee"], "rad"),
+         (["/joint_states/effort.hip", "/joint_states/effort.knee"], "N m")),
         ("t;angvel;ang;trq", (T, 3 * Q, Q, TAU), ("t", "s"), (["ang"], "rad"), (["trq"], "N m")),
         ("t;q_raw;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("t;q_raw;q1;q2;tau1;tau2", (T, Q, Q, Q, TAU, TAU),
@@ -141,6 +152,18 @@ def test_torques_without_a_known_name_are_asked_for(tmp_path: Path) -> None:
     assert table.rstrip().splitlines()[-2].endswith("; is it m[1..2]?")
     ready = "\n".join(line.removeprefix("# ") for line in table.splitlines() if line.startswith("# torque = {"))
     assert tomllib.loads(ready)["torque"] == {"field": "m", "joints": [1, 2], "unit": "N m"}
+
+
+def test_accelerations_are_not_asked_for_as_torques(tmp_path: Path) -> None:
+    path = written(tmp_path / "log.csv", "t,q1,q2,ddq1,ddq2", T, Q, Q + 0.1 * TAU, TAU, TAU + Q)
+    assert "ddq" not in survey(path).table
+    assert "no channel of torques" in survey(path).table
+
+
+def test_lists_of_elements_name_each_of_them() -> None:
+    """`q[0]` and on, and joints that are not in a row, were all written as `q[1..n]`."""
+    assert channel_list([f"q[{k}]" for k in (0, 1, 2)]) == "q[0..2]"
+    assert channel_list([f"q[{k}]" for k in (1, 3, 7)]) == "q[1, 3, 7]"
 
 
 def written(path: Path, header: str, *columns: np.ndarray) -> Path:

@@ -19,6 +19,8 @@ _MOST, _ROWS = 64, 20_000
 _INTEGRAL, _COPY = 0.98, 0.98
 # The same of a velocity with the integral of noisy accelerations; share by which the sampling period of these differs.
 _NOISY_INTEGRAL, _SAME_PERIOD = 0.8, 0.2
+# Joints, and share of them, that tell one period of accelerations whatever it is.
+_SEVERAL, _OF_MOST = 3, 0.75
 # Samples over which a row and the sum of its rate are compared.
 _LAG = 20
 # Correlation by which two copies of a position differ as integrals of one rate.
@@ -75,13 +77,14 @@ class Content:
         first = next(k for k in range(len(names)) if not steady[k])
         at = _whole_block({moving[i]: moving[j] for i, j in found.items()}, first, len(names))
         heads = _measured(rows, sorted(i for i in at if i not in set(at.values())))
-        used = {*at, *at.values()}
+        used = {*at, *at.values(), *_second_rates(at, heads, len(names))}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
         # Torques of a mechanism that is all inertia are rates of rates too, of another period: taken if nothing else is
-        for taken in (used, {*heads, *(at[k] for k in heads if k in at)}):
+        rates = [at.get(k) for k in heads]
+        for taken, alone in ((used, False), ({*heads, *(k for k in rates if k is not None)}, True)):
             groups = _left(rows, [k for k in moving if k not in taken], heads, taken)
-            groups = [group for group in groups if not _accelerations(rows, group, [at.get(k) for k in heads], step)]
+            groups = [group for group in groups if not _accelerations(rows, group, rates, step, alone)]
             if groups:
                 break
         arrays = [name.partition("[")[0] for name in names]
@@ -165,6 +168,14 @@ def _whole_block(at: dict[int, int], first: int, size: int) -> dict[int, int]:
     return {i: j for i, j in at.items() if i not in block and j not in rates} | {k: k + usual for k in block}
 
 
+def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
+    """Accelerations, one for each rate and as far from it, where that of any is known: others are noisier."""
+    rates = [at[k] for k in heads if k in at]
+    apart = [at[rate] - rate for rate in rates if rate in at]
+    found = {rate + max(apart, key=apart.count) for rate in rates} if apart else set()
+    return {k for k in found if 0 <= k < size and k not in heads}
+
+
 def _measured(rows: NDArray[np.float64], heads: list[int]) -> list[int]:
     """Positions without planned copies of their size, which are smoother; the first ones where none is rougher."""
     z = _straightened(rows[heads]) if heads else rows
@@ -193,13 +204,27 @@ def _filled(group: list[int], rows: NDArray[np.float64], used: set[int]) -> list
     return [k for k in inside if k in group or (np.ptp(rows[k]) == 0 and k not in used)]
 
 
-def _accelerations(rows: NDArray[np.float64], group: list[int], rates: list[int | None], step: float) -> bool:
-    """Whether columns are the rates of the rates, noisy as they are, at the same sampling period."""
+def _accelerations(
+    rows: NDArray[np.float64], group: list[int], rates: list[int | None], step: float, alone: bool
+) -> bool:
+    """Whether columns are the rates of the rates, noisy as they are.
+
+    At the same sampling period; or, of three joints on, at any one period that most of them have: accelerations were
+    filtered, or computed at another rate, and torques of different links are no one multiple of them. A group that is
+    the only one may be torques of equal inertias.
+    """
     pairs = [(i, j) for i, j in zip(rates, group, strict=True) if i is not None and np.ptp(rows[j]) > 0]
     if not pairs or not step:
         return False
-    alike = [float(np.corrcoef(*_gains(rows, i, j))[0, 1]) for i, j in pairs]
-    return min(alike) > _NOISY_INTEGRAL and abs(_period(rows, pairs) / step - 1.0) < _SAME_PERIOD
+    gains = [_gains(rows, i, j) for i, j in pairs]
+    alike = [float(np.corrcoef(x, c)[0, 1]) for x, c in gains]
+    if min(alike) > _NOISY_INTEGRAL and abs(_period(rows, pairs) / step - 1.0) < _SAME_PERIOD:
+        return True
+    if alone or len(pairs) < _SEVERAL:
+        return False
+    own = np.array([x @ c / (c @ c) for x, c in gains])
+    one = np.mean(np.abs(own - np.median(own)) < _SAME_PERIOD * abs(np.median(own)))
+    return bool(np.median(alike) > _NOISY_INTEGRAL and one >= _OF_MOST)
 
 
 def _period(rows: NDArray[np.float64], pairs: list[tuple[int, int]]) -> float:

@@ -19,6 +19,7 @@ from haptid.log.formats.folders import bag_files, data_set_files, log_files, nat
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.request import Request
+from haptid.log.stamp_parts import joined, with_parts
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,10 @@ class Format:
         return found
 
     def columns(self, path: Path, wanted: Sequence[str], request: Request | None = None) -> dict[str, RawChannel]:
-        """Those wanted channels that the file has, each (n,)."""
+        """Those wanted channels that the file has, each (n,); sums of two, see `stamp_parts`, too."""
         more = (request or Request(),) if self.asks else ()
-        found: dict[str, RawChannel] = self._reader.columns(path, wanted, *more)
-        return found
+        found: dict[str, RawChannel] = self._reader.columns(path, with_parts(wanted), *more)
+        return joined(wanted, found)
 
     def units(self, path: Path) -> dict[str, str]:
         """Units that the file states of its channels, as it spells them."""

@@ -22,6 +22,7 @@ from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import opened_text, opened_utf8
+from haptid.log.formats.headers import NUMBER, fitting_header, is_number, numbered, two_levels
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, blocks
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
@@ -37,9 +38,6 @@ HEAD_BYTES = 2**20
 # Of a block without pyarrow.
 BLOCK_ROWS = 2**14
 COMMENT = re.compile(r"\s*[#%]")
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
-# The last name of a header, and the first number of the row that follows without an end of line.
-_GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 # ISO 8601, and a time of day alone.
 _DATE = re.compile(
     r"(?:(?P<date>\d{4}[-/]\d\d[-/]\d\d)[T ])?(?P<hours>\d\d?):(?P<minutes>[0-5]\d):(?P<seconds>[0-5]\d)"
@@ -264,8 +262,8 @@ def _dialect(path: Path) -> _Dialect:
     rows = [_cells(texts[k], separator) for k in filled]
     width = _width(rows, decimal)
     samples = [_is_row(row, width, decimal) for row in rows]
-    names_only = [len(row) == width and not any(_number(cell, decimal) for cell in row) for row in rows]
-    plain = [samples[k] and all(_number(cell, decimal) for cell in row) for k, row in enumerate(rows)]
+    names_only = [len(row) == width and not any(is_number(cell, decimal) for cell in row) for row in rows]
+    plain = [samples[k] and all(is_number(cell, decimal) for cell in row) for k, row in enumerate(rows)]
     begins = (
         i
         for i in range(len(rows))
@@ -277,7 +275,7 @@ def _dialect(path: Path) -> _Dialect:
     if head >= 1 and len(rows[head]) == len(rows[head - 1]) == width and _are_units(rows[head]):
         units, head = tuple(_unit(cell) for cell in rows[head]), head - 1
     stated: list[str] = []
-    fitting = _fitting(rows[head], rows[first:], width) if first else None
+    fitting = fitting_header(rows[head], rows[first:], width) if first else None
     if fitting is None:
         header, start = _without_header(
             texts, filled[first % len(rows)], rows[first:] or rows, separator, width, stated
@@ -286,6 +284,9 @@ def _dialect(path: Path) -> _Dialect:
             stated.append(f"the line above the samples has {len(rows[head])} cells where they have {width}: not used")
     else:
         header, start = fitting, filled[first - 1] + 1
+        if head > 0 and (joined := two_levels(rows[head - 1], header)):
+            header, head = joined, head - 1
+            stated.append("the header has two lines: names are those of both, such as " + header[-1])
         if head > 0:
             stated.append(f"{head} lines before the header are not used")
     if units:
@@ -297,45 +298,10 @@ def _dialect(path: Path) -> _Dialect:
         stated.append(
             f"cells are separated by {words[separator]}, with decimal {'commas' * (decimal == ',') or 'points'}"
         )
-    named = _numbered([cell or f"column {k}" for k, cell in enumerate(header, 1)], stated)
+    named = numbered([cell or f"column {k}" for k, cell in enumerate(header, 1)], stated)
     dated = frozenset(k for k, cell in enumerate(rows[first] if first < len(rows) else []) if _DATE.fullmatch(cell))
     begin = offset + sum(map(len, lines[:start]))
     return _Dialect(separator, decimal, named, start, begin, units, tuple(stated), dated)
-
-
-def _fitting(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
-    """The header with as many names as rows have cells; None where it is none of theirs.
-
-    A separator at the end of each line makes a cell more, numbers of rows have no name in tables of R, and a recorder
-    that ends no line after its header has the first row in it.
-    """
-    if not rows or len(header) == width:
-        return header
-    glued = _GLUED.fullmatch(header[width - 1]) if len(header) == 2 * width - 1 else None
-    if glued and sum(_number(cell, ".") for cell in header[width:]) > width // 2:
-        return [*header[: width - 1], glued["name"].strip()]
-    if len(header) > width:
-        return None if any(header[width:]) else header[:width]
-    regular = [row for row in rows if len(row) == width]
-    if not any(cell for row in regular for cell in row[len(header) :]):
-        return [*header, *[""] * (width - len(header))]
-    counts = [row[0] for row in regular]
-    if len(header) == width - 1 and counts == [str(k + int(counts[0] == "1")) for k in range(len(counts))]:
-        return ["row", *header]
-    return None
-
-
-def _numbered(names: list[str], stated: list[str]) -> tuple[str, ...]:
-    """Names, those that several columns have with a number each."""
-    repeated = {name: 0 for name, count in Counter(names).items() if count > 1}
-    stated.extend(f"{names.count(name)} columns are named {name}: they are {name} (1) and on" for name in repeated)
-    made = []
-    for name in names:
-        if name in repeated:
-            repeated[name] += 1
-            name = f"{name} ({repeated[name]})"
-        made.append(name)
-    return tuple(made)
 
 
 def _without_header(
@@ -345,7 +311,7 @@ def _without_header(
     commented = next((k for k in reversed(range(first)) if COMMENT.match(texts[k]) and texts[k].strip("#% \t")), None)
     if commented is not None:
         cells = _cells(COMMENT.sub("", texts[commented], count=1), separator)
-        if len(cells) == width and not all(_number(cell, ".") for cell in cells):
+        if len(cells) == width and not all(is_number(cell, ".") for cell in cells):
             return cells, first
     if len(rows) > 1 and width > 1 and [whole_number(cell) for cell in rows[0]] == list(range(width)):
         stated.append("the first line counts the columns from 0: it is taken as the header")
@@ -362,8 +328,8 @@ def _separator(texts: list[str]) -> tuple[str, str]:
         rows = [_cells(text, separator) for text in texts]
         width = _width(rows, decimal)
         first = next((k for k, row in enumerate(rows) if _is_row(row, width, decimal)), len(rows))
-        found = sum(_number(cell, decimal) for row in rows if len(row) == width for cell in row)
-        headed = first == 0 or _fitting(rows[first - 1], rows[first:], width) is not None
+        found = sum(is_number(cell, decimal) for row in rows if len(row) == width for cell in row)
+        headed = first == 0 or fitting_header(rows[first - 1], rows[first:], width) is not None
         return headed and found > 0, found * (2 if width > 1 else 1)
 
     there = [any(separator in text for text in texts) for separator in SEPARATORS]
@@ -375,27 +341,21 @@ def _separator(texts: list[str]) -> tuple[str, str]:
 
 def _width(rows: list[list[str]], decimal: str) -> int:
     """The usual number of cells of the lines with numbers; of the header where there are none."""
-    counts = Counter(len(row) for row in rows[1:] or rows if any(_number(cell, decimal) for cell in row))
+    counts = Counter(len(row) for row in rows[1:] or rows if any(is_number(cell, decimal) for cell in row))
     return counts.most_common(1)[0][0] if counts else len(rows[0])
 
 
 def _is_row(row: list[str], width: int, decimal: str) -> bool:
     """Whether a line holds samples: numbers in most of its cells that are not empty, or in as many as usual."""
     filled = [cell for cell in row if cell not in MISSING]
-    found = sum(_number(cell, decimal) for cell in filled)
+    found = sum(is_number(cell, decimal) for cell in filled)
     return len(row) == width and (2 * found > len(filled) or (found > 0 and 2 * found == len(filled)) or not filled)
-
-
-def _number(cell: str, decimal: str) -> bool:
-    if decimal == ",":
-        return "." not in cell and bool(_NUMBER.fullmatch(cell.replace(",", ".", 1)))
-    return bool(_NUMBER.fullmatch(cell))
 
 
 def _are_units(cells: list[str]) -> bool:
     """Whether the cells of a line are units: at least half are known, and none is a number."""
     known = sum(known_unit(_unit(cell)) is not None for cell in cells)
-    return 2 * known >= len(cells) and not any(_number(cell, ".") for cell in cells)
+    return 2 * known >= len(cells) and not any(is_number(cell, ".") for cell in cells)
 
 
 def _unit(cell: str) -> str:
@@ -457,7 +417,7 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError |
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
-                right = _DATE.fullmatch(cell) if k in dialect.dated else _NUMBER.fullmatch(number)
+                right = _DATE.fullmatch(cell) if k in dialect.dated else NUMBER.fullmatch(number)
                 if cell not in MISSING and not right:
                     what = "date and time" if k in dialect.dated else "number"
                     return LogFileError(

@@ -187,14 +187,16 @@ def _pattern(name: str) -> str:
     parts = re.split(r"([/.])", name)
     numbered = any(re.search(r"\d", part) for part in parts[-3:])
     side = len(parts) > 2 and words_of(parts[-3]) & (_WANTED | _MEASURED | {"motor", "joint"})
-    if (
-        len(parts) > 2
-        and not numbered
-        and not side
-        and any(words_of(parts[-1]) <= known for _, known in QUANTITY_WORDS)
-    ):
+    if len(parts) > 2 and not numbered and not side and _quantity_word(parts[-1]):
         parts[-3] = "#"
+    elif len(parts) > 2 and parts[-2] == "." and _quantity_word(parts[-3]) and not words_of(parts[-1]) & _KIND:
+        parts[-1] = "#"
     return re.sub(r"\d+", "#", "".join(parts))
+
+
+def _quantity_word(part: str) -> bool:
+    """Whether a part of a name says a quantity and nothing else."""
+    return any(words_of(part) <= known for _, known in QUANTITY_WORDS)
 
 
 def channels_table(

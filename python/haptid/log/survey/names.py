@@ -8,21 +8,22 @@ from haptid.log.survey.channels import Quantity
 from haptid.log.units import known_unit
 
 # Words of channels' names, in the languages of the laboratories that publish logs.
-_VELOCITY = frozenset({"qd", "dq", "dqi", "jv", "angvel", "vel", "velo", "velocity", "velocities", "speed", "omega",
-                       "rpm", "tacho", "vitesse", "geschwindigkeit", "drehzahl", "velocidad"})  # fmt: skip
+_VELOCITY = frozenset({"qd", "dq", "dqi", "dqs", "qds", "jv", "angvel", "vel", "velo", "velocity", "velocities",
+                       "speed", "omega", "rpm", "tacho", "vitesse", "geschwindigkeit", "drehzahl",
+                       "velocidad"})  # fmt: skip
 _CURRENT = frozenset({"current", "currents", "curr", "cur", "i", "amps", "iq", "strom", "courant", "corriente",
                       "corrente"})  # fmt: skip
 _VOLTAGE = frozenset({"voltage", "voltages", "volt", "volts", "vm", "vq", "uq", "spannung"})
 _DUTY = frozenset({"pwm", "duty"})
-_TORQUE = frozenset({"tau", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff", "moment",
-                     "drehmoment", "couple", "coppia"})  # fmt: skip
+_TORQUE = frozenset({"tau", "taus", "torque", "torques", "trq", "torq", "tor", "tq", "effort", "efforts", "eff",
+                     "moment", "drehmoment", "couple", "coppia"})  # fmt: skip
 _EFFORT = frozenset({"effort", "efforts", "eff"})  # the field of a message, whatever is in it
 _FORCE = frozenset({"load", "loads", "force", "kraft", "u", "mt", "ctrl"})
 _POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "positions", "ang", "angle", "angles", "theta",
                        "enc", "encoder", "pot", "potentiometer", "winkel", "lage", "weg", "posicion",
-                       "posizione"})  # fmt: skip
+                       "posizione", "qs", "thetas"})  # fmt: skip
 # Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
-_ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"})
+_ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"}) | {"ticks", "counts", "pulses"}
 # In this order: a word that tells the quantity, before one that may belong to any.
 QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", _VELOCITY),
@@ -36,19 +37,36 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
 NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip", "ee",
                       "eef", "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
-                      "temp", "temperature", "diff", "deviation", "lag", "direct", "acc",
-                      "accel", "acceleration", "accelerations", "beschleunigung"})  # fmt: skip
+                      "temp", "temperature", "diff", "deviation", "lag", "direct",
+                      "acc", "accel", "acceleration", "accelerations", "beschleunigung",
+                      "ddq", "qdd", "ddqs", "qdds"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
+# Positions of an encoder, as it counts them.
+COUNTED = frozenset({"ticks", "counts", "count", "pulses"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
 # A command of nothing in particular stands for a torque.
 COMMAND_WORDS = frozenset({"command", "commands", "commanded", "cmd"})
-_TIME = frozenset({"t", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds", "elapsed",
-                   "zeit", "temps", "tempo", "tiempo", "millis", "micros", "utime", "tick", "ticks"})  # fmt: skip
+_TIME = frozenset({"t", "ts", "time", "times", "timestamp", "stamp", "date", "datetime", "sec", "secs", "seconds",
+                   "elapsed", "zeit", "temps", "tempo", "tiempo",
+                   "millis", "micros", "utime", "tick", "ticks"})  # fmt: skip
 _TIME_UNIT = {"s": "s", "ms": "ms", "msec": "ms", "millis": "ms", "us": "us", "usec": "us", "micros": "us",
               "utime": "us", "ns": "ns", "nsec": "ns"}  # fmt: skip
 
+# Words of scripts without capitals, inside longer ones: Chinese, Japanese and Korean, and Russian.
+_FOREIGN = {
+    "position": ("位置", "角度", "关节角", "関節角", "위치", "각도", "угол", "положение"),
+    "velocity": ("速度", "转速", "속도", "скорость"),
+    "torque": ("力矩", "扭矩", "转矩", "トルク", "토크", "момент"),
+    "current": ("电流", "電流", "전류", "ток"),
+    "acceleration": ("加速度", "가속도", "ускорение"),
+    "desired": ("期望", "目标", "指令", "给定", "目標", "목표"),
+    "time": ("时间", "時間", "时刻", "시간", "время"),
+    "joint": ("关节", "関節", "관절", "сустав"),
+}
+_BY_LENGTH = sorted(((own, word) for word, all_ in _FOREIGN.items() for own in all_), key=lambda x: -len(x[0]))
+_FOREIGN_WORD = re.compile("|".join(own for own, _ in _BY_LENGTH), re.I)
 # A run of capitals, or letters with or without a capital before them: `MotorCur`, `TCPForce`.
 _TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
 # Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
@@ -82,7 +100,7 @@ def unit_apart(name: str) -> tuple[str, str]:
     """A name without the unit that is written at its end, and that unit; empty where there is none."""
     if match := _BRACKETED.search(name):
         unit = match["unit"].strip()
-        if match["space"] or known_unit(unit) or _OTHER_UNITS.fullmatch(unit):
+        if not unit.isdecimal() and (match["space"] or known_unit(unit) or _OTHER_UNITS.fullmatch(unit)):
             return name[: match.start()], unit
         return name, ""
     match = None if name.startswith("/") or name.count("/") > 1 else _WRITTEN.search(name)
@@ -102,9 +120,15 @@ def base_of(name: str) -> str:
     return _PRESENT.sub("", match["array"] if match else unit_apart(name)[0])
 
 
+def english(name: str) -> str:
+    """The name with known words of other scripts in English."""
+    return name if name.isascii() else _FOREIGN_WORD.sub(lambda m: f" {dict(_BY_LENGTH)[m[0].lower()]} ", name).strip()
+
+
 def words_of(name: str) -> frozenset[str]:
     """Words of a name in lower case, also of those that are written together."""
     words: set[str] = set()
+    name = english(name)
     name = _AXIS.sub("pos", _VOLTS.sub("voltage_", _FIELD.sub(_of_field, name)))
     for token in _TOKEN.findall(name):
         glued = _GLUED.fullmatch(token.lower())
@@ -124,6 +148,8 @@ def last_part(name: str) -> str:
 
 def quantity_of(name: str) -> Quantity:
     """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
+    if name.lower() == "us":  # the inputs beside `ts` and `qs`; elsewhere microseconds
+        return "torque"
     last = words_of(last_part(name))
     if last & NEITHER or words_of(name) & _SETTINGS:
         return "other"
@@ -155,7 +181,7 @@ def drive_unit(words: frozenset[str]) -> str:
 
 def is_time(name: str) -> bool:
     """Whether a name may be that of times; whether they grow is another matter."""
-    words = [token.lower() for token in _TOKEN.findall(last_part(unit_apart(name)[0]))]
+    words = [token.lower() for token in _TOKEN.findall(english(last_part(unit_apart(name)[0])))]
     while len(words) > 1 and words[-1] in _TIME_UNIT and words[-1] not in _TIME:
         words.pop()
     return (bool(words) and (words[-1] in _TIME or "timestamp" in words)) or name.endswith("@time")

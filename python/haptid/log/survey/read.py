@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +28,10 @@ from haptid.log.log import Signal
 from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
+from haptid.log.stamp_parts import parts_of, sum_of
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
-from haptid.log.survey.guesses import MAY_TURN, commanded, guessed, timed, unit_of, usual_step
+from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, timed, unit_of, usual_step
 from haptid.log.survey.names import element_of, is_time, words_of
 from haptid.log.turns import turning_unit
 from haptid.log.units import scale
@@ -39,6 +40,8 @@ from haptid.log.units import scale
 _MOST, _TOGETHER = 400, 16
 # Numbers of a table that is read as a whole, to recognise channels by how they move.
 _NUMBERS = 20_000_000
+# A fraction of seconds reaches this, in any unit.
+_FRACTION = 500.0
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
 
@@ -186,10 +189,12 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             if is_time(name):
                 channel, own = timed(channel, column, stated.get(name, ""))
                 rate = rate or own
-            else:
+            if channel.quantity == "other":  # `ticks` of an encoder do not grow as those of a clock
                 source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
                 channel = guessed(channel, name, source, stated.get(name, ""))
             channels.append(channel)
+    channels, own = _with_stamps_in_parts(channels, path, kind)
+    rate = own or rate
     by_rates = 0.0
     if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
         content = Content.of(_columns(path, kind, names[:_MOST], Request()))
@@ -256,6 +261,32 @@ def _named_period(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -
     return 0.0
 
 
+def _with_stamps_in_parts(channels: list[ChannelSurvey], path: Path, kind: Format) -> tuple[list[ChannelSurvey], float]:
+    """Channels with the times that whole seconds and the fraction beside them make, and their rate; else 0."""
+    for k, (whole, part) in enumerate(pairwise(channels)):
+        if not (whole.whole and part.whole and whole.usable and part.low >= 0 and part.high >= _FRACTION):
+            continue
+        columns = _columns(path, kind, [whole.name, part.name], Request())
+        unit = parts_of(*columns.values()) if len(columns) == 2 else ""
+        if unit:
+            name = sum_of(whole.name, part.name, unit)
+            times = _columns(path, kind, [name], Request())[name]
+            made, rate = timed(_channel(name, times), times, "ns")
+            made = replace(made, reason=made.reason.replace(f"{STATED[0]} ns", "whole seconds and their fraction"))
+            others = [
+                replace(c, quantity="other", unit="", reason="") if c in (whole, part) or c.quantity == "time" else c
+                for c in channels
+            ]
+            return [*others[:k], made, *others[k:]], rate
+    return channels, 0.0
+
+
+def _channel(name: str, values: RawChannel) -> ChannelSurvey:
+    found = _Range()
+    found.add(values)
+    return found.channel(name, values.size)
+
+
 def _with_times(
     channels: Sequence[ChannelSurvey], name: str, path: Path, kind: Format
 ) -> tuple[list[ChannelSurvey], float]:
@@ -281,7 +312,7 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
             channel = replace(channel, quantity="velocity")
         elif channel.name in content.torques:
             unit, reason = unit_of("torque", frozenset(), largest, channel, "")
-            others = " or ".join(f"{group[0]} to {group[-1]}" for group in content.others)
+            others = " or ".join(" to ".join(dict.fromkeys((group[0], group[-1]))) for group in content.others)
             reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
             channel = replace(channel, quantity="torque", unit=unit, reason=reason)
         made.append(channel)

@@ -1,0 +1,66 @@
+"""Headers of text tables: lines of names above rows of numbers."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+# The last name of a header, and the first number of the row that follows without an end of line.
+_GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
+
+
+def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
+    """The header with as many names as rows have cells; None where it is none of theirs.
+
+    A separator at the end of each line makes a cell more, numbers of rows have no name in tables of R, and a recorder
+    that ends no line after its header has the first row in it.
+    """
+    if not rows or len(header) == width:
+        return header
+    glued = _GLUED.fullmatch(header[width - 1]) if len(header) == 2 * width - 1 else None
+    if glued and sum(is_number(cell, ".") for cell in header[width:]) > width // 2:
+        return [*header[: width - 1], glued["name"].strip()]
+    if len(header) > width:
+        return None if any(header[width:]) else header[:width]
+    regular = [row for row in rows if len(row) == width]
+    if not any(cell for row in regular for cell in row[len(header) :]):
+        return [*header, *[""] * (width - len(header))]
+    counts = [row[0] for row in regular]
+    if len(header) == width - 1 and counts == [str(k + int(counts[0] == "1")) for k in range(len(counts))]:
+        return ["row", *header]
+    return None
+
+
+def two_levels(upper: list[str], lower: list[str]) -> list[str] | None:
+    """Names of a header of two lines, as of tables of groups; None where the lower line alone tells the columns apart.
+
+    A blank in the upper line belongs to the name on its left, as of a cell that spans several columns.
+    """
+    names = [name for name in lower if name]
+    if len(upper) != len(lower) or len(set(names)) == len(names) or any(is_number(cell, ".") for cell in upper):
+        return None
+    made, group = [], ""
+    for above, name in zip(upper, lower, strict=True):
+        group = above or group
+        made.append(f"{group} {name}".strip())
+    return made if len(set(made)) == len(made) else None
+
+
+def numbered(names: list[str], stated: list[str]) -> tuple[str, ...]:
+    """Names, those that several columns have with a number each."""
+    repeated = {name: 0 for name, count in Counter(names).items() if count > 1}
+    stated.extend(f"{names.count(name)} columns are named {name}: they are {name} (1) and on" for name in repeated)
+    made = []
+    for name in names:
+        if name in repeated:
+            repeated[name] += 1
+            name = f"{name} ({repeated[name]})"
+        made.append(name)
+    return tuple(made)
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    if decimal == ",":
+        return "." not in cell and bool(NUMBER.fullmatch(cell.replace(",", ".", 1)))
+    return bool(NUMBER.fullmatch(cell))
