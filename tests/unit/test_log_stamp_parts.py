@@ -11,7 +11,7 @@ import pytest
 
 from haptid.log import read_log
 from haptid.log.log import Channels, Signal
-from haptid.log.stamp_parts import parts_of
+from haptid.log.stamp_parts import fraction_unit
 from haptid.log.survey import survey
 
 START, DT, ROWS = 1_700_000_000, 0.004, 1200
@@ -62,8 +62,8 @@ def test_messages_as_json_are_drafted_with_both_parts_of_their_stamps(tmp_path: 
 def test_counts_beside_counts_are_no_times() -> None:
     """The second column must start again where the first goes on, and only there."""
     seconds, fraction = START + TIMES // 10**9, TIMES % 10**9
-    assert parts_of(seconds, fraction) == "ns"
-    assert parts_of(seconds, np.roll(fraction, 7)) == ""
-    assert parts_of(seconds, np.arange(ROWS) * 4) == ""
-    assert parts_of(np.arange(ROWS), np.arange(ROWS) % 2000) == ""
-    assert parts_of(seconds.astype(float), np.where(np.arange(ROWS) == 5, np.nan, fraction)) == ""
+    assert fraction_unit(seconds, fraction) == "ns"
+    assert fraction_unit(seconds, np.roll(fraction, 7)) == ""
+    assert fraction_unit(seconds, np.arange(ROWS) * 4) == ""
+    assert fraction_unit(np.arange(ROWS), np.arange(ROWS) % 2000) == ""
+    assert fraction_unit(seconds.astype(float), np.where(np.arange(ROWS) == 5, np.nan, fraction)) == ""

@@ -16,10 +16,12 @@ from haptid.errors import LogFileError
 from haptid.log.formats.assignments import is_assignments
 from haptid.log.formats.controller_trace import HEAD, is_trace
 from haptid.log.formats.folders import bag_files, data_set_files, log_files, natural, parquet_files, table_files
+from haptid.log.formats.labelled import is_labelled
+from haptid.log.formats.rearranged import is_rearranged
 from haptid.log.formats.sniff import RawChannel, empty
 from haptid.log.formats.transposed import is_transposed
 from haptid.log.request import Request
-from haptid.log.stamp_parts import joined, with_parts
+from haptid.log.stamp_parts import with_parts, with_sums
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Format:
         """Those wanted channels that the file has, each (n,); sums of two, see `stamp_parts`, too."""
         more = (request or Request(),) if self.asks else ()
         found: dict[str, RawChannel] = self._reader.columns(path, with_parts(wanted), *more)
-        return joined(wanted, found)
+        return with_sums(wanted, found)
 
     def units(self, path: Path) -> dict[str, str]:
         """Units that the file states of its channels, as it spells them."""
@@ -84,9 +86,11 @@ FORMATS = (
     Format("trace of TwinCAT or CODESYS", (".trace", ".xml"), "controller_trace", asks=True),
     Format("folder of tables", (), "table_folder", asks=True),
     Format("text of a controller's variables", (), "assignments"),
+    Format("text with labels", (".yaml", ".yml"), "labelled", asks=True),
+    Format("text with lists, or a row for each joint", (), "rearranged", asks=True),
 )
-_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES, _ASSIGNED = (
-    FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12, 13)
+_TEXT, MESSAGES, LEROBOT, TRANSPOSED, _PARQUET_FILES, _TRACE, _TABLES, _ASSIGNED, _LABELLED, _REARRANGED = (
+    FORMATS[k] for k in (0, 5, 7, 9, 10, 11, 12, 13, 14, 15)
 )
 # What Git LFS leaves in place of a file whose content was not fetched.
 _POINTER = b"version https://git-lfs"
@@ -141,11 +145,7 @@ def format_of(path: Path) -> Format:
         )
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
-            if kind is _TEXT and is_trace(head):
-                return _TRACE
-            if kind is _TEXT and is_assignments(head):
-                return _ASSIGNED
-            return TRANSPOSED if kind is _TEXT and is_transposed(path) else kind
+            return _text(path, head) if kind is _TEXT else kind
     suffix = path.suffix.lower()
     if suffix and (found := extension("haptid.log_formats", suffix[1:])) is not None:
         return Format(suffix[1:].upper(), (suffix,), "", extension=found)
@@ -158,6 +158,15 @@ def format_of(path: Path) -> Format:
         limit=tuple(known),
         advice=f"{_CONVERSION.get(suffix, 'Convert the log, or rename it.')} Formats: {'; '.join(known)}.",
     )
+
+
+def _text(path: Path, head: bytes) -> Format:
+    """The format of a text with these first bytes."""
+    by_head = ((is_trace, _TRACE), (is_assignments, _ASSIGNED), (is_labelled, _LABELLED), (is_rearranged, _REARRANGED))
+    for fits, kind in by_head:
+        if fits(head):
+            return kind
+    return TRANSPOSED if is_transposed(path) else _TEXT
 
 
 def logs_in(folder: Path) -> list[Path]:

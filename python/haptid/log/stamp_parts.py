@@ -33,7 +33,7 @@ def with_parts(wanted: Sequence[str]) -> list[str]:
     return list(found)
 
 
-def joined(wanted: Sequence[str], found: Mapping[str, RawChannel]) -> dict[str, RawChannel]:
+def with_sums(wanted: Sequence[str], found: Mapping[str, RawChannel]) -> dict[str, RawChannel]:
     """The wanted channels, sums in whole nanoseconds, of those that were found.
 
     Args:
@@ -50,7 +50,7 @@ def joined(wanted: Sequence[str], found: Mapping[str, RawChannel]) -> dict[str, 
     return made
 
 
-def parts_of(seconds: RawChannel, fraction: RawChannel) -> str:
+def fraction_unit(seconds: RawChannel, fraction: RawChannel) -> str:
     """Unit of the second channel, where it holds the fraction of the whole seconds in the first; else empty.
 
     The fraction starts again wherever the seconds go on, and their sum grows.

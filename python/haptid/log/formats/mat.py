@@ -6,7 +6,7 @@ import math
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -130,6 +130,8 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
         if value.size <= _MOST_STRUCTS:  # a cell array, as of trials
             for k, cell in enumerate(value.flat, 1):
                 yield from _leaves(f"{name}[{k}]", cell)
+        elif (rows := _stacked(value.flat)) is not None:
+            yield name, rows
     elif value.dtype.names is None:
         yield name, value
     elif value.size == 1:
@@ -139,6 +141,19 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
         for k, one in enumerate(value.flat, 1):
             for field in value.dtype.names:
                 yield from _leaves(f"{name}[{k}].{field}", one[field])
+    else:  # a struct for each sample
+        for field in value.dtype.names:
+            if (rows := _stacked(value[field].flat)) is not None:
+                yield f"{name}.{field}", rows
+
+
+def _stacked(cells: Iterable[object]) -> RawChannel | None:
+    """The arrays of a cell or a field of each sample as rows, (samples, elements); None where they are not alike."""
+    found = [cell for cell in cells if type(cell) is np.ndarray and numeric(cell.dtype)]
+    sizes = {cell.size for cell in found}
+    if len(sizes) != 1 or 0 in sizes or len(found) < _MOST_STRUCTS:
+        return None
+    return np.stack([cell.ravel() for cell in found])
 
 
 # Longest array of structs or cells whose content is channels.

@@ -13,7 +13,7 @@ from haptid.log.formats.sniff import RawChannel
 from haptid.log.survey.channels import ChannelSurvey, Quantity
 from haptid.log.survey.names import (
     COMMAND_WORDS,
-    COUNTED,
+    COUNTED_WORDS,
     QUANTITY_WORDS,
     base_of,
     drive_unit,
@@ -131,7 +131,7 @@ def unit_of(
     quantity: Quantity, words: frozenset[str], largest: float, channel: ChannelSurvey, source: str
 ) -> tuple[str, str]:
     if quantity == "position":
-        if channel.whole and (largest > _COUNTS or words & COUNTED):
+        if channel.whole and (largest > _COUNTS or words & COUNTED_WORDS):
             return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
         if {"pos", "estimate"} <= words:
             return "turn", "called as by ODrive, which counts turns"

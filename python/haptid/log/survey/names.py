@@ -43,7 +43,7 @@ NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", 
 # Groups of settings, of which nothing is recorded.
 _SETTINGS = frozenset({"parameter", "parameters", "params", "param", "setting", "settings", "config"})
 # Positions of an encoder, as it counts them.
-COUNTED = frozenset({"ticks", "counts", "count", "pulses"})
+COUNTED_WORDS = frozenset({"ticks", "counts", "count", "pulses"})
 # Names of joints and not only of their positions.
 _JOINT = frozenset({"joint", "j", "axis"})
 # A command of nothing in particular stands for a torque.

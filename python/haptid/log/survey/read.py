@@ -28,7 +28,7 @@ from haptid.log.log import Signal
 from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
-from haptid.log.stamp_parts import parts_of, sum_of
+from haptid.log.stamp_parts import fraction_unit, sum_of
 from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
 from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, timed, unit_of, usual_step
@@ -267,7 +267,7 @@ def _with_stamps_in_parts(channels: list[ChannelSurvey], path: Path, kind: Forma
         if not (whole.whole and part.whole and whole.usable and part.low >= 0 and part.high >= _FRACTION):
             continue
         columns = _columns(path, kind, [whole.name, part.name], Request())
-        unit = parts_of(*columns.values()) if len(columns) == 2 else ""
+        unit = fraction_unit(*columns.values()) if len(columns) == 2 else ""
         if unit:
             name = sum_of(whole.name, part.name, unit)
             times = _columns(path, kind, [name], Request())[name]
