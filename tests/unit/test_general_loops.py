@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import haptid
 from closed_devices import NAMES, poses
 from haptid import errors
 from haptid.device import Closure, NewtonClosure
+from haptid.device.toml.reader import checked_tables, device_of
 from haptid.dynamics.workspace import workspace
 
 
@@ -227,3 +230,67 @@ def test_friction_of_a_passive_joint_is_guarded_where_that_joint_is_slow(tmp_pat
     qa, qda, _ = poses(model, 30)
     wanted = model.device.closure.follow(qa, qda).velocity(qda)[2]
     np.testing.assert_allclose(model.speed(term, qa, qda), wanted, atol=1e-14)
+
+
+def between_frames(name: str) -> haptid.DynamicModel:
+    """A device whose spring is a strut between base and last link."""
+    page = Path(__file__).parents[2] / "docs" / "device-files.md"
+    blocks = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    (text,) = (block for block in blocks if "arm with a balancing spring" in block)
+    if name == "space":
+        text = SPATIAL_STRUT
+    return haptid.DynamicModel(device_of(*checked_tables(tomllib.loads(f"schema = 1\n{text}"), f"{name}.toml")))
+
+
+SPATIAL_STRUT = """name = "shoulder"
+gravity = [0.0, 0.0, -9.81]
+joints = [
+    { name = "1" },
+    { name = "2", alpha = "pi/2" },
+    { name = "yaw", parent = "base", d = 0.1, r = 0.3, body = false },
+    { name = "pitch", alpha = "pi/2", body = false },
+    { name = "slide", type = "prismatic", gamma = "pi/2", alpha = "pi/2", body = false },
+]
+terms = [{ kind = "spring", joints = ["slide"] }, { kind = "offset", joints = ["slide"], prefix = "PULL" }]
+
+[[loops]]
+passive = ["yaw", "pitch", "slide"]
+cut = { body_a = "slide", body_b = "2", frame_b = { d = 0.25 }, type = "spherical" }
+at = { 1 = 0.3, 2 = 0.2 }
+guess = { yaw = 0.5, pitch = -1.0, slide = 0.3 }
+"""
+
+
+def strut(name: str, q: np.ndarray) -> np.ndarray:
+    """From the anchor to the end on the last link, (samples, 3), in closed form."""
+    a, b = q
+    if name == "plane":
+        end = np.stack([0.3 * np.cos(a) + 0.2 * np.cos(a + b), 0.3 * np.sin(a) + 0.2 * np.sin(a + b), 0 * a], 1)
+        return end - np.array([0.0, 0.25, 0.0])
+    end = 0.25 * np.stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)], 1)
+    return end - np.array([0.1, 0.0, 0.3])
+
+
+@pytest.mark.parametrize("name", ["plane", "space"])
+def test_a_spring_between_two_frames_is_a_strut_without_mass(name: str) -> None:
+    """Torque (K L + P) dL/dq of its length L, by differences, and both parameters from rows with noise."""
+    model, rng = between_frames(name), np.random.default_rng(3)
+    t = np.linspace(0.0, 4.0, 400)
+    q = np.array([0.3 + 0.4 * np.sin(2.1 * t), 0.35 + 0.25 * np.sin(3.3 * t + 1)])
+
+    def length(q: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(strut(name, q), axis=1)
+
+    h = 1e-6 * np.eye(2)[:, :, None]
+    slope = np.array([(length(q + d) - length(q - d)) / 2e-6 for d in h])
+    values, still = {"Kslide": 800.0, "PULLslide": -120.0}, np.zeros((2, len(t)))
+    unit = np.eye(len(model.base.names))
+    Y = np.array([haptid.inverse_dynamics(model, beta, q, still, still).ravel() for beta in unit]).T
+    tau = Y @ [values.get(name, 0.0) for name in model.base.names]
+    wanted = (values["Kslide"] * length(q) + values["PULLslide"]) * slope
+    np.testing.assert_allclose(tau.reshape(slope.shape), wanted, atol=1e-5)
+    found = np.linalg.lstsq(Y, tau + 0.01 * rng.standard_normal(len(tau)), rcond=None)[0]
+    se = 0.01 * np.linalg.norm(np.linalg.pinv(Y), axis=1)  # inertias have no column at rest
+    for key, value in values.items():
+        k = model.base.names.index(key)
+        assert abs(found[k] - value) < 4 * se[k] < 0.1 * abs(value)
