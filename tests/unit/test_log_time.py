@@ -140,6 +140,19 @@ def test_a_long_gap_splits_the_log(tmp_path: Path) -> None:
     assert record(tmp_path, t, time_range=(4.6, 9)).segments == ((0, 441),)
 
 
+@pytest.mark.parametrize("digits", [9, 2])  # the second: stamps that are regular within their rounding
+@pytest.mark.parametrize("stray", [[0], [999], [0, 1, 2], [0, 999]])
+def test_rows_alone_beyond_a_gap_are_left_out(tmp_path: Path, stray: list[int], digits: int) -> None:
+    """A recorder that began, waited and went on; or went on, waited and ended. One segment is left."""
+    places = np.sort([*stray, *range(300, 700)])
+    taken, used = places / 200, np.searchsorted(places, np.arange(300, 700))
+    log = record(tmp_path, np.round(taken, digits), taken=taken)
+    assert log.segments == ((0, 400),)
+    np.testing.assert_allclose(log.t, taken[used] - taken[0], atol=1e-2 if digits == 2 else 1e-9)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * taken[used]))
+    assert any("not used" in note for note in log.notes)
+
+
 def test_a_gap_that_the_motion_bridges_is_none(tmp_path: Path) -> None:
     """0.04 s at 1 Hz; a quarter period is 0.25 s."""
     t = np.delete(np.arange(10_000) / 1000, slice(4000, 4040))

@@ -148,10 +148,10 @@ def regular_times(seconds: Array, spans: Spans, fineness: float) -> RowTimes | N
     if not (distinct and (off <= UNIFORM or (off < 0.5 and off * step <= fineness * (1 + UNIFORM)))):
         if missing or len(parts) > 1:
             return None
-        step, off = _coarse(seconds, fineness)
+        step, off = _coarse(parts[0], fineness)
         if not step:
             return None
-        slots = [np.arange(seconds.size)]
+        slots = [np.arange(parts[0].size)]
     smooth = False
     if missing:
         longest = int(np.argmax([own.max(initial=0.0) for own in steps]))
@@ -169,10 +169,10 @@ def regular_times(seconds: Array, spans: Spans, fineness: float) -> RowTimes | N
         )
     first = tuple(float(part[0]) for part in parts)
     count = [int(own[-1]) + 1 for own in slots]
-    if not missing and len(parts) == 1:
+    if not missing and spans == ((0, seconds.size),):
         times = uniform(first[0], step, n)
     else:
-        times = np.empty(seconds.size)
+        times = seconds.copy()  # of rows in no segment
         for (a, b), own, f, m in zip(spans, slots, first, count, strict=True):
             times[a:b] = uniform(f, step, m)[own]
     place = np.zeros(seconds.size, dtype=np.intp)
