@@ -14,9 +14,10 @@ import small_study
 from haptid.advice import Advice, Applied, advise
 from haptid.advice.action import Action
 from haptid.advice.edits import Edit
+from haptid.advice.ranking import Stated, in_order, stated
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import Proven, TriedChange, _ranked, finer
+from haptid.advice.search import Proven, TriedChange, finer
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError
@@ -215,19 +216,56 @@ def test_parts_of_a_log_are_left_out_with_a_split():
         whole.without([(-1.0, 1.0)])
 
 
+def proven_change(kind, left, places, columns=3):
+    """A change that leaves a share of the squared errors, with what is stated of it where one motor is all."""
+    noise = np.random.default_rng(4).uniform(0.9, 1.1, (24, 2))
+    before, trial = (
+        Trial(Setting(), noise, None),
+        Trial(Setting(), left * noise, SimpleNamespace(columns=np.arange(columns))),
+    )
+    made = Proven(TriedChange(kind, places, Setting()), trial, gain(before, trial))
+    return made, Stated(10.0, 10.0 * np.sqrt(left), 0.1, None)
+
+
+def kinds(found):
+    return [one.candidate.kind for one in in_order(found)]
+
+
 def test_coulomb_friction_comes_before_what_refines_it():
     """Load-dependent friction explains much of dry friction that the model lacks, and here a little more."""
-    noise = np.random.default_rng(4).uniform(0.9, 1.1, (24, 2))
-    before = Trial(Setting(), noise, None)
+    load, dry = (
+        proven_change("load friction", 0.2, ("motor 1", "motor 2")),
+        proven_change("coulomb", 0.4, ("motor 2",)),
+    )
+    spring, elsewhere = proven_change("spring", 0.3, ("motor 1",)), proven_change("coulomb", 0.5, ("motor 3",))
+    assert kinds([dry, spring, load]) == ["coulomb", "load friction", "spring"]
+    assert kinds([elsewhere, load]) == ["load friction", "coulomb"]
 
-    def found(kind, left, places):
-        trial = Trial(Setting(), left * noise, SimpleNamespace(columns=np.arange(3)))
-        return Proven(TriedChange(kind, places, Setting()), trial, gain(before, trial))
 
-    load, dry = found("load friction", 0.2, ("motor 1", "motor 2")), found("coulomb", 0.4, ("motor 2",))
-    spring, elsewhere = found("spring", 0.3, ("motor 1",)), found("coulomb", 0.5, ("motor 3",))
-    assert [one.candidate.kind for one in _ranked([dry, spring, load])] == ["coulomb", "load friction", "spring"]
-    assert [one.candidate.kind for one in _ranked([elsewhere, load])] == ["load friction", "coulomb"]
+def test_actions_are_in_the_order_of_the_errors_that_are_stated():
+    """They were in that of the errors in units of each motor's residual, which no sentence has."""
+    large, _ = proven_change("spring", 0.5, ("motor 1",))
+    small, _ = proven_change("ripple", 0.3, ("motor 2",))
+    shown, less, of_one = Stated(10.0, 6.0, 0.1, None), Stated(10.0, 8.0, 0.1, None), Stated(60.0, 20.0, 0.1, 1)
+    assert kinds([(small, less), (large, shown)]) == ["spring", "ripple"]
+    assert kinds([(small, of_one), (large, less)]) == ["spring", "ripple"]  # what shows in the error of all comes first
+    simple, _ = proven_change("offset", 0.51, ("motor 1",), columns=2)
+    assert kinds([(large, shown), (simple, Stated(10.0, 6.1, 0.1, None))]) == ["offset", "spring"]
+
+
+def test_the_error_of_a_motor_is_stated_where_a_change_does_not_show_in_that_of_all():
+    model = SimpleNamespace(device=SimpleNamespace(torque_units=("N m",) * 2), measured_rows=range(2))
+    squares = np.tile([1e4, 1.0], (24, 1))
+    bench = SimpleNamespace(weights=np.array([0.01, 1.0]), squares=lambda _: squares)
+    noise = np.random.default_rng(0).uniform(0.5, 1.5, (2, 24, 2))
+    search = SimpleNamespace(model=model, bench=bench)
+    before, after = Trial(Setting(), 0.1 * noise[0], None), Trial(Setting(), 0.1 * noise[1] * [1.0, 0.2], None)
+    made = stated(search, before, after)
+    assert made.motor == 1
+    assert made.before == pytest.approx(100 * np.sqrt(0.1 * noise[0, :, 1].mean()))
+    everywhere = stated(search, before, Trial(Setting(), 0.01 * noise[0], None))
+    assert everywhere.motor is None
+    assert everywhere.size > made.size
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.1, False), (0.2, True)])

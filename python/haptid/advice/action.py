@@ -110,6 +110,11 @@ class Action:
     motor: str = ""
 
     @property
+    def falls(self) -> float:
+        """By how much the error falls, per cent of the torque."""
+        return self.before - self.after
+
+    @property
     def sentence(self) -> str:
         """The change, its proof, and the limits of the proof."""
         return " ".join([f"{self.change[0].upper()}{self.change[1:]}{self._proof}", *self._open])
@@ -159,7 +164,7 @@ class Action:
 
 @dataclass(frozen=True)
 class Advice:
-    """Actions by their gain, and questions that the log leaves open.
+    """Actions by what the error falls by, and questions that the log leaves open.
 
     Attributes:
         actions: those with proof, sorted.

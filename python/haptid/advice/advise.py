@@ -15,6 +15,7 @@ from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
 from haptid.advice.orders import OtherOrder, other_order
+from haptid.advice.ranking import helped, in_order, stated
 from haptid.advice.search import (
     LARGE_GAIN,
     LEAST_SE,
@@ -22,7 +23,6 @@ from haptid.advice.search import (
     Trials,
     TriedChange,
     large_enough,
-    paired,
     positions,
     proven,
     search_of,
@@ -94,7 +94,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         search = replace(search, candidates=(*search.candidates, *tried))
     if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
         search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
-    made = [_named(one) for one in proven(search, base)]
+    made = in_order([(_named(one), stated(search, base, one.trial)) for one in proven(search, base)])
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
     chosen, after = _combined(search, base, made)
@@ -113,7 +113,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     others = [_mask_action(mask, edits_of(whole, mask, treatment), search.bench.blocks) for mask in masks]
     others += [*([_filter_action(other, search.bench.blocks)] if other else []), *_use(found)]
     for one in others:  # the rest keep their order
-        listed.insert(sum(action.share > one.share for action in listed), one)
+        listed.insert(sum(not action.motor and action.falls > one.falls for action in listed), one)
     known = {(action.kind, place) for action in listed for place in action.places}
     whole_sign = whole_reversed(found)
     if whole_sign is not None and whole_sign.kind == "mounting":  # nothing else can be judged with it
@@ -291,38 +291,22 @@ def _action(
     candidate, model, bench = one.candidate, search.model, search.bench
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
     change = CHANGES[candidate.kind].format(where=where) + _size(one)
-    # Changes are judged in units of each motor's residual: that of a small motor hardly shows in the error of all.
-    motor, label = None, ""
-    before, after, se = _errors(search, base, one.trial, None)
-    if before - after < LEAST_SE * se:
-        motor = _helped(base, one.trial)
-        label = model.device.row_labels[model.measured_rows[motor]]
-        before, after, se = _errors(search, base, one.trial, motor)
+    errors = stated(search, base, one.trial)
+    label = "" if errors.motor is None else model.device.row_labels[model.measured_rows[errors.motor]]
     return Action(
-        candidate.kind, candidate.places, change, "unseen error", before, after, se,
+        candidate.kind, candidate.places, change, "unseen error", errors.before, errors.after, errors.se,
         one.gain.share, adds, edits, bench.blocks, rivals, label,
     )  # fmt: skip
-
-
-def _errors(search: Trials, before: Trial, after: Trial, motor: int | None) -> tuple[float, float, float]:
-    """Unseen errors of two trials and the paired standard error of their difference, per cent."""
-    sizes = [unseen_percent(search.model, search.bench, trial, motor) for trial in (before, after)]
-    return sizes[0], sizes[1], paired(search.model, search.bench, before, after, motor)
 
 
 def _rivals(base: Trial, one: Proven, made: Sequence[Proven]) -> tuple[str, ...]:
     """Other proven changes that help the same motor as well, within a paired standard error, with their places."""
     alike = []
     for other in made:
-        difference, same = gain(other.trial, one.trial), _helped(base, other.trial) == _helped(base, one.trial)
+        difference, same = gain(other.trial, one.trial), helped(base, other.trial) == helped(base, one.trial)
         if other is not one and same and abs(difference.share) <= difference.se:
             alike.append(f"{other.candidate.kind} ({joined_names(other.candidate.places)})")
     return tuple(alike)
-
-
-def _helped(before: Trial, after: Trial) -> int:
-    """The motor whose error falls most."""
-    return int(np.argmax((before.errors - after.errors).sum(axis=0)))
 
 
 def _size(one: Proven) -> str:

@@ -1,4 +1,4 @@
-"""Search of actions: every candidate tried on the same rows, kept where its proof holds, sorted by its gain."""
+"""Search of actions: every candidate tried on the same rows, kept where its proof holds."""
 
 from __future__ import annotations
 
@@ -39,13 +39,8 @@ LARGE_GAIN, LARGE_SE = 0.25, 2.0
 _OTHER_LOG = 4.0
 # Largest sizes that are believed: s, rad, m.
 _LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
-# Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
-# the best one leaves.
-NEARLY, _LEAVES = 0.97, 1.25
 # The unit that an angle may be in instead, and the factor.
 _OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
-# The friction that others refine.
-_PLAIN = {"load friction": "coulomb", "stribeck": "coulomb", "presliding": "coulomb", "bent viscosity": "viscous"}
 # Terms that joints of coupled motors may have besides the motors.
 _OF_A_JOINT = ("coulomb", "viscous", "spring")
 # Time blocks of a log, at least.
@@ -415,7 +410,7 @@ def _in_other_unit(motion: Motion, unit: str, prismatic: Sequence[bool]) -> Moti
 
 
 def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
-    """All candidates whose proof holds, sorted by their gain."""
+    """All candidates whose proof holds."""
     base = before or search.base()
     singles: dict[str, list[tuple[TriedChange, Trial, Gain]]] = {}
     tests = len(search.candidates)
@@ -434,7 +429,7 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
             merged, trial, made = best
         if large_enough(made):
             found.append(Proven(merged, trial, made))
-    return _ranked(found)
+    return found
 
 
 def _significant(bench: Bench, trial: Trial, made: Gain, tests: int) -> bool:
@@ -447,30 +442,6 @@ def _significant(bench: Bench, trial: Trial, made: Gain, tests: int) -> bool:
 def large_enough(made: Gain) -> bool:
     """Whether a gain is worth an action, and far enough from zero."""
     return made.share > LEAST_GAIN and made.share > (LARGE_SE if made.share > LARGE_GAIN else LEAST_SE) * made.se
-
-
-def _ranked(found: Sequence[Proven]) -> list[Proven]:
-    """By gain; of those that nearly have the gain of the best one, that with the fewest columns first."""
-    left, made = sorted(found, key=lambda each: -each.gain.share), []
-    while left:
-        alike = [one for one in left if _within(left[0], one)]
-        best = min(alike, key=lambda one: (len(one.trial.whole.columns), -one.gain.share))
-        made.append(next((one for one in left if _refines(best.candidate, one.candidate)), best))
-        left.remove(made[-1])
-    return made
-
-
-def _refines(one: TriedChange, plain: TriedChange) -> bool:
-    """Whether a friction term comes on top of another one, which its coordinate lacks: load, speed and history change
-    dry friction, so that they explain much of it where there is none."""
-    return _PLAIN.get(one.kind) == plain.kind and bool(set(one.places) & set(plain.places))
-
-
-def _within(best: Proven, other: Proven) -> bool:
-    """Whether another has NEARLY all of the gain, or differs by less than a paired standard error and leaves little."""
-    worse = gain(other.trial, best.trial)
-    alike = worse.share <= worse.se and other.trial.total <= _LEAVES * best.trial.total
-    return alike or other.gain.share > NEARLY * best.gain.share
 
 
 def _matters(one: TriedChange, trial: Trial) -> bool:

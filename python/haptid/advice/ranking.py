@@ -1,0 +1,88 @@
+"""Order of proven changes: by the error that is stated beside each, the simpler one first of those alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid.advice.search import LEAST_SE, Proven, Trials, TriedChange, paired, unseen_percent
+from haptid.advice.trial import Trial, gain
+
+# Share of the best gain that makes a simpler change the better one; without it, the most that it may leave, over what
+# the best one leaves.
+NEARLY, _LEAVES = 0.97, 1.25
+# The friction that others refine.
+_PLAIN = {"load friction": "coulomb", "stribeck": "coulomb", "presliding": "coulomb", "bent viscosity": "viscous"}
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a change does to the error on unseen blocks, as its sentence says it.
+
+    Attributes:
+        before, after: per cent.
+        se: paired standard error of their difference.
+        motor: whose error it is, an index; None for that of all.
+    """
+
+    before: float
+    after: float
+    se: float
+    motor: int | None
+
+    @property
+    def size(self) -> tuple[bool, float]:
+        """What changes are sorted by: those that show in the error of all, then by what the error falls by."""
+        return self.motor is None, self.before - self.after
+
+
+def stated(search: Trials, base: Trial, trial: Trial) -> Stated:
+    """The error of all motors, or where the change does not show in it that of the motor that it helps.
+
+    Changes are judged in units of each motor's residual: that of a small motor hardly shows in the error of all.
+    """
+    whole = _stated(search, base, trial, None)
+    return (
+        whole
+        if whole.before - whole.after >= LEAST_SE * whole.se
+        else _stated(search, base, trial, helped(base, trial))
+    )
+
+
+def _stated(search: Trials, base: Trial, trial: Trial, motor: int | None) -> Stated:
+    before, after = (unseen_percent(search.model, search.bench, one, motor) for one in (base, trial))
+    return Stated(before, after, paired(search.model, search.bench, base, trial, motor), motor)
+
+
+def helped(before: Trial, after: Trial) -> int:
+    """The motor whose error falls most."""
+    return int(np.argmax((before.errors - after.errors).sum(axis=0)))
+
+
+def in_order(found: Sequence[tuple[Proven, Stated]]) -> list[Proven]:
+    """By what is stated; of those that nearly have the gain of the best one, that with the fewest columns first."""
+    left, made = sorted(found, key=lambda each: each[1].size, reverse=True), []
+    while left:
+        alike = [each for each in left if _within(left[0], each)]
+        best, _ = min(alike, key=lambda each: (len(each[0].trial.whole.columns), -each[1].size[1]))
+        plain = (one for one, _ in left if _refines(best.candidate, one.candidate))
+        made.append(next(plain, best))
+        left = [each for each in left if each[0] is not made[-1]]
+    return made
+
+
+def _refines(one: TriedChange, plain: TriedChange) -> bool:
+    """Whether a friction term comes on top of another one, which its coordinate lacks: load, speed and history change
+    dry friction, so that they explain much of it where there is none."""
+    return _PLAIN.get(one.kind) == plain.kind and bool(set(one.places) & set(plain.places))
+
+
+def _within(best: tuple[Proven, Stated], other: tuple[Proven, Stated]) -> bool:
+    """Whether another has NEARLY all of the gain, or differs by less than a paired standard error and leaves little."""
+    if best[1].motor != other[1].motor:
+        return False
+    worse = gain(other[0].trial, best[0].trial)
+    alike = worse.share <= worse.se and other[0].trial.total <= _LEAVES * best[0].trial.total
+    return alike or other[1].size[1] > NEARLY * best[1].size[1]
