@@ -12,6 +12,7 @@ import haptid
 from haptid.errors import LogMismatchError, TreatmentError
 from haptid.log.spectrum import Spectrum, bandwidth, passed, quantum, smoothed
 from haptid.motion.streaming import delayed
+from haptid.treatment_choice import delay_estimate
 from haptid.treatment_choice.delay_estimate import Delays, find_delays, with_delay_uncertainty
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from motions import multisine, truth
@@ -133,6 +134,18 @@ def test_friction_that_the_model_lacks_is_not_compensated_as_a_delay(phantom):
     np.testing.assert_allclose(found.seconds, 5e-4)
     np.testing.assert_allclose(found.se, 1e-3)
     assert "no delay of a drive" in found.sentence
+
+
+@pytest.mark.parametrize("late", [2.5, 4.5])
+def test_a_delay_that_rows_near_reversals_contradict_leaves_half_of_it_uncertain(phantom, late, monkeypatch):
+    """It had a standard error of one sample, whatever was contradicted."""
+    monkeypatch.setattr(delay_estimate, "_contradicted", lambda *_: True)
+    found = find_delays(phantom, [recorded(phantom, late=late, noise=0.003)], DELAYS)
+    assert not found.accepted
+    np.testing.assert_allclose(found.seconds, 5e-4)
+    np.testing.assert_allclose(found.se, 0.5 * np.abs(found.found - 5e-4).max())
+    np.testing.assert_allclose(found.se, 5e-4 * (late - 0.5), rtol=0.1)
+    assert f"standard error of {1e3 * found.se[0]:.3g} ms in every interval" in found.sentence
 
 
 def test_a_long_delay_that_the_rigid_bodies_show_too_is_compensated(phantom):

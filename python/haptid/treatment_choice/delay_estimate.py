@@ -50,6 +50,9 @@ _STEPS, _STILL, _SMALL = 4, 0.005, 0.05
 _FAR, _WORSE = 1.0, 1.0
 # Standard errors by which the rigid bodies' delay must be seen.
 _SEEN = 4.0
+# Standard error of the usual delay where rows near reversals contradict another one, as a share of the distance between
+# the two: of what contradicts each other either may be wrong, and the interval of 95 % ends at the one refused.
+_HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +101,9 @@ class Delays:
             side, ms = ("late", ms) if float(np.median(ms)) >= 0 else ("early", -ms)
             return (
                 f"The torque channels seem {side} by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
-                f"term that the model lacks: {1e3 * self.seconds[0]:.3g} ms is compensated, and one sampling period of "
-                f"uncertainty is in every interval. If it is a delay all the same, give `torque_delay_s`."
+                f"term that the model lacks: {1e3 * self.seconds[0]:.3g} ms is compensated, with a standard "
+                f"error of {_numbers(1e3 * self.se)} ms in every interval. If it is a delay all the same, give "
+                f"`torque_delay_s`."
             )
         held = np.abs(self.seconds / self.dt - HOLD) < 2 * self.se / self.dt + 0.02
         hold = ": half a sampling period, as of a command with zero-order hold" if held.all() else ""
@@ -149,7 +153,9 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         else not far or not _contradicted(model, motions, d, mean)
     )
     if not agrees:
-        return Delays(mean, (_UNKNOWN * dt) ** 2 * np.ones((channels, channels)), d, False, dt)
+        # What is refused for its size alone says nothing of the delay.
+        doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
+        return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt)
     likely, covariance = _likely(d - mean, spread.covariance, dt)
     return Delays(mean + likely, covariance, d, True, dt)
 
