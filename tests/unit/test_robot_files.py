@@ -71,6 +71,21 @@ def test_a_urdf_becomes_a_device_with_its_torques(tmp_path: Path) -> None:
     assert device.closure.relations == ("qrail = 0.2 - 0.1*qelbow",)
 
 
+def test_rotor_inertia_that_a_description_lacks_is_said_and_ready(tmp_path: Path) -> None:
+    """It was said nowhere, and a geared robot was identified without it."""
+    robot = imported(tmp_path, ARM)
+    assert robot.without_rotor == ("shoulder_pan",)
+    told = CliRunner().invoke(app, ["import", str(tmp_path / "robot.urdf"), "--out", str(tmp_path / "arm.toml")])
+    assert "Rotor inertia of shoulder_pan is not included" in told.output
+    assert "uncomment its term in arm.toml" in " ".join(told.output.split())
+    text = (tmp_path / "arm.toml").read_text()
+    for line in ("[[terms]]", 'kind = "rotor-inertia"', 'joints = ["shoulder_pan"]'):
+        text = text.replace(f"# {line}", line)
+    (tmp_path / "with.toml").write_text(text)
+    device = haptid.read_device(tmp_path / "with.toml")
+    assert {term.on for term in device.terms if term.kind == "rotor"} == {"joint elbow", "joint shoulder_pan"}
+
+
 def test_a_weld_to_an_undeclared_world_is_the_base(tmp_path: Path) -> None:
     weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base_link"/></joint>\n</robot>'
     welded, plain = imported(tmp_path, ARM.replace("</robot>", weld), "welded.urdf"), imported(tmp_path, ARM)

@@ -99,6 +99,12 @@ def _summary(imported: ImportedRobot, to: Path) -> Iterator[str]:
     yield f"{to}: {joints} joint{'' if joints == 1 else 's'}, {len(imported.device.active)} active"
     yield from (f"  {note}" for note in imported.notes)
     others = "".join(f", from {name} {size:.1e}" for name, size in check.others.items())
+    if without := imported.without_rotor:
+        where = "" if len(without) == len(imported.device.active) else f" of {', '.join(without)}"
+        yield (
+            f"Rotor inertia{where} is not included, as the description has none. It can be identified, and geared "
+            f"motors need it: uncomment its term in {to.name}."
+        )
     loops = f"; loops closed to {check.gap:.1e} m" if imported.source.closing else ""
     yield (
         f"Torques at {check.states} random states differ from the description's by {check.torque:.1e}{others} of the "

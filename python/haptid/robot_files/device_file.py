@@ -303,6 +303,8 @@ class _Writer:
             if joints:
                 listed = ", ".join(quoted(self.names[name]) for name in joints)
                 made += ["[[terms]]", f'kind = "{kind}"', f"joints = [{listed}]", ""]
+            if kind == "rotor-inertia":
+                made += self._rotors([x for x in self.moving if x not in self.passive and x not in joints])
         for name, one in self.moving.items():
             if one.joint.stiffness:
                 made += ["[[terms]]", 'kind = "spring"', f'joints = ["{self.names[name]}"]']
@@ -317,6 +319,17 @@ class _Writer:
                     made += [f"rest = {_number(tendon.rest)}"] if kind == "spring" else []
                     made.append("")
         return made
+
+    def _rotors(self, joints: Sequence[str]) -> list[str]:
+        """The term of rotor inertia at joints of which the source has none, to uncomment."""
+        if not joints:
+            return []
+        listed = ", ".join(quoted(self.names[name]) for name in joints)
+        return [
+            "# The description has no rotor inertia of these joints: that of the motor, times the square of its gear",
+            "# ratio. haptid identifies it with this term, which geared motors need; without it, it is in the links.",
+            *("# [[terms]]", '# kind = "rotor-inertia"', f"# joints = [{listed}]", ""),
+        ]
 
     def symmetry(self) -> list[str]:
         """[[symmetry]] of rods that may spin: parameters that no torque shows."""

@@ -55,6 +55,13 @@ class ImportedRobot:
         """Whether nothing of the source is approximate or left out."""
         return all(note.grade == "exact" for note in self.notes)
 
+    @property
+    def without_rotor(self) -> tuple[str, ...]:
+        """Active joints that have no term of rotor inertia."""
+        there = {term.on for term in self.device.terms if term.kind == "rotor"}
+        names = (self.device.joints[k].name for k in self.device.active)
+        return tuple(name for name in names if f"joint {name}" not in there)
+
     def to_dict(self) -> dict[str, Any]:
         """Notes, names and check as JSON values."""
         return {
