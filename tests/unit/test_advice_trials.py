@@ -288,6 +288,7 @@ def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kin
     """Beside another motor whose unit is wrong, a motor that hardly turns its link has some factor or other."""
     module = import_module("haptid.advice.advise")
     monkeypatch.setattr(module, "unseen_percent", lambda *_: 1.0)
+    monkeypatch.setattr(module, "right_signs", lambda *_: frozenset())
     device = SimpleNamespace(motors=(SimpleNamespace(gear_ratio=1.0, torque_constant=1.0),))
     motors = (SimpleNamespace(label="motor 1"),)
     diagnosis = SimpleNamespace(
@@ -296,5 +297,5 @@ def test_a_unit_is_advised_where_a_known_confusion_explains_the_size(factor, kin
             model=SimpleNamespace(device=device), observation=SimpleNamespace(motors=motors, motions=())
         ),
     )
-    search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None)
+    search = SimpleNamespace(model=SimpleNamespace(device=device), bench=None, rows=None)
     assert [action.kind for action in module._units(search, None, diagnosis, set())] == kinds

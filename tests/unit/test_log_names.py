@@ -122,6 +122,7 @@ def test_names_that_only_look_like_a_quantity() -> None:
         "PosDiff",
         "traj_pos_acc",
         "vbus_voltage",
+        "Droop pulses",
     ):
         assert quantity_of(name) == "other", name
     assert [quantity_of(name) for name in ("dTheta", "theta_dot", "q_d", "load_angle")] == [

@@ -41,15 +41,15 @@ def swung(seconds: float = 12.0, rate: float = 250.0, seed: int = 1) -> tuple[np
     return t, (a * np.sin(x)).sum(0), (a * w * np.cos(x)).sum(0), -(a * w**2 * np.sin(x)).sum(0)
 
 
-def identified(folder: Path, columns: dict[str, np.ndarray]) -> Identification:
-    """The study that is drafted for one log, carried out as it is."""
+def identified(folder: Path, columns: dict[str, np.ndarray], more: str = "") -> Identification:
+    """The study that is drafted for one log, carried out as it is, or with more tables."""
     (folder / "device.toml").write_text(DEVICE)
     names, values = list(columns), np.column_stack(list(columns.values()))
     np.savetxt(folder / "log.csv", values, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     text, _ = draft_study(
         [folder / "log.csv"], read_device(folder / "device.toml"), str(folder / "device.toml"), folder
     )
-    (folder / "study.toml").write_text(text)
+    (folder / "study.toml").write_text(f"{text}\n{more}")
     return identify(read_study(folder / "study.toml"))
 
 
@@ -64,6 +64,18 @@ def test_a_hand_that_moves_a_carried_weight_is_no_wrong_sign(tmp_path: Path, han
     signs = [action for action in advise(made, found).actions if action.kind == "torque sign"]
     assert bool(signs) != hand
     assert ("moved from outside" in {finding.name for finding in found.findings}) == hand
+
+
+def test_a_late_torque_with_positive_friction_is_not_called_reversed(tmp_path: Path) -> None:
+    """A delay takes away viscous friction times itself of the inertia, here more than there is."""
+    t, q, v, a = swung()
+    torque = np.interp(t - 0.05, t, INERTIA * a + 7.0 * v + WEIGHT * np.cos(q))
+    noise = 0.002 * np.random.default_rng(2).standard_normal(t.size)
+    made = identified(tmp_path, {"t": t, "q1": q, "tau1": torque + noise}, "[treatment]\ntorque_delay_s = 0.0\n")
+    found = diagnose(made.estimate)
+    finding = next(one for one in found.findings if one.name == "units and signs")
+    assert finding.figures["factor motor 1"] == pytest.approx(-1.0, abs=0.2)
+    assert not [action for action in advise(made, found).actions if action.kind == "torque sign"]
 
 
 def test_noise_of_the_positions_does_not_attenuate_a_free_swing(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
-from haptid.advice.bodies import Impossible, impossible
+from haptid.advice.bodies import Impossible, impossible, right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
@@ -423,6 +423,8 @@ def _units(search: Trials, base: Trial, diagnosis: Diagnosis | None, known: set[
             GOOD > -factor > 1 / GOOD or factor > 0
         ):
             continue
+        if factor < 0 and k in right_signs(diagnosis.estimate, search.rows):
+            continue  # as where a delay takes viscous friction times itself from the inertia
         if factor > 0 and label not in causes:
             continue  # as of a motor that hardly turns its link: bodies, friction and noise are as likely
         kind = "torque sign" if factor < 0 else "unit"

@@ -48,6 +48,52 @@ def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
         estimate: of the parameters.
         rows: of the trials.
     """
+    for one in _must_be_positive(estimate, rows):
+        significant = one.significant
+        if significant and all(one.t[k] < 0 for k in significant) and (0 in significant or len(significant) > 1):
+            negative = tuple(one.names[k] for k in significant)
+            parts = one.combinations @ estimate.beta * one.sizes
+            share = float(np.linalg.norm(parts[significant])) / max(
+                _middle(rows.y[one.motor][rows.used[one.motor]]), np.finfo(float).tiny
+            )
+            least = float(np.abs(one.t[significant]).min())
+            yield Impossible(one.motor, one.label, negative, least, share, one.combinations)
+
+
+def right_signs(estimate: Estimate, rows: TrialRows) -> frozenset[int]:
+    """Motors, by number, whose torque reversed had a significantly negative inertia or friction, which cannot be.
+
+    Args:
+        estimate: of the parameters.
+        rows: of the trials.
+    """
+    found = _must_be_positive(estimate, rows)
+    return frozenset(one.motor for one in found if any(one.t[k] > 0 for k in one.significant))
+
+
+@dataclass(frozen=True, eq=False)
+class _Positive:
+    """What must be positive of a motor: the inertia that it moves, and its own friction.
+
+    Attributes:
+        motor, label: of the motor.
+        names: of the combinations.
+        combinations: of the base parameters, (count, p).
+        sizes: factor of each in the torque.
+        t: each over its standard error.
+        significant: those, by number, that are far from zero.
+    """
+
+    motor: int
+    label: str
+    names: tuple[str, ...]
+    combinations: Array
+    sizes: Array
+    t: Array
+    significant: list[int]
+
+
+def _must_be_positive(estimate: Estimate, rows: TrialRows) -> Iterator[_Positive]:
     model, kinds = estimate.model, estimate.model.device.parameters.kinds
     position = rows.position
     every = np.linspace(0, position.shape[1] - 1, _POSES).astype(int)
@@ -63,19 +109,11 @@ def impossible(estimate: Estimate, rows: TrialRows) -> Iterator[Impossible]:
                 combinations.append(np.eye(len(model.base))[int(k)])
                 names.append(model.base.names[int(k)])
                 sizes.append(1.0 if kinds[own] == "FC" else _middle(rows.velocity[row]))
-        spread = estimate.spread(np.array(combinations))
-        se = np.sqrt(np.diag(spread.covariance))
-        t = np.array(combinations) @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
+        C = np.array(combinations)
+        se = np.sqrt(np.diag(estimate.spread(C).covariance))
+        t = C @ estimate.beta / np.maximum(se, np.finfo(float).tiny)
         significant = [k for k in range(len(t)) if se[k] > 0 and abs(t[k]) > IMPOSSIBLE]
-        if significant and all(t[k] < 0 for k in significant) and (0 in significant or len(significant) > 1):
-            negative = tuple(names[k] for k in significant)
-            parts = np.array(combinations) @ estimate.beta * np.array(sizes)
-            share = float(np.linalg.norm(parts[significant])) / max(
-                _middle(rows.y[m][rows.used[m]]), np.finfo(float).tiny
-            )
-            yield Impossible(
-                m, motor.label, negative, float(np.abs(t[significant]).min()), share, np.array(combinations)
-            )
+        yield _Positive(m, motor.label, tuple(names), C, np.array(sizes), t, significant)
 
 
 def _middle(signal: Array) -> float:

@@ -37,7 +37,7 @@ QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
 # Settings, differences from what is wanted, what is no joint's, and what is no motor's.
 NEITHER = frozenset({"limit", "limits", "min", "max", "gain", "gains", "error", "err", "tcp", "cartesian", "tip", "ee",
                       "eef", "orientation", "quaternion", "quat", "pose", "bus", "vbus", "vdc", "supply", "battery",
-                      "temp", "temperature", "diff", "deviation", "lag", "direct",
+                      "temp", "temperature", "diff", "deviation", "lag", "droop", "direct",
                       "acc", "accel", "acceleration", "accelerations", "beschleunigung",
                       "ddq", "qdd", "ddqs", "qdds"})  # fmt: skip
 # Groups of settings, of which nothing is recorded.
