@@ -15,8 +15,10 @@ import haptid
 from haptid.cli import app
 from haptid.errors import LogFileError, StudyFileError
 from haptid.executors import ProcessExecutor
+from haptid.log.file_format import sha256_of
 from haptid.study import read_study
-from haptid.study.fleet import day_in, fleet_logs, identify_fleet
+from haptid.study.fleet import _OneLog, day_in, fleet_logs, identify_fleet
+from haptid.study.fleet_results import FleetResults
 from json_outputs import valid
 from motions import multisine
 from small_study import DEVICE, HEAD
@@ -126,6 +128,81 @@ def test_the_command(arms, fleet, tmp_path):
         assert len(list(csv.DictReader(file))) == 5 * len(fleet.names)
     done = CliRunner().invoke(app, ["fleet", *arguments, "--json"])
     assert json.loads(done.stdout)["sentences"] == list(fleet.sentences)
+
+
+@pytest.fixture
+def interrupted(arms, tmp_path, monkeypatch):
+    """What a run keeps that is interrupted at its tenth log, and the logs that runs identify from then on."""
+    made, plain = [], _OneLog.__call__
+
+    def call(self, log):
+        if len(made) == 9:
+            made.clear()
+            raise KeyboardInterrupt
+        made.append(log.path)
+        return plain(self, log)
+
+    monkeypatch.setattr(_OneLog, "__call__", call)
+    kept, out = FleetResults.beside(tmp_path / "out"), str(tmp_path / "out")
+    done = CliRunner().invoke(app, ["fleet", str(arms.folder / "study.toml"), str(arms.folder / "fleet"), "--out", out])
+    assert done.exit_code == 130
+    assert "interrupted: 9 logs are stored in" in " ".join(done.stderr.split())
+    assert not (tmp_path / "out").exists()
+    monkeypatch.setattr(_OneLog, "__call__", lambda self, log: (made.append(log.path), plain(self, log))[1])
+    assert kept.count() == 9
+    return kept, made
+
+
+def test_an_interrupted_run_goes_on_with_the_logs_that_are_missing(arms, fleet, interrupted):
+    kept, made = interrupted
+    again = identify_fleet(arms.study, arms.folder / "fleet", kept=kept)
+    assert made == [one.log.path for one in fleet.entries[9:]]
+    assert kept.count() == 25  # the log that fails is tried again
+    for one, same in zip(fleet.entries, again.entries, strict=True):
+        assert (one.log, one.names, one.units, one.status) == (same.log, same.names, same.units, same.status)
+        for name in ("values", "se", "dof"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(same, name))
+    assert again.summary() == fleet.summary()
+
+
+def test_what_has_changed_since_an_interruption_is_computed_again(arms, interrupted):
+    kept, made = interrupted
+    path = arms.folder / "fleet" / "arm 0" / "2026-03-01.csv"
+    text = path.read_text(encoding="utf-8")
+    broken = sorted(kept.folder.iterdir())[0]
+    broken.write_text('{"names": ["FV1"], "values": 1}', encoding="utf-8")
+    try:
+        path.write_text(text + text.splitlines()[-1].replace("7.996", "8") + "\n", encoding="utf-8")
+        identify_fleet(arms.study, arms.folder / "fleet", kept=kept)
+    finally:
+        path.write_text(text, encoding="utf-8")
+    assert path in made
+    assert 26 - 9 < len(made) <= 26 - 9 + 2
+    made.clear()
+    other = replace(arms.study, method=haptid.OLS())
+    assert len(identify_fleet(other, arms.folder / "fleet", kept=kept).entries) == len(made) == 26
+
+
+def test_a_log_that_cannot_be_read_any_more_has_no_kept_result(tmp_path):
+    kept = FleetResults.beside(tmp_path / "out")
+    log = tmp_path / "log.csv"
+    log.write_text("t\n", encoding="utf-8")
+    kept.write("study", sha256_of(log), {"error_percent": 2.0})
+    assert kept.read("study", log) == {"error_percent": 2.0}
+    assert kept.read("another study", log) is None
+    log.unlink()
+    assert kept.read("study", log) is None
+
+
+def test_the_command_resumes_and_leaves_nothing_behind(arms, fleet, tmp_path, interrupted):
+    kept, made = interrupted
+    arguments = ["fleet", str(arms.folder / "study.toml"), str(arms.folder / "fleet"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    assert "Resuming an interrupted run: 9 logs in" in " ".join(done.stderr.split())
+    assert len(made) == 17
+    assert not kept.folder.exists()
+    assert fleet.sentences[0] in " ".join(done.stdout.split())
 
 
 @pytest.mark.parametrize(

@@ -197,12 +197,12 @@ class Jobs:
     def _leave(self, record: JobRecord) -> None:
         """Remove the partial output of a job that did not finish."""
         from haptid._internal.atomic_folder import sweep_beside
-        from haptid.observation.cache import partial_of
+        from haptid.observation.cache import RFactorCache
 
         for name in record.arguments.get("writes", ()):
             path = self._root / name
             sweep_beside(path)
-            partial_of(path).forget()
+            RFactorCache.beside(path).forget()
 
     def _store(self, record: JobRecord) -> None:
         write_file(self._folder / f"{record.id}.json", json.dumps(asdict(record), indent=1) + "\n")

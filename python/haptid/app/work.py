@@ -82,7 +82,7 @@ def _check(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
 def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
     """As `haptid identify`."""
     from haptid.executors import DaskExecutor, SerialExecutor
-    from haptid.observation.cache import partial_of
+    from haptid.observation.cache import RFactorCache
     from haptid.report.run import write_identification
     from haptid.study import read_study
 
@@ -95,7 +95,7 @@ def _identify(arguments: dict[str, Any], progress: _Progress) -> dict[str, Any]:
         command=arguments["command"],
         progress=progress,
         workers=DaskExecutor(scheduler) if scheduler else SerialExecutor(),
-        cache=partial_of(out),
+        cache=RFactorCache.beside(out),
     )
     return {
         "result": arguments["out"],

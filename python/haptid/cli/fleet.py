@@ -28,6 +28,9 @@ Writes into OUT:
 
 Means and drift are random-effects regressions over the logs of a device: they allow for what changes from day to day.
 
+Results of single logs are kept in .OUT.partial next to OUT until all are there: the same command after an interruption
+computes the others, and those whose file, study or device has changed.
+
 Exit status: 0 on success, 2 on an error in the study or its own logs; the message says what to do.
 
 Example: `haptid fleet study.toml arms --workers 8 --out fleet`
@@ -44,24 +47,32 @@ def fleet(
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler whose workers identify logs, tcp://host:8786")
     ] = None,
+    no_resume: Annotated[
+        bool, typer.Option("--no-resume", help="start again, not from an interrupted run's results")
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     from haptid._internal.escaping import write_csv
     from haptid.cli.outputs import output_text
-    from haptid.cli.work import workers
+    from haptid.cli.work import interruptible, resumed, workers
     from haptid.study import read_study
     from haptid.study.fleet import identify_fleet
+    from haptid.study.fleet_results import FleetResults
+
+    kept = resumed(FleetResults.beside(out_folder), no_resume, quiet or as_json)
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
-        found = identify_fleet(read_study(study), logs, data, progress, workers(count, scheduler))
+        found = identify_fleet(read_study(study), logs, data, progress, workers(count, scheduler), kept)
         text = output_text("fleet", values(found))
         (folder / "fleet.json").write_text(text, encoding="utf-8")
         write_csv(folder / "logs.csv", found.log_table())
         write_csv(folder / "devices.csv", found.device_table())
         return text, found.summary()
 
-    compute_into(out_folder, quiet, as_json, compute)
+    with interruptible(kept):
+        compute_into(out_folder, quiet, as_json, compute)
+    kept.forget()
 
 
 def values(found: Fleet) -> dict[str, Any]:

@@ -72,13 +72,14 @@ def identify(
 ) -> None:
 
     from haptid.cli.work import interruptible, resumed, workers
+    from haptid.observation.cache import RFactorCache
     from haptid.report import tables
     from haptid.report.run import write_identification
     from haptid.study import read_study
 
     with errors_shown():
         plan = read_study(study)
-        cache = resumed(out_folder, no_resume, quiet or as_json)
+        cache = resumed(RFactorCache.beside(out_folder), no_resume, quiet or as_json)
         with interruptible(cache), progress_bars(quiet or as_json) as bars:
             result, source = write_identification(
                 plan,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from typing import TypeVar
 
 import typer
 
+from haptid._internal.kept_parts import KeptParts
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
 from haptid.executors import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
-from haptid.observation.cache import RFactorCache, partial_of
+
+Kept = TypeVar("Kept", bound=KeptParts)
 
 
 def workers(count: int, scheduler: str | None) -> Executor:
@@ -20,23 +22,22 @@ def workers(count: int, scheduler: str | None) -> Executor:
     return SerialExecutor() if count == 1 else ProcessExecutor(count)
 
 
-def resumed(out: Path, no_resume: bool, quiet: bool) -> RFactorCache:
+def resumed(kept: Kept, no_resume: bool, quiet: bool) -> Kept:
     """Stored intermediate results of an interrupted run; none where the run is to start again."""
-    cache = partial_of(out)
     if no_resume:
-        cache.forget()
-    elif not quiet and (parts := cache.count()):
-        err.print(f"Resuming an interrupted run: {parts} parts in {cache.folder}. --no-resume starts again.")
-    return cache
+        kept.forget()
+    elif not quiet and (parts := kept.count()):
+        err.print(f"Resuming an interrupted run: {parts} {kept.noun} in {kept.folder}. --no-resume starts again.")
+    return kept
 
 
 @contextmanager
-def interruptible(cache: RFactorCache) -> Iterator[None]:
+def interruptible(kept: KeptParts) -> Iterator[None]:
     """Report an interruption in one line and exit with its status."""
     try:
         yield
     except KeyboardInterrupt:
-        parts = cache.count()
-        stored = f"{parts} parts are stored in {cache.folder}; the same command resumes from there"
+        parts = kept.count()
+        stored = f"{parts} {kept.noun} are stored in {kept.folder}; the same command resumes from there"
         complain(f"interrupted: {stored if parts else 'nothing is stored'}.")
         raise typer.Exit(EXIT_INTERRUPTED) from None

@@ -5,9 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import shutil
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +14,7 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
+from haptid._internal.kept_parts import KeptParts
 from haptid.observation.plan import Plan, RFactors
 
 # Fewest samples of a motion that is cached; a shorter one is reduced again faster than its R factors are read.
@@ -29,15 +27,13 @@ CachedPart = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class RFactorCache:
-    """R factors of parts of motions in a folder, one file for each part; files are written atomically.
+class RFactorCache(KeptParts):
+    """R factors of parts of motions in a folder, one file for each part.
 
     Attributes:
-        folder: created with the first file.
         least: fewest samples of a motion whose parts are cached.
     """
 
-    folder: Path
     least: int = LEAST_KEPT
 
     def files(self, plans: Sequence[Plan], parts: Sequence[CachedPart]) -> list[Path | None]:
@@ -56,35 +52,13 @@ class RFactorCache:
             return None
 
     def write(self, path: Path, factors: RFactors) -> None:
-        """Write to a temporary file and rename it, so that a file is complete or absent."""
+        """Keep the R factors of a part."""
         stacks, rows = factors
         arrays = {f"columns{k}": columns for k, (columns, _) in enumerate(stacks)}
         arrays |= {f"triangles{k}": r_factors for k, (_, r_factors) in enumerate(stacks)}
         buffer = io.BytesIO()
         np.savez(buffer, rows=rows, **arrays)  # type: ignore[arg-type]
-        self.folder.mkdir(exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
-            try:
-                file.write(buffer.getbuffer())
-                file.flush()
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
-
-    def count(self) -> int:
-        """Number of cached parts, of any run."""
-        return len(list(self.folder.glob("*.npz")))
-
-    def forget(self) -> None:
-        """Delete the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def partial_of(out: Path) -> RFactorCache:
-    """The cache of an interrupted run of a result folder, beside it."""
-    target = out.resolve()
-    return RFactorCache(target.with_name(f".{target.name}.partial"))
+        self.put(path, buffer.getvalue())
 
 
 def fingerprint(plan: Plan) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from haptid.motion.motion import treat
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import observe
 from haptid.study import Study
+from haptid.study.fleet_results import FleetResults, fleet_fingerprint
 from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, with_all_uncertainty
 from haptid.study.schema import fault
 from haptid.study.study import silent
@@ -42,6 +43,14 @@ _LEAST_LOGS, _LEAST_DEVICES = 3, 4
 # Distance from the median of the devices, in robust standard deviations, of an unusual one (Iglewicz and Hoaglin 1993).
 _UNUSUAL = 3.5
 _NORMAL_MAD = 1.4826
+# Fields that JSON has as lists.
+_KEPT: dict[str, Callable[[Any], Any]] = {
+    "names": tuple,
+    "units": tuple,
+    "values": np.array,
+    "se": np.array,
+    "dof": np.array,
+}
 _Progress = Callable[[str, float], None]
 
 
@@ -71,6 +80,7 @@ class FleetEstimate:
         error_percent: relative torque error of its fit.
         names, units: of the parameters, (k,).
         values, se, dof: of the parameters, (k,).
+        sha256: of the log's file; empty where it gives nothing.
     """
 
     log: FleetLog
@@ -82,6 +92,21 @@ class FleetEstimate:
     values: Array = field(default_factory=lambda: np.zeros(0))
     se: Array = field(default_factory=lambda: np.zeros(0))
     dof: Array = field(default_factory=lambda: np.zeros(0))
+    sha256: str = ""
+
+    @staticmethod
+    def of_kept(log: FleetLog, kept: dict[str, Any] | None) -> FleetEstimate | None:
+        """What an interrupted run has kept of a log of the same content; None where it is not whole."""
+        try:
+            made: dict[str, Any] = {key: _KEPT.get(key, lambda x: x)(x) for key, x in (kept or {}).items()}
+            return FleetEstimate(log, **made) if made else None
+        except (TypeError, ValueError):
+            return None
+
+    def to_keep(self) -> dict[str, Any]:
+        """All but the log, as JSON values."""
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "log"}
+        return {key: x.tolist() if isinstance(x, np.ndarray) else x for key, x in own.items()}
 
     def __post_init__(self) -> None:
         k = len(self.names)
@@ -343,8 +368,10 @@ class _OneLog:
 
 def _entry(log: FleetLog, found: Estimate) -> FleetEstimate:
     free = found.unconstrained
+    (motion,) = found.observation.motions
+    sha = motion.log.sha256 if motion.log else ""
     percent = fit_errors(found, found.observation).relative
-    return FleetEstimate(log, "", found.status, percent, free.names, free.units, free.values, free.se, free.dof)
+    return FleetEstimate(log, "", found.status, percent, free.names, free.units, free.values, free.se, free.dof, sha)
 
 
 def identify_fleet(
@@ -353,6 +380,7 @@ def identify_fleet(
     data: str | Path | None = None,
     progress: _Progress | None = None,
     workers: Executor | None = None,
+    kept: FleetResults | None = None,
 ) -> Fleet:
     """Identify every log below a folder by itself, with the device, channels, method and treatment of a study.
 
@@ -367,6 +395,8 @@ def identify_fleet(
         data: where the study's relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done.
         workers: executor of the logs; this process where None.
+        kept: results of an interrupted run, to which those of this one are added; of files with the same content, and
+            of the same study, device and version of haptid, they are not computed again.
 
     Raises:
         HaptidError: any error of the study and of its own logs; the folder has no logs.
@@ -386,11 +416,18 @@ def identify_fleet(
     own = [read_entry(entry, Path(data or study.path.parent), progress) for entry in study.logs]
     progress("choosing a treatment", 0.0)
     proposal = propose(model, *logs_to_propose_from(study, own), **study.treatment)
-    found: list[FleetEstimate | None] = [None] * len(logs)
-    for done, (k, entry) in enumerate((workers or SerialExecutor()).map(_OneLog(study, proposal), logs), 1):
-        found[k] = entry
-        progress("identifying logs", done / len(logs))
-    return Fleet(study.name, dates, proposal.treatment, tuple(one for one in found if one is not None))
+    key, found = fleet_fingerprint(study, model, own, proposal.treatment), dict[int, FleetEstimate]()
+    if kept is not None and kept.count():
+        before = (FleetEstimate.of_kept(log, kept.read(key, log.path)) for log in logs)
+        found |= {k: one for k, one in enumerate(before) if one is not None}
+    missing = [k for k in range(len(logs)) if k not in found]
+    work = _OneLog(study, proposal)
+    for k, entry in (workers or SerialExecutor()).map(work, [logs[k] for k in missing]):
+        found[missing[k]] = entry
+        if kept is not None and entry.sha256:
+            kept.write(key, entry.sha256, entry.to_keep())
+        progress("identifying logs", len(found) / len(logs))
+    return Fleet(study.name, dates, proposal.treatment, tuple(found[k] for k in range(len(logs))))
 
 
 def _trend(device: str, group: Sequence[FleetEstimate]) -> FleetTrend:
