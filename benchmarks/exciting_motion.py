@@ -33,10 +33,10 @@ RACES = {
     "cea_medical_branch": (
         Limits(tuple((x - HALF, x + HALF) for x in CENTRE), (SPEED,), (ACCELERATION,)),
         FourierSeries(),
-        1000,
+        800,
     ),
-    "phantom_premium_15": (Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,)), FourierSeries(), 1600),
-    "arm7": (Limits(((-2.0, 2.0),) * 7, (2.0,), (10.0,)), FourierSeries(count=5), 2600),
+    "phantom_premium_15": (Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,)), FourierSeries(), 800),
+    "arm7": (Limits(((-2.0, 2.0),) * 7, (2.0,), (10.0,)), FourierSeries(count=5), 1500),
 }
 # Processor times at which the least condition number so far is recorded; seeds; how many times longer a long search is.
 SECONDS, SEEDS, LONG = (0.5, 1.0, 2.0, 4.0), 3, 10

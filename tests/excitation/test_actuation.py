@@ -53,9 +53,9 @@ def random_states(seed, count=60):
 def test_slopes_are_those_of_the_violations(name):
     gradients = Gradients.of(bounds_of(**LIMITS[name]), ScaledCondition(), tuple(range(len(BETA))), NOISE, dt=0.02)
     states, way, step = random_states(1), random_states(2), 1e-6
-    penalty = lambda t: gradients.at(states + t * way)._limits(10.0)[0]  # noqa: E731
+    penalty = lambda t: gradients.at(states + t * way).penalties(10.0)[0]  # noqa: E731
     slope = (penalty(step) - penalty(-step)) / (2 * step)
-    assert np.sum(gradients.at(states)._limits(10.0)[1] * way) == pytest.approx(slope, rel=1e-4)
+    assert np.sum(gradients.at(states).penalties(10.0)[1] * way) == pytest.approx(slope, rel=1e-4)
     assert any(name.split()[-1] in what for _, what in gradients.at(states).excesses)
 
 

@@ -105,7 +105,7 @@ def excite(
     criterion: Annotated[
         str | None, typer.Option(help="d-optimal (default), condition, raw-condition, a-optimal or largest-error")
     ] = None,
-    max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 1600,
+    max_evaluations: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     also: Annotated[

@@ -61,6 +61,20 @@ class Basis:
             made[own] += by_state[:, j].ravel() @ functions
         return made
 
+    def rows(self, sample: np.ndarray, slopes: Array, size: int) -> Array:
+        """Derivatives by the point, (m, size), of what has derivatives by the states of single samples.
+
+        Args:
+            sample: which, (m,).
+            slopes: derivatives by their states, (3, active, m).
+            size: of a point.
+        """
+        made = np.zeros((len(sample), size))
+        for j, (own, functions) in enumerate(zip(self.own, self.functions, strict=True)):
+            at = functions.reshape(3, -1, len(own))[:, sample]
+            made[:, own] = np.einsum("sm,smk->mk", slopes[:, j], at)
+        return made
+
 
 class Family(Protocol):
     """Protocol of a parametrised family of motions."""

@@ -105,6 +105,26 @@ class Gradients:
 
 
 @dataclass(frozen=True, eq=False)
+class Beyond:
+    """What of a motion is beyond limits that hold at a sample, or within the margin to them.
+
+    Attributes:
+        over: by how much, relative to the limit, (m,).
+        sample: where, (m,).
+        slopes: derivatives by the state there, (3, active, m).
+    """
+
+    over: Array
+    sample: np.ndarray
+    slopes: Array
+
+
+def _of_positions(slopes: Array) -> Array:
+    """Derivatives by the state, (3, active, m), from those by the positions, (active, m)."""
+    return np.stack([slopes, np.zeros_like(slopes), np.zeros_like(slopes)])
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Criterion and limits at one motion: every quantity is computed once, when it is first needed.
 
@@ -175,17 +195,35 @@ class Evaluation:
         reach = bounds.limits.clearance + self.gradients.margin * bounds.collision.size
         return bounds.collision.near(self._followed.q.T, reach)
 
-    def _collisions(self) -> tuple[float, Array]:
-        """Mean squared violations of the clearance, relative to the size of the shapes, and their gradient."""
-        states, found = self.states, self.nearest
-        by_state = np.zeros_like(states)
-        if found is None or not len(found.distance):
-            return 0.0, by_state
-        collision, n = self._collision, states.shape[2]
-        over = (self.gradients.bounds.limits.clearance - found.distance) / collision.size + self.gradients.margin
-        slopes = collision.slopes(self._followed.q.T, self._followed.G, found)
-        np.add.at(by_state[0].T, found.sample, (-2 / n / collision.size * over)[:, None] * slopes)
-        return float((over**2).sum()) / n, by_state
+    def beyond(self, *, joints: bool = True, reach: float = 0.0) -> Beyond:
+        """What is beyond limits that hold at a sample, or within the margin to them.
+
+        Args:
+            joints: whether limits of positions, velocities and accelerations of the active joints count.
+            reach: besides, what is so near to the margin, relative to the limit; collisions aside.
+        """
+        bounds, margin, active = self.gradients.bounds, self.gradients.margin, self.states.shape[1]
+        values = self.violations[0] + margin
+        if not joints:
+            values[: bounds.of_joints] = -np.inf
+        limit, sample = np.nonzero(values > -reach)
+        made = [Beyond(values[limit, sample], sample, np.zeros((3, active, len(limit))))]
+        if len(limit):
+            one = np.zeros((len(values), len(limit)))
+            one[limit, np.arange(len(limit))] = 1.0
+            made[0].slopes[:] = bounds.gradients(np.ascontiguousarray(self.states[:, :, sample]), one)
+        flat = bounds.loops.violated(self.states[0], margin + reach) if bounds.loops and reach else self._flat
+        if flat is not None and flat[0].any():
+            at, excess, slopes = flat
+            made.append(Beyond(excess + margin, np.flatnonzero(at), _of_positions(slopes())))
+        found = self.nearest
+        if found is not None and len(found.distance):
+            collision = self._collision
+            over = (bounds.limits.clearance - found.distance) / collision.size + margin
+            away = collision.slopes(self._followed.q.T, self._followed.G, found)
+            made.append(Beyond(over, found.sample, _of_positions(-away.T / collision.size)))
+        kinds = zip(*((x.over, x.sample, x.slopes) for x in made), strict=True)
+        return Beyond(*(np.concatenate(parts, axis=-1) for parts in kinds))
 
     def cost(self, power: float = np.inf) -> float:
         """The smooth criterion without penalties; the criterion itself at an infinite power."""
@@ -214,8 +252,31 @@ class Evaluation:
             weight: of the penalties.
         """
         cost, by_state = self._criterion(power)
-        penalty, more = self._limits(weight)
+        penalty, more = self.penalties(weight)
         return cost + penalty, by_state + more
+
+    def slopes_of_whole(self, power: float, weight: float) -> tuple[float, Array]:
+        """The same with the penalties of those limits alone that take several samples."""
+        cost, by_state = self._criterion(power)
+        penalty, more = self._lasting(weight)
+        return cost + penalty, by_state + more
+
+    def penalties(self, weight: float) -> tuple[float, Array]:
+        """Mean squared violations of the limits, times the weight, and their gradient by states, (3, active, n)."""
+        cost, by_state = self._lasting(weight)
+        found, scale = self.beyond(), weight / self.states.shape[2]
+        np.add.at(by_state.transpose(2, 0, 1), found.sample, (2 * scale * found.over * found.slopes).transpose(2, 0, 1))
+        return cost + scale * float(found.over @ found.over), by_state
+
+    def _lasting(self, weight: float) -> tuple[float, Array]:
+        """The part of limits that take several samples."""
+        margin, bounds = self.gradients.margin, self.gradients.bounds
+        over = [np.maximum(excess + margin, 0.0) for excess, _ in self.over_time]
+        if not any(x.any() for x in over):
+            return 0.0, np.zeros_like(self.states)
+        weights = [2 * weight / len(x) * x for x in over]
+        by_state = bounds.over_time_gradients(self.states, self.gradients.dt, weights)
+        return weight * sum(float((x**2).mean()) for x in over), by_state
 
     def _criterion(self, power: float) -> tuple[float, Array]:
         of = self.gradients
@@ -230,23 +291,3 @@ class Evaluation:
         channels = self.channels
         by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
         return cost, model.device.row_map.T @ channels.by_motion(by_channel)
-
-    def _limits(self, weight: float) -> tuple[float, Array]:
-        """Mean squared violations of the limits, and their gradient."""
-        states, bounds, margin = self.states, self.gradients.bounds, self.gradients.margin
-        over, n, by_state = np.maximum(self.violations[0] + margin, 0.0), states.shape[2], np.zeros_like(states)
-        violated = over.any(axis=0)
-        if violated.any():
-            there = np.ascontiguousarray(states[:, :, violated])
-            by_state[:, :, violated] = bounds.gradients(there, 2 / n * over[:, violated])
-        cost = float((over**2).sum()) / n
-        if self._flat is not None and self._flat[0].any():
-            at, excess, slopes = self._flat
-            by_state[0][:, at] += 2 / n * (excess + margin) * slopes()
-            cost += float(((excess + margin) ** 2).sum()) / n
-        near, by_distance = self._collisions()
-        lasting = [np.maximum(excess + margin, 0.0) for excess, _ in self.over_time]
-        if any(x.any() for x in lasting):
-            by_state += bounds.over_time_gradients(states, self.gradients.dt, [2 / len(x) * x for x in lasting])
-        near += sum(float((x**2).mean()) for x in lasting)
-        return weight * (cost + near), weight * (by_state + by_distance)

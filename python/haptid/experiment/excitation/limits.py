@@ -14,10 +14,10 @@ from haptid.device import CollisionShape, Joint, NewtonClosure
 from haptid.device.loops.pins import Pins
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import DIFFERENCE_STEPS, CoreChannels
-from haptid.errors import IncompleteDeviceError, SettingError
+from haptid.errors import IncompleteDeviceError, SettingError, TrajectoryError
 from haptid.experiment.bench.limits import FLAT, loop_conditioning
 from haptid.experiment.bench.trajectories import Figures, per_coordinate
-from haptid.experiment.collision import CollisionModel
+from haptid.experiment.collision import CollisionModel, clearance_along
 from haptid.experiment.excitation.actuation import Actuation
 
 T = TypeVar("T")
@@ -216,6 +216,11 @@ class MotionBounds:
                 made.append((s, limits[limited, None], joints, [self._labels[s][j] for j in limited]))
         return made
 
+    @property
+    def of_joints(self) -> int:
+        """How many limits of `by_sample` are those of positions, velocities and accelerations, which come first."""
+        return len(self.names) + sum(len(most) for _, most, _, _ in self._rates)
+
     def over_time(self, states: Array, dt: float) -> list[tuple[Array, str]]:
         """Relative violations that take several samples: jerk between samples, (n - 1,), and rms torques, (1,).
 
@@ -265,6 +270,32 @@ class MotionBounds:
         if not self.model.device.collision and not self.limits.world:
             return None
         return CollisionModel.of(self.model, self.limits.world)
+
+    def check_start(self, q: Array) -> None:
+        """Raise TrajectoryError if a pose of rest is outside the limits of positions, or too near a collision."""
+        for name, (low, high), x in zip(self.names, self.position, q.tolist(), strict=True):
+            if not low <= x <= high:
+                raise TrajectoryError(
+                    f"the start pose has joint {name} at {x:.4g}, outside its range from {low:.4g} to {high:.4g}.",
+                    where=name,
+                    found=x,
+                    limit=(low, high),
+                    advice="Start elsewhere, or widen the range.",
+                )
+        if self.collision is None:
+            return
+        found, least = clearance_along(self.collision, q[None], 1.0), self.limits.clearance
+        if found.distance < least:
+            state = f"overlap by {-1e3 * found.distance:.4g} mm" if found.distance < 0 else "are too near"
+            raise TrajectoryError(
+                f"in the start pose {found.pair} {state}: their distance is {1e3 * found.distance:.4g} mm; the limit "
+                f"is {1e3 * least:.4g} mm.",
+                where=found.pair,
+                found=found.distance,
+                limit=least,
+                advice="Start elsewhere, lower the clearance, correct the shapes, or let one `ignore` the other's "
+                "link.",
+            )
 
     @cached_property
     def _limited_passive(self) -> list[tuple[int, Joint]]:

@@ -1,4 +1,4 @@
-"""Search for an exciting motion within limits: many short descents by L-BFGS-B, of which the best are continued."""
+"""Search for an exciting motion within limits: descents, random moves from the best, and sharper descents."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from haptid.experiment.excitation.criteria import (
     observed_motion,
     quality,
 )
+from haptid.experiment.excitation.descent import CURVED, Costs, Penalties, descend
 from haptid.experiment.excitation.families import Basis, Family, FourierSeries
 from haptid.experiment.excitation.gradients import Evaluation, Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
@@ -35,23 +36,24 @@ from haptid.experiment.excitation.planned import CHECK_STEP, Excitation, phases
 _WORST = 50.0
 # Cost of a motion whose loops do not close, above that of any other.
 _OUTSIDE = 1e9
-# Number of starting points: this times the root of the number of evaluations for each parameter in the criterion, so
-# that more evaluations give more descents and longer ones. With many parameters descents take longer.
-STARTS = 1.5
-# Rounds of the descents: share of the starting points that are still followed, the best so far; share of the
-# evaluations; one row of how many, where the least rows of the family times a factor remain; power of the smooth
-# criterion, weight of the penalties. The many local minima differ by a third: after some forty evaluations the cost of
-# a descent tells much of where it ends, and few are worth finishing. Power and weight grow: first towards good motions,
-# then to the sharp optimum within the limits.
-_ROUNDS = (
-    (1.0, 0.36, (4, 1), 2, 3e2),
-    (0.3, 0.20, (4, 1), 4, 1e3),
-    (0.12, 0.18, (2, 2), 8, 3e3),
-    (0.0, 0.12, (2, 2), 16, 1e4),
-    (0.0, 0.14, (1, 1), 40, 1e5),
-)
-# L-BFGS-B memory, steps.
-MEMORY = 30
+# Descents from random points; then the best motion so far is moved at random and descended from again and again. Share
+# of the evaluations for both; power of the smooth criterion, weight of the penalties, and decrease of the cost that is
+# worth a step; a random move of a joint, per side of the unit cube.
+STARTS = 4
+_SEEK, _SEEKING, _KICK = 0.82, (4, 3e2, 1e-3), 1.5
+# Evaluations that are kept for the rounds after it, at least.
+_SHARPEN = 30
+# Sharper rounds for the motions found, the best first: one row of how many, where the least rows of the family times a
+# factor remain; power, weight and decrease.
+_ROUNDS = (((2, 2), 16, 1e4, 5e-4), ((1, 1), 60, 1e5, 1e-4))
+# Excess of a limit between rows that a larger margin mends.
+_MENDED = 0.1
+# What is so near to a limit, relative to it, is in the model of a step.
+_REACH = 0.1
+# Distance in the unit cube below which two motions are in the same valley of the cost.
+_VALLEY = 0.3
+# Descents of families that bend, by L-BFGS-B: least number of their evaluations, share of all; memory, steps.
+_SHORT, _SHARE, MEMORY = 40, 1 / 16, 30
 # Relative decrease of the cost in a step below which a descent has converged.
 CONVERGED = 1e-7
 # Safety margin to every limit, relative to its size, so that the search ends on the feasible side.
@@ -78,7 +80,7 @@ class Search:
         rows_hz: rows per second at which a motion is evaluated.
     """
 
-    tries: int = 1600
+    tries: int = 1000
     seed: int = 0
     rows_hz: float = ROWS_HZ
 
@@ -108,8 +110,8 @@ def design_excitation(
 ) -> Excitation:
     """Optimal excitation: search a family of motions for the one of least cost within limits.
 
-    Quasi-Newton descents (L-BFGS-B) from many random starting points, of which the best are continued, with analytical
-    gradients of the criterion and the limits as growing penalties.
+    Quasi-Newton descents from random points, then from the best motion so far, moved at random, with exact gradients of
+    the criterion and the limits as penalties; the best motions are descended from once more with sharper ones.
 
     Args:
         family: `FourierSeries()` or `TrianglesWithSines()`.
@@ -162,7 +164,7 @@ def design_excitation(
         information,
     )
     if isinstance(family, FourierSeries) and family.start_pose is not None:
-        _check_start(state.bounds, per_coordinate("start_pose", family.start_pose, state.bounds.names))
+        state.bounds.check_start(per_coordinate("start_pose", family.start_pose, state.bounds.names))
     state.run()
     if not state.kept or state.first is None:
         raise state.outside
@@ -172,42 +174,18 @@ def design_excitation(
     return Excitation(model, kind, best.seed, state.bounds, clearance, before, after, state.tried, state.noise, history)
 
 
-def _check_start(bounds: MotionBounds, q: Array) -> None:
-    """Raise TrajectoryError if a pose of rest is outside the limits of positions, or too near a collision."""
-    for name, (low, high), x in zip(bounds.names, bounds.position, q.tolist(), strict=True):
-        if not low <= x <= high:
-            raise TrajectoryError(
-                f"the start pose has joint {name} at {x:.4g}, outside its range from {low:.4g} to {high:.4g}.",
-                where=name,
-                found=x,
-                limit=(low, high),
-                advice="Start elsewhere, or widen the range.",
-            )
-    if bounds.collision is None:
-        return
-    found, least = clearance_along(bounds.collision, q[None], 1.0), bounds.limits.clearance
-    if found.distance < least:
-        state = f"overlap by {-1e3 * found.distance:.4g} mm" if found.distance < 0 else "are too near"
-        raise TrajectoryError(
-            f"in the start pose {found.pair} {state}: their distance is {1e3 * found.distance:.4g} mm; the limit is "
-            f"{1e3 * least:.4g} mm.",
-            where=found.pair,
-            found=found.distance,
-            limit=least,
-            advice="Start elsewhere, lower the clearance, correct the shapes, or let one `ignore` the other's link.",
-        )
-
-
 class _EvaluationsUsedError(Exception):
     """All evaluations are used."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """A starting point in the unit cube, and the seed of its phases."""
+    """A point in the unit cube, the seed of its phases, and where a descent ended its cost and its curvature."""
 
     x: Array
     seed: int
+    cost: float = np.inf
+    curvature: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,11 +196,13 @@ class _Rows:
         dt: sampling period, s.
         basis: the states as an affine function of the point, in families that have it.
         gradients: of the criterion and the limits.
+        penalties: of the limits of joints, in the families that have a basis.
     """
 
     dt: float
     basis: Basis | None
     gradients: Gradients
+    penalties: Penalties | None
 
 
 @dataclass(eq=False)
@@ -238,7 +218,8 @@ class _Search:
         least: its cost.
         history: number of motions evaluated, and least cost, at each improvement.
         nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
-        made: rows of the search, by how many of them one is taken.
+        made: rows of the search, by how many of them one is taken and the margin.
+        margin: relative, to every limit, so that peaks between rows are within it too.
         noted: penalised costs and motions of a descent within the limits at its rows, each better than those before.
     """
 
@@ -256,41 +237,62 @@ class _Search:
     least: float = np.inf
     nearest: tuple[tuple[float, str], ...] = ((np.inf, "a limit"),)
     history: list[tuple[int, float]] = field(default_factory=list)
-    made: dict[int, _Rows] = field(default_factory=dict)
+    made: dict[tuple[int, float], _Rows] = field(default_factory=dict)
     noted: list[tuple[float, _Start]] = field(default_factory=list)
+    margin: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.margin = LEAST_MARGIN + self.family.peaks(1.0 / self.search.rows_hz)
 
     def run(self) -> None:
-        """Descend from random points, and follow fewer and fewer of them, the best."""
-        rng, tries, left = np.random.default_rng(self.search.seed), self.search.tries, 1.0
-        many = max(1, round(STARTS * math.sqrt(tries / len(self.columns))))
-        followed = [(np.inf, self._start(rng)) for _ in range(many)]
+        """Descend from random points, then from the best motion so far, moved at random; sharpen the best."""
+        rng, (power, weight, enough) = np.random.default_rng(self.search.seed), _SEEKING
+        tries = self.search.tries
+        rows, seeking = self._rows(4, 2), max(1, min(round(_SEEK * tries), tries - _SHARPEN))
+        found: list[_Start] = []
         try:
-            for of_points, share, every, power, weight in _ROUNDS:
-                followed = sorted(followed, key=lambda one: one[0])[: max(1, round(of_points * many))]
-                most = max(1, round(share / left * (tries - self.tried) / len(followed)))
-                left -= share
-                rows = self._rows(*every)
-                followed = [self._descend(rows, start, power, weight, most) for _, start in followed]
+            while self.tried < seeking:
+                start = self._start(rng) if len(found) < STARTS else self._moved(found[0], rng)
+                found.append(self._descend(rows, start, power, weight, enough, seeking - self.tried))
+                found.sort(key=lambda one: one.cost)
+            for start in _apart(found):
+                self._sharpen(start)
         except _EvaluationsUsedError:
             pass
         if self.progress:
             self.progress(1.0, self.least)
 
+    def _sharpen(self, start: _Start) -> None:
+        """Sharper rounds, and where a limit is exceeded between the rows again with a larger margin."""
+        for k, (every, power, weight, enough) in enumerate(_ROUNDS):
+            left = math.ceil((self.search.tries - self.tried) / (len(_ROUNDS) - k))
+            start = self._descend(self._rows(*every), start, power, weight, enough, left)
+        while (beyond := self._between(start, 1.0 / (_DENSER * self.search.rows_hz), 2 * _INSIDE)[0][0]) > 0:
+            if beyond > _MENDED:
+                return
+            self.margin += beyond
+            start = self._descend(self._rows(), start, power, weight, enough, self.search.tries - self.tried)
+
+    def _moved(self, start: _Start, rng: np.random.Generator) -> _Start:
+        """A motion near another."""
+        size, bent = len(start.x), CURVED
+        if start.curvature is not None:
+            bent = float(np.trace(start.curvature)) / size
+        kick = _KICK * 2 ** rng.uniform(-1, 1) * math.sqrt(len(self.bounds.names) / size / bent)
+        return _Start(np.clip(start.x + kick * rng.standard_normal(size), 0.0, 1.0), start.seed)
+
     def _rows(self, every: int = 1, factor: int = 1) -> _Rows:
         """Every fourth or second of the rows of the search, if `factor` times the least of the family remain."""
         while every > 1 and self.search.rows_hz / every < factor * self.family.least_rows_hz:
             every //= 2
-        if every not in self.made:
+        if (every, self.margin) not in self.made:
             dt = every / self.search.rows_hz
             there = None if self.information is None else self.information / every
             gradients = Gradients.of(self.bounds, self.criterion, self.columns, self.noise, there, dt, self.margin)
-            self.made[every] = _Rows(dt, self.family.basis(self.bounds, dt), gradients)
-        return self.made[every]
-
-    @cached_property
-    def margin(self) -> float:
-        """Relative margin to every limit, so that peaks between rows are within it too."""
-        return LEAST_MARGIN + self.family.peaks(1.0 / self.search.rows_hz)
+            basis, size = self.family.basis(self.bounds, dt), self.family.size(len(self.bounds.names))
+            penalties = None if basis is None else Penalties.of(self.bounds, basis, size, self.margin)
+            self.made[every, self.margin] = _Rows(dt, basis, gradients, penalties)
+        return self.made[every, self.margin]
 
     @cached_property
     def dense_basis(self) -> Basis | None:
@@ -341,22 +343,34 @@ class _Search:
     def _start(self, rng: np.random.Generator) -> _Start:
         return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
 
-    def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, most: int) -> tuple[float, _Start]:
-        """Quasi-Newton descent with a limit on evaluations: the penalised cost where it ends, and that point."""
-        settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": CONVERGED}
+    def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, enough: float, most: int) -> _Start:
+        """Descent with a limit on evaluations."""
         try:
-            found = optimize.minimize(
-                self._gradient,
+            if rows.penalties is None:
+                most = min(most, max(_SHORT, round(_SHARE * self.search.tries)))
+                settings = {"maxfun": most, "maxiter": most, "maxcor": MEMORY, "ftol": CONVERGED}
+                found = optimize.minimize(
+                    self._gradient,
+                    start.x,
+                    args=(rows, start.seed, power, weight),
+                    jac=True,
+                    method="L-BFGS-B",
+                    bounds=[(0.0, 1.0)] * len(start.x),
+                    options=settings,
+                )
+                return _Start(found.x, start.seed, float(found.fun))
+            made = descend(
+                lambda x: self._costs(x, rows, start.seed, power, weight),
+                rows.penalties,
                 start.x,
-                args=(rows, start.seed, power, weight),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=[(0.0, 1.0)] * len(start.x),
-                options=settings,
+                weight,
+                most=most,
+                enough=enough,
+                curvature=start.curvature,
             )
+            return _Start(made.x, start.seed, made.cost, made.curvature)
         finally:
             self._keep_noted()
-        return float(found.fun), _Start(found.x, start.seed)
 
     def _gradient(self, x: Array, rows: _Rows, seed: int, power: float, weight: float) -> tuple[float, Array]:
         """Smooth cost with penalties and its gradient, (size,); a large cost where loops do not close."""
@@ -365,13 +379,28 @@ class _Search:
             cost, by_state = made.slopes(power, weight)
         except (LoopClosureError, SingularityError):  # a step beyond the limits: the line search shortens it
             return _OUTSIDE, np.zeros(len(x))
+        self._note(made, cost, x, seed)
+        return cost, np.tensordot(self._jacobian(rows, x, seed), by_state, axes=3)
+
+    def _costs(self, x: Array, rows: _Rows, seed: int, power: float, weight: float) -> Costs:
+        """Smooth cost of a family with a basis, its gradient, and what is beyond limits; else the same."""
+        assert rows.basis is not None
+        try:
+            made = self.evaluate(rows, x, seed)
+            cost, by_state = made.slopes_of_whole(power, weight)
+            found = made.beyond(joints=False, reach=_REACH)
+        except (LoopClosureError, SingularityError):
+            return Costs(_OUTSIDE, np.zeros(len(x)), np.zeros(0), np.zeros((0, len(x))))
+        self._note(made, cost, x, seed)
+        others = rows.basis.rows(found.sample, found.slopes, len(x))
+        return Costs(cost, rows.basis.gradient(by_state, len(x)), found.over, others)
+
+    def _note(self, made: Evaluation, cost: float, x: Array, seed: int) -> None:
+        """Note a motion that is within the limits at its rows, and the best of its descent."""
         if made.worst <= 0 and cost < (self.noted[-1][0] if self.noted else np.inf):
             self.noted.append((cost, _Start(x.copy(), seed)))
             if self.first is None:
                 self._keep_noted()
-        if rows.basis is not None:
-            return cost, rows.basis.gradient(by_state, len(x))
-        return cost, np.tensordot(self._jacobian(rows, x, seed), by_state, axes=3)
 
     def _jacobian(self, rows: _Rows, x: Array, seed: int) -> Array:
         """Jacobian of the states by the parameters of the motion, (size, 3, active, n), by differences."""
@@ -441,6 +470,15 @@ class _Search:
             limit=0.0,
             advice="Widen what is exceeded, move the range of positions, or evaluate more motions.",
         )
+
+
+def _apart(found: list[_Start]) -> list[_Start]:
+    """The best of those that are near to each other: they are in the same valley."""
+    made: list[_Start] = []
+    for start in found:
+        if all(start.seed != one.seed or np.linalg.norm(start.x - one.x) > _VALLEY for one in made):
+            made.append(start)
+    return made
 
 
 def _stacked(made: Trajectory) -> Array:
