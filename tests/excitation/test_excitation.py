@@ -43,6 +43,21 @@ def found():
     return design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, noise=(0.002,), search=SHORT)
 
 
+def test_the_finalist_of_least_rank_is_returned():
+    """The second best by the criterion, of another valley, as it is ranked first."""
+    asked = []
+
+    def rank(planned):
+        asked.append(planned.kind)
+        return abs(len(asked) - 2)
+
+    search = Search(tries=400, seed=3)
+    found = design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=search, rank=rank)
+    assert len(asked) > 1
+    assert found.kind == asked[1]
+    assert found.kind != design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=search).kind
+
+
 def explicit(trajectory):
     """W, all motors' rows one above the other."""
     W = rows(PHANTOM, *(np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd)))

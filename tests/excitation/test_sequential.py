@@ -27,6 +27,7 @@ from haptid.experiment.excitation import (
     design_excitation,
     next_motions,
     of_buffer,
+    sequential,
 )
 from haptid.experiment.excitation.sequential import standard_errors_of
 from haptid.results.information import log_information
@@ -102,6 +103,21 @@ def test_predicted_intervals_come_true_on_the_bench(campaign, further):
     assert 1 / MEDIAN < np.median(ratios) < MEDIAN
     assert max(then[name] for name in further.names) < 0.5 * max(further.before)
     assert set(first.names) - set(further.names) == {"MY1"}  # its true value is zero: no torque
+
+
+def test_motions_are_ranked_by_intervals_behind_the_treatment(campaign, monkeypatch):
+    ranks = []
+
+    def spy(*args, rank, **more):
+        ranks.append(rank)
+        return design_excitation(*args, rank=rank, **more)
+
+    monkeypatch.setattr(sequential, "design_excitation", spy)
+    known = log_information(campaign[1])
+    made = next_motions(known, SERIES, WITHIN, search=Search(tries=60))
+    next_motions(replace(known, treated=None), SERIES, WITHIN, search=Search(tries=60))
+    assert ranks[0](made.motions[0]) == pytest.approx(max(made.after))
+    assert ranks[1] is None
 
 
 def test_time_needed_is_that_of_the_accuracy(campaign, further):

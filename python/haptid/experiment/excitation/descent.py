@@ -33,6 +33,27 @@ _LEAST_STEP = 0.02
 _LITTLE = 0.3
 # Damping of the update of the curvature (Powell 1978), and smallest curvature relative to the mean.
 _DAMPED, _LEAST_CURVATURE = 0.2, 1e-9
+# Distance in the unit cube below which two motions are in the same valley of the cost.
+_VALLEY = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A point in the unit cube, the seed of its phases, and where a descent ended its cost and its curvature."""
+
+    x: Array
+    seed: int
+    cost: float = np.inf
+    curvature: Array | None = None
+
+
+def apart(found: list[Start]) -> list[Start]:
+    """The best of those that are near to each other: they are in the same valley."""
+    made: list[Start] = []
+    for start in found:
+        if all(start.seed != one.seed or np.linalg.norm(start.x - one.x) > _VALLEY for one in made):
+            made.append(start)
+    return made
 
 
 @dataclass(frozen=True, eq=False)

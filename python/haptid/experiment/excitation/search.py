@@ -26,11 +26,11 @@ from haptid.experiment.excitation.criteria import (
     observed_motion,
     quality,
 )
-from haptid.experiment.excitation.descent import CURVED, Costs, Penalties, descend
+from haptid.experiment.excitation.descent import CURVED, Costs, Penalties, Start, apart, descend
 from haptid.experiment.excitation.families import Basis, Family, FourierSeries
 from haptid.experiment.excitation.gradients import Evaluation, Gradients
 from haptid.experiment.excitation.limits import Limits, MotionBounds
-from haptid.experiment.excitation.planned import CHECK_STEP, Excitation, phases
+from haptid.experiment.excitation.planned import CHECK_STEP, Excitation, PlannedMotion, phases
 
 # Upper bound of a motion's cost; that of a singular W is unbounded.
 _WORST = 50.0
@@ -50,8 +50,6 @@ _ROUNDS = (((2, 2), 16, 1e4, 5e-4), ((1, 1), 60, 1e5, 1e-4))
 _MENDED = 0.1
 # What is so near to a limit, relative to it, is in the model of a step.
 _REACH = 0.1
-# Distance in the unit cube below which two motions are in the same valley of the cost.
-_VALLEY = 0.3
 # Descents of families that bend, by L-BFGS-B: least number of their evaluations, share of all; memory, steps.
 _SHORT, _SHARE, MEMORY = 40, 1 / 16, 30
 # Relative decrease of the cost in a step below which a descent has converged.
@@ -106,6 +104,7 @@ def design_excitation(
     search: Search | None = None,
     information: Array | None = None,
     covariance: Array | None = None,
+    rank: Callable[[PlannedMotion], float] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Excitation:
     """Optimal excitation: search a family of motions for the one of least cost within limits.
@@ -125,6 +124,8 @@ def design_excitation(
         information: of logs that there are already, rows in units of their noise, (p, p), SI: the criterion is that of
             them and the motion together. For criteria in units of the noise: not the condition numbers.
         covariance: of the base parameters' errors, (p, p), SI, for `Limits.torque_confidence`; default: the prior's.
+        rank: cost of a motion, the least is best, that takes longer than the criterion, such as its largest interval
+            behind a treatment: chooses among the motions that the search ends with, one of each valley of the cost.
         progress: called with the share of the search done, 0 to 1, and the least cost so far.
 
     Raises:
@@ -162,6 +163,7 @@ def design_excitation(
         search,
         progress,
         information,
+        rank,
     )
     if isinstance(family, FourierSeries) and family.start_pose is not None:
         state.bounds.check_start(per_coordinate("start_pose", family.start_pose, state.bounds.names))
@@ -176,16 +178,6 @@ def design_excitation(
 
 class _EvaluationsUsedError(Exception):
     """All evaluations are used."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """A point in the unit cube, the seed of its phases, and where a descent ended its cost and its curvature."""
-
-    x: Array
-    seed: int
-    cost: float = np.inf
-    curvature: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,12 +202,13 @@ class _Search:
     """State of a search: evaluations so far and the best feasible motion.
 
     Attributes:
-        bounds, family, criterion, columns, noise, search, progress, information: of the search.
+        bounds, family, criterion, columns, noise, search, progress, information, rank: of the search.
         tried: number of motions evaluated so far.
         first: the first feasible motion; None before there is one.
         kept: motions within the limits at the rows of the search, each better than those before it; of those of a
             descent the best between these rows too.
-        least: its cost.
+        finalists: motions of sharpened descents that are within the limits between the rows too.
+        least: cost of the last of those that are kept.
         history: number of motions evaluated, and least cost, at each improvement.
         nearest: the limits that the best motion outside of them exceeds, and by how much, the worst first.
         made: rows of the search, by how many of them one is taken and the margin.
@@ -231,14 +224,16 @@ class _Search:
     search: Search
     progress: Callable[[float, float], None] | None
     information: Array | None = None
+    rank: Callable[[PlannedMotion], float] | None = None
     tried: int = 0
-    first: _Start | None = None
-    kept: list[_Start] = field(default_factory=list)
+    first: Start | None = None
+    kept: list[Start] = field(default_factory=list)
+    finalists: list[Start] = field(default_factory=list)
     least: float = np.inf
     nearest: tuple[tuple[float, str], ...] = ((np.inf, "a limit"),)
     history: list[tuple[int, float]] = field(default_factory=list)
     made: dict[tuple[int, float], _Rows] = field(default_factory=dict)
-    noted: list[tuple[float, _Start]] = field(default_factory=list)
+    noted: list[tuple[float, Start]] = field(default_factory=list)
     margin: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -249,20 +244,20 @@ class _Search:
         rng, (power, weight, enough) = np.random.default_rng(self.search.seed), _SEEKING
         tries = self.search.tries
         rows, seeking = self._rows(4, 2), max(1, min(round(_SEEK * tries), tries - _SHARPEN))
-        found: list[_Start] = []
+        found: list[Start] = []
         try:
             while self.tried < seeking:
                 start = self._start(rng) if len(found) < STARTS else self._moved(found[0], rng)
                 found.append(self._descend(rows, start, power, weight, enough, seeking - self.tried))
                 found.sort(key=lambda one: one.cost)
-            for start in _apart(found):
+            for start in apart(found):
                 self._sharpen(start)
         except _EvaluationsUsedError:
             pass
         if self.progress:
             self.progress(1.0, self.least)
 
-    def _sharpen(self, start: _Start) -> None:
+    def _sharpen(self, start: Start) -> None:
         """Sharper rounds, and where a limit is exceeded between the rows again with a larger margin."""
         for k, (every, power, weight, enough) in enumerate(_ROUNDS):
             left = math.ceil((self.search.tries - self.tried) / (len(_ROUNDS) - k))
@@ -272,14 +267,17 @@ class _Search:
                 return
             self.margin += beyond
             start = self._descend(self._rows(), start, power, weight, enough, self.search.tries - self.tried)
+        every_row = self._rows()
+        if every_row.gradients.at(self._states(every_row, start.x, start.seed)).worst <= 0:
+            self.finalists.append(start)
 
-    def _moved(self, start: _Start, rng: np.random.Generator) -> _Start:
+    def _moved(self, start: Start, rng: np.random.Generator) -> Start:
         """A motion near another."""
         size, bent = len(start.x), CURVED
         if start.curvature is not None:
             bent = float(np.trace(start.curvature)) / size
         kick = _KICK * 2 ** rng.uniform(-1, 1) * math.sqrt(len(self.bounds.names) / size / bent)
-        return _Start(np.clip(start.x + kick * rng.standard_normal(size), 0.0, 1.0), start.seed)
+        return Start(np.clip(start.x + kick * rng.standard_normal(size), 0.0, 1.0), start.seed)
 
     def _rows(self, every: int = 1, factor: int = 1) -> _Rows:
         """Every fourth or second of the rows of the search, if `factor` times the least of the family remain."""
@@ -299,13 +297,13 @@ class _Search:
         """States at the rows at which a motion that would be kept is checked."""
         return self.family.basis(self.bounds, 1.0 / (_DENSER * self.search.rows_hz))
 
-    def checked(self) -> tuple[_Start, Clearance | None]:
+    def checked(self) -> tuple[Start, Clearance | None]:
         """The best motion that keeps limits and clearance between the rows of the search too, and its least distance.
 
         Raises:
             TrajectoryError: none does.
         """
-        dt, last = 1.0 / max(_DENSE_HZ, self.search.rows_hz), self.kept[: -_LOOKED_AT - 1 : -1]
+        dt, last = 1.0 / max(_DENSE_HZ, self.search.rows_hz), self._ranked()[:_LOOKED_AT]
         collision, least = self.bounds.collision, self.bounds.limits.clearance
         best: Clearance | None = None
         for start in last:
@@ -332,7 +330,21 @@ class _Search:
             advice="Raise the rows per second of the search, or the clearance.",
         )
 
-    def found(self, start: _Start) -> Quality:
+    def _ranked(self) -> list[Start]:
+        """The motions that may be returned, the best first."""
+        last = self.kept[::-1]
+        if self.rank is None or len(self.finalists) < 2:
+            return last
+        finalists = [*self.finalists, *last[:1]]
+        costs = [self.rank(self.planned(start, None)) for start in finalists]
+        return [finalists[k] for k in np.argsort(costs, kind="stable")] + last[1:]
+
+    def planned(self, start: Start, clearance: Clearance | None) -> PlannedMotion:
+        """A motion as it is handed on."""
+        kind = self.family.kind(start.x, self.bounds)
+        return PlannedMotion(self.bounds.model, kind, start.seed, self.bounds, clearance)
+
+    def found(self, start: Start) -> Quality:
         """Quality of a motion."""
         made = plan(
             self.family.kind(start.x, self.bounds), self.bounds.model, 1.0 / self.search.rows_hz, phases(start.seed)
@@ -340,10 +352,10 @@ class _Search:
         observed = observed_motion(self.bounds.model, made)
         return quality(observed, self.columns, self.bounds.beta, self.noise)
 
-    def _start(self, rng: np.random.Generator) -> _Start:
-        return _Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
+    def _start(self, rng: np.random.Generator) -> Start:
+        return Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
 
-    def _descend(self, rows: _Rows, start: _Start, power: float, weight: float, enough: float, most: int) -> _Start:
+    def _descend(self, rows: _Rows, start: Start, power: float, weight: float, enough: float, most: int) -> Start:
         """Descent with a limit on evaluations."""
         try:
             if rows.penalties is None:
@@ -358,7 +370,7 @@ class _Search:
                     bounds=[(0.0, 1.0)] * len(start.x),
                     options=settings,
                 )
-                return _Start(found.x, start.seed, float(found.fun))
+                return Start(found.x, start.seed, float(found.fun))
             made = descend(
                 lambda x: self._costs(x, rows, start.seed, power, weight),
                 rows.penalties,
@@ -368,7 +380,7 @@ class _Search:
                 enough=enough,
                 curvature=start.curvature,
             )
-            return _Start(made.x, start.seed, made.cost, made.curvature)
+            return Start(made.x, start.seed, made.cost, made.curvature)
         finally:
             self._keep_noted()
 
@@ -398,7 +410,7 @@ class _Search:
     def _note(self, made: Evaluation, cost: float, x: Array, seed: int) -> None:
         """Note a motion that is within the limits at its rows, and the best of its descent."""
         if made.worst <= 0 and cost < (self.noted[-1][0] if self.noted else np.inf):
-            self.noted.append((cost, _Start(x.copy(), seed)))
+            self.noted.append((cost, Start(x.copy(), seed)))
             if self.first is None:
                 self._keep_noted()
 
@@ -450,7 +462,7 @@ class _Search:
                 self.history.append((self.tried, cost))
             return
 
-    def _between(self, start: _Start, dt: float, inside: float) -> tuple[tuple[float, str], ...]:
+    def _between(self, start: Start, dt: float, inside: float) -> tuple[tuple[float, str], ...]:
         """The limits that a motion exceeds at rows in steps of dt, s, or is nearer to than `inside`."""
         if self.dense_basis is not None and dt == 1.0 / (_DENSER * self.search.rows_hz):
             states = self.dense_basis.states(start.x)
@@ -470,15 +482,6 @@ class _Search:
             limit=0.0,
             advice="Widen what is exceeded, move the range of positions, or evaluate more motions.",
         )
-
-
-def _apart(found: list[_Start]) -> list[_Start]:
-    """The best of those that are near to each other: they are in the same valley."""
-    made: list[_Start] = []
-    for start in found:
-        if all(start.seed != one.seed or np.linalg.norm(start.x - one.x) > _VALLEY for one in made):
-            made.append(start)
-    return made
 
 
 def _stacked(made: Trajectory) -> Array:

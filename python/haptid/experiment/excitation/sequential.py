@@ -21,7 +21,7 @@ from haptid.estimation.methods.constrained import indices
 from haptid.experiment.excitation.criteria import LargestDeviation
 from haptid.experiment.excitation.families import Family, FourierSeries
 from haptid.experiment.excitation.limits import Limits
-from haptid.experiment.excitation.planned import Excitation
+from haptid.experiment.excitation.planned import Excitation, PlannedMotion
 from haptid.experiment.excitation.search import Search, design_excitation
 from haptid.experiment.excitation.treated import TreatedNoise
 from haptid.uncertainty.quantities import half_width
@@ -130,14 +130,22 @@ class LogInformation:
         size = np.maximum(np.abs(self.values), np.finfo(float).tiny)
         return np.asarray(100 * self.widths(more, seconds) / size)
 
+    def behind(self, treated: TreatedNoise, found: PlannedMotion) -> Array:
+        """Information of a motion behind a treatment, (p, p); `widths` multiplies by the factor, in its noise too."""
+        return self._of_estimated(
+            treated.information(self.model, found.trajectory) * self.factor[:, None] * self.factor
+        )
+
     def of_motion(self, found: Excitation) -> Array:
         """Information of a motion on all base parameters, (p, p), in these units."""
-        if self.treated is not None:  # `widths` multiplies by the factor, which serial correlation is a part of
-            whole = self.treated.information(self.model, found.trajectory) * self.factor[:, None] * self.factor
-        else:
-            rows_hz = found.after.rows / len(self.noise) / found.seconds
-            R = found.after.observation.stack(1 / (self.noise * math.sqrt(rows_hz)))[:-1, :-1]
-            whole = R.T @ R
+        if self.treated is not None:
+            return self.behind(self.treated, found)
+        rows_hz = found.after.rows / len(self.noise) / found.seconds
+        R = found.after.observation.stack(1 / (self.noise * math.sqrt(rows_hz)))[:-1, :-1]
+        return self._of_estimated(R.T @ R)
+
+    def _of_estimated(self, whole: Array) -> Array:
+        """Information on the parameters that are estimated, (p, p)."""
         estimated = np.isin(np.arange(len(self.values)), self.estimated)
         return np.asarray(np.where(np.outer(estimated, estimated), whole, 0.0))
 
@@ -276,6 +284,7 @@ def next_motions(
             search=replace(search, seed=search.seed + k),
             information=so_far.information,
             covariance=known.covariance,
+            rank=_rank(so_far, chosen),
             progress=None if progress is None else lambda share, cost, k=k: progress((k + share) / count, cost),  # type: ignore[misc]
         )
         motions.append(made)
@@ -341,6 +350,13 @@ def standard_errors_of(information: Array) -> Array:
     variance = (vectors[:, kept] ** 2 / values[kept]).sum(axis=1)
     lost = (vectors[:, ~kept] ** 2).sum(axis=1) > math.sqrt(_ROUNDING)
     return np.asarray(np.where(there & ~lost, inverse * np.sqrt(variance), np.inf))
+
+
+def _rank(known: LogInformation, chosen: list[int]) -> Callable[[PlannedMotion], float] | None:
+    """The largest interval with a motion behind the treatment of the logs; None where there is none."""
+    if (treated := known.treated) is None:
+        return None
+    return lambda found: float(known.relative_widths(known.behind(treated, found), found.seconds)[chosen].max())
 
 
 def _weights(known: LogInformation, chosen: Sequence[int]) -> tuple[float, ...]:
