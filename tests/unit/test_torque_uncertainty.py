@@ -85,3 +85,19 @@ def test_a_delay_that_the_log_tells_is_hardly_moved():
     assert np.abs(mean / 1e-3 - off).max() < 0.02 * 0.2
     assert HOLD == 0.5
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 2e-5, rtol=0.02)
+
+
+def test_a_channel_that_hardly_moves_does_not_decide_the_status(phantom):
+    """It made 37 of 5 % on a public log: any uncertainty is a large share of no torque."""
+    log = recorded(phantom, noise=0.01)
+    alive = fitted(phantom, log)
+    torque = log.torque.copy()
+    torque[:, 2] = 1e-4 * torque[:, 2].std() * np.random.default_rng(0).standard_normal(len(torque))
+    dead = fitted(phantom, dataclasses.replace(log, torque=torque))
+    W = other_motion(dead.observation)
+    assert torque_uncertainty(dead.observation, dead.covariance, W) > 10 * dead.torque_uncertainty
+    own = W.reshape(3, -1, W.shape[1])[:2].reshape(-1, W.shape[1])
+    square = np.einsum("ij,jk,ik->", own, dead.covariance, own) / 2
+    assert dead.torque_uncertainty == pytest.approx(100 * np.sqrt(square))
+    every = torque_uncertainty(alive.observation, alive.covariance, other_motion(alive.observation))
+    assert alive.torque_uncertainty == pytest.approx(every)

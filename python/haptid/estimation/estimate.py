@@ -23,7 +23,7 @@ from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, PointEstimate, Reduced, rows_of
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.estimation.torque_uncertainty import torque_uncertainty
+from haptid.estimation.torque_uncertainty import judged_uncertainty
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
 from haptid.uncertainty.figures import relative_se_cell, with_digits
@@ -218,7 +218,7 @@ class Estimate:
 
         nan where the rows are not of motions, but of poses or of a stream.
         """
-        return torque_uncertainty(self.observation, self.covariance)
+        return judged_uncertainty(self.observation, self.covariance, self.beta)
 
     @cached_property
     def clusters(self) -> Clusters:

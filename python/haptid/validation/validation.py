@@ -11,12 +11,12 @@ from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
+from haptid.estimation.torque_uncertainty import HARDLY
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, different_models, observe
 
-# Share of the torque of all motors in its unit below which a motor hardly moves anything, and its error, per cent, from
-# which on its torque does not follow the model: its channel may be dead.
-_HARDLY, _NOTHING = 0.02, 100.0
+# Error, per cent, from which on hardly any torque does not follow the model: its channel may be dead.
+_NOTHING = 100.0
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Validation:
     def silent(self) -> tuple[MotorError, ...]:
         """Motors with hardly any of the torque in their unit, and an error above it: channels that may be dead."""
         total = {m.unit: sum(other.rms**2 for other in self.motors if other.unit == m.unit) for m in self.motors}
-        return tuple(m for m in self.motors if m.relative > _NOTHING and m.rms**2 <= _HARDLY**2 * total[m.unit])
+        return tuple(m for m in self.motors if m.relative > _NOTHING and m.rms**2 <= HARDLY**2 * total[m.unit])
 
     @property
     def largest(self) -> MotorError:
