@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptid.errors import LogFileError
 from haptid.log.file_format import format_of
 from haptid.log.request import Request
 
@@ -55,3 +56,19 @@ def test_a_process_that_refused_a_table_ends(tmp_path: Path) -> None:
         ended = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=120)
         assert "line 3: 2 cells where the header has 3" in ended.stdout
         assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("separator", [",", " "])
+def test_a_header_that_comes_again_is_left_out(tmp_path: Path, separator: str) -> None:
+    """A logger that is started twice appends its header too: the file had no column of numbers."""
+    rows = [separator.join(map(str, values)) + "\n" for values in DATA]
+    header = f"# run\nt{separator}q{separator}u\n"
+    path = tmp_path / "log.txt"
+    path.write_text(header + "".join(rows[:100]) + header + "".join(rows))
+    kind, request = format_of(path), Request()
+    found = kind.columns(path, ["t", "q", "u"], request)
+    np.testing.assert_array_equal(np.column_stack([*found.values()]), np.vstack([DATA[:100], DATA]))
+    assert any("come again" in note for note in request.notes)
+    path.write_text(header + "".join(rows[:100]) + header + "".join(rows) + f"1{separator}x{separator}2\n")
+    with pytest.raises(LogFileError, match="q is `x`, not a number"):
+        kind.columns(path, ["t", "q", "u"], Request())

@@ -57,6 +57,8 @@ TAU = Q + np.cos(5.0 * T)
          (T, Q, Q, TAU, TAU), ("__time", "s"),
          (["/joint_states/position.hip", "/joint_states/position.knee"], "rad"),
          (["/joint_states/effort.hip", "/joint_states/effort.knee"], "N m")),
+        ("Zeit;Istposition A1;Istposition A2;Iststrom A1;Iststrom A2", (T, 50 * Q, 50 * Q, TAU, TAU),
+         ("Zeit", "s"), (["Istposition A1", "Istposition A2"], "deg"), (["Iststrom A1", "Iststrom A2"], "A")),
         ("t;angvel;ang;trq", (T, 3 * Q, Q, TAU), ("t", "s"), (["ang"], "rad"), (["trq"], "N m")),
         ("t;q_raw;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("t;q_raw;q1;q2;tau1;tau2", (T, Q, Q, Q, TAU, TAU),

@@ -390,6 +390,25 @@ def test_a_dh_table_says_its_convention(tmp_path: Path) -> None:
         imported(tmp_path, "# convention: craig\n" + text.replace("alpha_deg", "alpha"), "puma.csv")
 
 
+def test_a_dh_table_may_name_each_joints_variable(tmp_path: Path) -> None:
+    """As tables in books do; they were refused as neither a number nor arithmetic."""
+    head = "# convention: dh\nname,alpha_deg,a,theta_deg,d\n"
+    plain = imported(
+        tmp_path, head + "1,90,0.1,0,0\n2,-90,0.2,90,0.3\n3,0,0,-45,0\n4,0,0,0,l", "a.csv", lengths={"l": 0.5}
+    )
+    named = "1,90,0.1,q1,0\n2,-90,0.2,theta_2 + 90,0.3\n3,0,0,-45+q3,0\n4,0,0,*,l"
+    own = imported(tmp_path, head + named, "b.csv", lengths={"l": 0.5})
+    for one, other in zip(plain.device.joints, own.device.joints, strict=True):
+        np.testing.assert_allclose(one.translation, other.translation, atol=1e-15)
+        np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-15)
+    sliding = imported(tmp_path, head + "1,0,0,0,q1 + 0.2\n2,90,0,q2,0", "c.csv")
+    assert [joint.prismatic for joint in sliding.device.joints] == [True, False]
+    assert sliding.device.joints[0].translation[2] == pytest.approx(0.2)
+    for wrong in ("1,0,0,-q1,0", "1,0,0,2*q1,0", "1,0,0,0,d1"):  # another direction, a gear, a length without a value
+        with pytest.raises(RobotFileError, match="neither a number"):
+            imported(tmp_path, head + wrong, "d.csv")
+
+
 def test_names_of_a_source_become_names_of_a_device() -> None:
     """No parameter of one joint may get the name of another's, whatever the joints are called."""
     names = ["left/arm.1", "left_arm_1", "base", "X1", "1", "é" * 60, "j" * 60, "j" * 61]

@@ -34,6 +34,9 @@ _LIMITS = ("lower", "upper", "velocity", "effort")
 _BODY = ("mass", "cx", "cy", "cz", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _MOST_ROWS = 1000
 _HEADER = re.compile(r"\s*(\w+?)\s*(?:[\[(_]\s*(deg|rad|m|mm)\s*[\])]?)?\s*", re.IGNORECASE)
+# A joint's own variable in a cell, `q1`, `theta_2 + pi/2`, `90 + q3`, `*`: what is added to it is the offset.
+_OWN = r"(?:(?:q|θ|ϑ|th|theta)_?\{?\d*\}?(?:\(t\))?|\*|var(?:iable)?)"
+_VARIABLE = re.compile(rf"(?:(?P<before>[^+]+)\+)?\s*{_OWN}\s*(?P<after>[+-].+)?", re.IGNORECASE)
 _ALIASES = {"joint": "name", "link": "name", "sigma": "type", "j": "name", "i": "name"}
 
 
@@ -132,6 +135,21 @@ class _Table:
             found = f"{key} is {text[:60]!r}, which is neither a number nor arithmetic over pi and known lengths"
             raise refused(self.file, found, "Correct it, or give --length NAME=VALUE.", line) from None
 
+    def _offsets(self, row: dict[str, str]) -> dict[str, str]:
+        """The row with the offset in place of the joint's own variable; the type by the column that has it."""
+        made = dict(row)
+        for key, kind in (("theta", "revolute"), *((length, "prismatic") for length in ("d", "r"))):
+            found = _VARIABLE.fullmatch(row.get(key, ""))
+            given = row.get("type", "")
+            if not found or row[key] in self.lengths or (given and self._kind(given, 0) != kind):
+                continue
+            if kind == "prismatic" and not re.search(r"q|\*|var", row[key], re.IGNORECASE):
+                continue
+            made[key] = f"{found['before'] or ''}{found['after'] or ''}".strip().removeprefix("+") or "0"
+            made["type"] = kind
+            break
+        return made
+
     def tree(self) -> RobotTree:
         """The tree."""
         links = {"base": RobotLink("base")}
@@ -139,7 +157,8 @@ class _Table:
         carried = np.eye(4)  # standard convention: what of the row before comes after its joint
         after: dict[str, Array] = {"base": np.eye(4)}
         previous = "base"
-        for k, (line, row) in enumerate(zip(self.lines, self.rows, strict=True)):
+        for k, (line, cells) in enumerate(zip(self.lines, self.rows, strict=True)):
+            row = self._offsets(cells)
             name = row.get("name") or str(k + 1)
             if name in links:
                 raise refused(self.file, f"two joints are named {name!r}", "Rename one of them.", line)

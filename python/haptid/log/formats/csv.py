@@ -23,7 +23,7 @@ from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import opened_text, opened_utf8
 from haptid.log.formats.headers import NUMBER, fitting_header, is_number, numbered, two_levels
-from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, blocks
+from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
 from haptid.log.units import known_unit
@@ -114,21 +114,53 @@ def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, Ra
     request.notes.extend(dialect.stated)
     bound = _row_bound(path, dialect)
     out = dict(zip(indices, np.empty((len(indices), bound)), strict=True))
-    row, (stop, cells) = 0, _end(path, dialect)
-    clocks = {name: _Clock() for name, k in indices.items() if k in dialect.dated}
-    request.notes.extend(f"{name} holds dates or times of day: read as seconds since the first one" for name in clocks)
+    stop, cells = _end(path, dialect)
+    dated = [name for name, k in indices.items() if k in dialect.dated]
+    request.notes.extend(f"{name} holds dates or times of day: read as seconds since the first one" for name in dated)
     if cells:
         request.notes.append(
             f"the last line has {cells} cells of {len(dialect.names)}, as where a recording was stopped: dropped"
         )
+    include = [str(k) for k in indices.values()]
     try:
-        for batch in _batches(path, dialect, [str(k) for k in indices.values()], stop):
-            for (name, column), part in zip(out.items(), batch, strict=True):
-                column[row : row + len(part)] = clocks[name].seconds(part) if name in clocks else part
-            row += len(batch[0])
+        row = _fill(out, _batches(path, dialect, include, stop), dated)
     except ValueError as error:  # pyarrow's own are of this class too
-        raise _fault(path, dialect, indices) or corrupt(path, _KIND, str(error)) from error
+        again = _again(path, dialect, stop)
+        fault = error
+        try:
+            row = _fill(out, _batches(path, dialect, include, stop, again), dated) if again else -1
+        except ValueError as other:
+            row, fault = -1, other
+        if row < 0:
+            raise _fault(path, dialect, indices, again) or corrupt(path, _KIND, str(fault)) from fault
+        request.notes.append(
+            "lines above the samples come again among them, as where a recorder was restarted: left out"
+        )
     return {name: column[:row] for name, column in out.items()}
+
+
+def _fill(out: dict[str, Array], batches: Iterator[list[Array]], dated: Sequence[str]) -> int:
+    """Put the rows into the columns, dates as seconds; how many rows there are.
+
+    Raises:
+        ValueError: a line has more or fewer cells than the header, or a cell is no number or date.
+    """
+    row, clocks = 0, {name: _Clock() for name in dated}
+    for batch in batches:
+        for (name, column), part in zip(out.items(), batch, strict=True):
+            column[row : row + len(part)] = clocks[name].seconds(part) if name in clocks else part
+        row += len(batch[0])
+    return row
+
+
+def _again(path: Path, dialect: _Dialect, stop: int) -> frozenset[bytes]:
+    """The lines above the samples, where one of them comes again among these; none where none does."""
+    with opened_utf8(path) as file:
+        above = frozenset(line.strip() for line in file.read(dialect.start).splitlines() if line.strip())
+        rest = Without(io.BufferedReader(Part(file, stop)), above)
+        while above and not rest.count and rest.read(BLOCK_BYTES):
+            pass
+    return above if above and rest.count else frozenset()
 
 
 class _Clock:
@@ -184,15 +216,19 @@ def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
     return max(dialect.start, size - BLOCK_BYTES) + len(block) - len(line), cells
 
 
-def _batches(path: Path, dialect: _Dialect, include: list[str], stop: int) -> Iterator[list[Array]]:
-    """The wanted columns up to a byte, block by block, selected by number, so that odd names cannot matter.
+def _batches(
+    path: Path, dialect: _Dialect, include: list[str], stop: int, skipped: frozenset[bytes] = frozenset()
+) -> Iterator[list[Array]]:
+    """The wanted columns up to a byte, without some lines, block by block.
 
+    They are selected by number, so that odd names cannot matter.
     By pyarrow where it is installed, which is some twenty times as fast as the standard library.
     """
     with opened_utf8(path) as whole:
         size = whole.seek(0, io.SEEK_END)
         whole.seek(dialect.start)
         file = whole if stop == size else io.BufferedReader(Part(whole, stop))
+        file = io.BufferedReader(Without(file, skipped)) if skipped else file
         source = io.BufferedReader(Collapsed(file)) if dialect.separator == " " else file
         try:
             import pyarrow as pa
@@ -390,9 +426,10 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
     return max(newlines, returns) + (last not in b"\r\n")
 
 
-def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError | None:
+def _fault(path: Path, dialect: _Dialect, indices: dict[str, int], skipped: frozenset[bytes]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
+    above = [_cells(line.decode("utf-8", errors="replace"), dialect.separator) for line in skipped]
     with opened_text(path) as file:
         blanks = dialect.separator == " "
         rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)
@@ -410,7 +447,7 @@ def _fault(path: Path, dialect: _Dialect, indices: dict[str, int]) -> LogError |
             if row is None:
                 return None
             line = rows.line_num
-            if line <= dialect.lines or not row:
+            if line <= dialect.lines or not row or (above and [cell.strip() for cell in row] in above):
                 continue
             if len(row) != width:
                 return _ragged(path, line, len(row), width)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import IO, Any
 
 # Longer than any row.
@@ -45,6 +45,28 @@ class Collapsed(io.RawIOBase):
             block += self.file.readline()
             runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
             self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+        count = min(len(out), len(self.rest))
+        out[:count], self.rest = self.rest[:count], self.rest[count:]
+        return count
+
+
+class Without(io.RawIOBase):
+    """A file without the lines that are one of some, and how many were left out."""
+
+    def __init__(self, file: IO[bytes], lines: Collection[bytes]) -> None:
+        self.file, self.rest, self.count = file, b"", 0
+        self.lines = re.compile(rb"^(?:" + b"|".join(map(re.escape, lines)) + rb")[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, out: Any) -> int:
+        while not self.rest:
+            block = self.file.read(BLOCK_BYTES)
+            if not block:
+                return 0
+            self.rest, found = self.lines.subn(b"", block + self.file.readline())
+            self.count += found
         count = min(len(out), len(self.rest))
         out[:count], self.rest = self.rest[:count], self.rest[count:]
         return count

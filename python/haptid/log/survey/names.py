@@ -72,7 +72,8 @@ _TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
 # Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
 _GLUED = re.compile(
     r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|[jqm])?"
-    r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle|ang)"
+    r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle|ang|winkel|lage|drehmoment|moment|strom"
+    r"|geschwindigkeit|drehzahl)"
     r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
 )
 # Currents and voltages of a motor's field-oriented control: `i_q`, `Vq` act, those of the direct axis or in the frame
