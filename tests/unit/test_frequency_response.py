@@ -30,12 +30,12 @@ def dynamic_stiffness(s):
     return IA * s**2 + FVM * s + load * bend / (load + bend)
 
 
-def recorded(Z, seed=0, periods=6, noise=0.05, positions=1e-6, extra=300):
+def recorded(Z, seed=0, periods=6, noise=0.05, positions=1e-6, extra=300, moving=1.0):
     """A multisine of the positions, and the torque that it takes, (bins, n, n) by harmonic; white noise on both."""
     rng, n = np.random.default_rng(seed), Z.shape[1]
     t = DT * np.arange(round(periods * PERIOD / DT) + extra)
     s = 2j * np.pi * HARMONICS / PERIOD
-    C = (0.5 / np.abs(s)[:, None]) * np.exp(1j * rng.uniform(0, 2 * np.pi, (len(s), n)))
+    C = moving * (0.5 / np.abs(s)[:, None]) * np.exp(1j * rng.uniform(0, 2 * np.pi, (len(s), n)))
     T = np.einsum("bij,bj->bi", Z, C)
     q, tau = ((x.T @ np.exp(s[:, None] * t)).real.T for x in (C, T))
     q, tau = q + positions * rng.standard_normal(q.shape), tau + noise * rng.standard_normal(tau.shape)
@@ -73,6 +73,20 @@ def test_a_held_command_is_late_by_half_a_sample(truth):
     log = recorded(truth[:, None, None], noise=1e-9, positions=0.0)
     late, exact = (multisine_response(axis(), log, PERIOD, torque_delay_s=d) for d in (None, 0.0))
     np.testing.assert_allclose(late.G / exact.G, np.exp(1j * np.pi * exact.f * DT)[:, None, None], rtol=1e-9)
+
+
+def test_a_motor_at_rest_hides_no_period():
+    """Two motors without coupling, of which each log moves one: the other's position is noise of its encoder."""
+    joints = [{"name": "1"}, {"name": "2", "parent": "base", "d": 0.3}]
+    data = {"schema": 1, "name": "pair", "gravity": [0.0, 0.0, 0.0], "joints": joints}
+    model = haptid.DynamicModel(device_of(*checked_tables(data, "pair.toml")))
+    s = (2j * np.pi * HARMONICS / PERIOD)[:, None, None]
+    Z = np.eye(2) * (0.4 * s**2 + 0.5 * s)
+    logs = [recorded(Z, seed, moving=np.eye(2)[seed]) for seed in (0, 1)]
+    found = multisine_response(model, logs, torque_delay_s=0.0)
+    assert found.period == pytest.approx(PERIOD, rel=1e-12)
+    own = found.f < 16.1
+    assert np.mean(np.abs(found.G[own, 0, 0] - 1 / Z[: own.sum(), 0, 0]) < found.radius[own, 0, 0]) > 0.85
 
 
 def test_two_motors_from_two_logs():
@@ -118,6 +132,8 @@ def test_what_does_not_repeat_or_shows_no_spring_is_refused(truth):
         multisine_response(axis(), recorded(truth[:, None, None], periods=2))
     with pytest.raises(LogTimeError, match="2 periods"):
         multisine_response(axis(), recorded(truth[:, None, None], periods=2), PERIOD)
+    with pytest.raises(LogTimeError, match=r"does not repeat after 1\.7 s"):
+        multisine_response(axis(), recorded(truth[:, None, None]), 1.7)
 
 
 MOTION = """schema = 1

@@ -33,6 +33,8 @@ _FEWEST, _STRAYS = 3, 9.0
 _EXCITED, _FALSE, _HIGHEST = 30.0, 1e-3, 0.4
 # Largest difference of a motion from itself a period later, over its variance, and how far above the least it may be.
 _REPEATS, _NEAR = 0.05, 4.0
+# Variance of a coordinate's steps over its own from which on it is at rest: that of white noise is 2.
+_NOISY = 0.5
 # Part of a log at either end that may be a soft start or stop.
 _ENDS = 6
 # Samples at which the first period may begin.
@@ -240,7 +242,7 @@ def _signals(model: DynamicModel, log: Log) -> tuple[Array, Array]:
 
 def _period(C: Array, log: Log) -> int:
     """Samples after which a motion repeats; a soft start and stop count only where the motion repeats with them."""
-    n = C.shape[1]
+    C, n = C[_moves(C)], C.shape[1]
     most, ends = n // _FEWEST, n // _ENDS
     length, error = _repetition(C, most)
     if error > _REPEATS:
@@ -257,12 +259,18 @@ def _period(C: Array, log: Log) -> int:
     return length
 
 
+def _moves(C: Array) -> np.ndarray:
+    """Coordinates that move more than by noise: their steps are small; all where none does, (n,)."""
+    moves = np.asarray(np.diff(C, axis=1).var(axis=1) < _NOISY * C.var(axis=1))
+    return moves if moves.any() else np.ones(len(C), dtype=bool)
+
+
 def _repetition(C: Array, most: int) -> tuple[int, float]:
     """Samples up to so many after which a motion is nearest to itself, and the mean square of how far, over twice its
     variance: one where no sample is."""
     x = C - C.mean(axis=1, keepdims=True)
     n, scale = x.shape[1], x.var(axis=1, keepdims=True)
-    x = x / np.sqrt(np.where(scale > 0, scale, 1.0))
+    x = x / np.sqrt(np.where(scale > 0, scale, 1.0))  # it may be 0 in part of a log
     size = fft.next_fast_len(2 * n, real=True)
     products = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[:, :n].sum(axis=0)
     power = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=0))])
@@ -295,6 +303,17 @@ def _periods(C: Array, T: Array, length: int, log: Log) -> tuple[Array, Array]:
     begins = sorted(offset + length * start for offset, start, stop in runs if stop - start == most)
     begin = begins[len(begins) // 2]
     c, tau = (x[:, begin : begin + most * length].reshape(len(x), most, length) for x in (C, T))
+    moving = c[_moves(C)]
+    apart = float(np.mean(np.diff(moving, axis=1).var(axis=(1, 2)) / (2 * moving.var(axis=(1, 2)))))
+    if apart > _REPEATS:
+        raise LogTimeError(
+            f"{log.path.name} does not repeat after {length * log.dt:.4g} s: its periods differ by "
+            f"{100 * apart:.0f} % of its variance (limit {100 * _REPEATS:.0f} %).",
+            where=log.path.name,
+            found=apart,
+            limit=_REPEATS,
+            advice="Leave the period out, and it is found in the first log; all logs need the same one.",
+        )
     return c, tau
 
 
