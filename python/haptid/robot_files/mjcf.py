@@ -29,7 +29,7 @@ from haptid.robot_files.tree import (
     motion,
     snapped_axis,
 )
-from haptid.robot_files.xml import Element, parse, read_bytes, refused
+from haptid.robot_files.xml import Element, checked_ratio, parse, read_bytes, refused
 
 # Most elements that <replicate> may make, and most files that are included.
 MOST_REPLICATES, MOST_INCLUDES = 20_000, 200
@@ -272,7 +272,7 @@ class _Walk:
             if how in ("joint", "jointinparent"):
                 driven.add(target)
                 if self.enums["joint"][int(self.x["jnt_type"][target])] in ("hinge", "slide"):
-                    gear = float(self.x["actuator_gear"][k][0])
+                    gear = self._gear(k)
                     armature[target] += gear**2 * float(self.x["actuator_armature"][k])
                     damping[target] += gear**2 * float(self.x["actuator_damping"][k])
             elif how == "tendon":
@@ -334,8 +334,15 @@ class _Walk:
                 self.notes.append(Note("left out", text, line))
             elif plain:
                 joint = self.joint_names[target]
-                made.append(Drive(joint, {joint: 1.0}, float(self.x["actuator_gear"][k][0]) or 1.0, line))
+                made.append(Drive(joint, {joint: 1.0}, self._gear(k) or 1.0, line))
         return made
+
+    def _gear(self, k: int) -> float:
+        """Gear ratio of an actuator; 0 where it has no effect."""
+        gear = float(self.x["actuator_gear"][k][0])
+        return gear and checked_ratio(
+            gear, f"the gear of {self._name('actuator', k)}", self.file, self._line("actuator", k)
+        )
 
     def _equalities(self) -> None:
         if self.of["disabled"]["equality"]:

@@ -28,7 +28,7 @@ from haptid.robot_files.tree import (
     snapped_axis,
     unit_axis,
 )
-from haptid.robot_files.xml import Element, parse
+from haptid.robot_files.xml import Element, checked_ratio, parse
 
 # Where URDF says nothing of gravity, simulators have this one.
 _GRAVITY = (0.0, 0.0, -9.81)
@@ -237,9 +237,7 @@ def _reduction(element: Element, owner: Element) -> float:
     if own is None:
         return 1.0
     value = own.numbers_of("mechanicalReduction", own.text or "1", 1)[0]
-    if value == 0:
-        own.refuse("is zero", "Write the gear ratio.")
-    return value
+    return checked_ratio(value, "<mechanicalReduction>", own.file, own.line)
 
 
 def _rotor(motor: Element, gear: float, owner: Element) -> float:
@@ -247,7 +245,8 @@ def _rotor(motor: Element, gear: float, owner: Element) -> float:
     drake = motor.first("drake:rotor_inertia") or owner.first("drake:rotor_inertia")
     if drake is not None:
         ratio = motor.first("drake:gear_ratio") or owner.first("drake:gear_ratio")
-        return float(drake.number("value") * (1.0 if ratio is None else ratio.number("value")) ** 2)
+        gear = 1.0 if ratio is None else checked_ratio(ratio.number("value"), f"<{ratio.tag}>", ratio.file, ratio.line)
+        return drake.number("value") * gear**2
     own = motor.first("motorInertia")
     return 0.0 if own is None else float(own.numbers_of("motorInertia", own.text, 1)[0] * gear**2)
 

@@ -31,7 +31,7 @@ from haptid.robot_files.tree import (
     TreeJoint,
     inverse,
 )
-from haptid.robot_files.xml import refused
+from haptid.robot_files.xml import checked_ratio, refused
 
 _WORLD = "world"
 _GRAVITY = 9.81
@@ -88,6 +88,8 @@ class _Stage:
         self.metre, self.kilogram = float(stage["metres"]), float(stage["kilograms"])
         if not (0 < self.metre < math.inf and 0 < self.kilogram < math.inf):
             raise refused(file, "its units are no positive numbers", "Set metersPerUnit and kilogramsPerUnit.")
+        checked_ratio(self.metre, "metersPerUnit", file)
+        checked_ratio(self.kilogram, "kilogramsPerUnit", file)
         self.prims: Mapping[str, Any] = stage["prims"]
         self.notes: list[Note] = []
         self.bodies = {

@@ -23,6 +23,8 @@ _SHOWN = 60
 DEEPEST = 400
 # Most elements of one file.
 MOST_ELEMENTS = 500_000
+# Sizes of a gear ratio or of a unit in SI, far beyond any: their squares and products have to be numbers.
+LEAST_RATIO, MOST_RATIO = 1e-9, 1e9
 # Possessive: comments are told apart in one way only, or their number is the exponent of the time.
 _AHEAD = re.compile(rb"\s*+(?:<!--(?:(?!-->).)*+-->\s*+)*+(?=<\?xml)", re.DOTALL)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
@@ -125,6 +127,18 @@ class Element:
         name = self.attributes.get("name")
         label = f"<{self.tag}>" if name is None else f'<{self.tag} name="{_short(name)}">'
         raise refused(self.file, f"{label} {found}", advice, self.line)
+
+
+def checked_ratio(value: float, what: str, file: str, line: int | None = None) -> float:
+    """A gear ratio or a unit's size; its square is computed with.
+
+    Raises:
+        RobotFileError: a size that none has.
+    """
+    if not LEAST_RATIO <= abs(value) <= MOST_RATIO:
+        advice = f"Write a number between {LEAST_RATIO:g} and {MOST_RATIO:g}."
+        raise refused(file, f"{what} is {value:g}", advice, line)
+    return value
 
 
 def refused(file: str, found: str, advice: str, line: int | None = None) -> RobotFileError:
