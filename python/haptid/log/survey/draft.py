@@ -93,6 +93,11 @@ class _Family:
         return ends == {"x", "y", "z"}
 
     @property
+    def of_motors(self) -> bool:
+        """Whether the channels are named as those of motors before their gears."""
+        return bool(words_of(self.array) & {"motor", "rotor"})
+
+    @property
     def prefix(self) -> str:
         """Name before the last point."""
         return self.array.rpartition(".")[0]
@@ -123,10 +128,11 @@ class _Family:
 
 
 def _fit(position: _Family, torque: _Family) -> tuple[object, ...]:
-    """Order of pairs: both usable, equally many, of one group or topic, then their own ranks."""
+    """Order of pairs: both usable, equally many, joints before motors, of one group or topic, then their own ranks."""
     same = position.topic is torque.topic and position.prefix == torque.prefix
     equal = len(position.channels) == len(torque.channels)
-    return position.rank[0], torque.rank[0], equal, position.rank[1], torque.rank[1], same, position.rank, torque.rank
+    own = position.rank[1], not position.of_motors, torque.rank[1]
+    return position.rank[0], torque.rank[0], equal, *own, same, position.rank, torque.rank
 
 
 def _joint_words(name: str, family: Sequence[ChannelSurvey]) -> str:
