@@ -26,8 +26,8 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 CENTRE, STROKE, SPEED, ACCELERATION = (-0.3757, -1.5968, 3.1288), 75.0, 13.0, 200.0
 
 
-# Searches whose progress is recorded: device, limits, motions searched among, evaluations: as many as take two seconds
-# of a quiet core of 2026, for the arm five. Limits of arm7 are made up, as it is.
+# Searches whose progress is recorded: device, limits, motions searched among, evaluations: as many as take two to
+# three seconds of a core of 2026. Limits of arm7 are made up, as it is.
 HALF = float(np.radians(STROKE))
 RACES = {
     "cea_medical_branch": (

@@ -24,6 +24,7 @@ from haptid.experiment.excitation import (
     design_excitation,
     observed_motion,
     quality,
+    search,
     write_experiment,
 )
 from motions import truth
@@ -51,11 +52,25 @@ def test_the_finalist_of_least_rank_is_returned():
         asked.append(planned.kind)
         return abs(len(asked) - 2)
 
-    search = Search(tries=400, seed=3)
-    found = design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=search, rank=rank)
+    settings = Search(tries=400, seed=3)
+    found = design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=settings, rank=rank)
     assert len(asked) > 1
     assert found.kind == asked[1]
-    assert found.kind != design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=search).kind
+    assert found.kind != design_excitation(PHANTOM, FAMILIES[0], WITHIN, beta=BETA, search=settings).kind
+
+
+@pytest.mark.parametrize("idle", [1, 1000])
+def test_a_search_begins_anew_where_moves_bring_nothing(monkeypatch, idle):
+    started = []
+
+    class Counted(FourierSeries):
+        def start(self, bounds, rng):
+            started.append(1)
+            return super().start(bounds, rng)
+
+    monkeypatch.setattr(search, "_IDLE", idle)
+    design_excitation(PHANTOM, Counted(8.0, 0.2, 4), WITHIN, beta=BETA, search=Search(tries=500, seed=3))
+    assert (len(started) > search.STARTS) == (idle == 1)
 
 
 def explicit(trajectory):

@@ -41,8 +41,8 @@ _OUTSIDE = 1e9
 # worth a step; a random move of a joint, per side of the unit cube.
 STARTS = 4
 _SEEK, _SEEKING, _KICK = 0.82, (4, 3e2, 1e-3), 1.5
-# Evaluations that are kept for the rounds after it, at least.
-_SHARPEN = 30
+# Moves without a better motion after which the search begins anew; evaluations kept for sharper rounds, at least.
+_IDLE, _SHARPEN = 20, 30
 # Sharper rounds for the motions found, the best first: one row of how many, where the least rows of the family times a
 # factor remain; power, weight and decrease.
 _ROUNDS = (((2, 2), 16, 1e4, 5e-4), ((1, 1), 60, 1e5, 1e-4))
@@ -244,12 +244,16 @@ class _Search:
         rng, (power, weight, enough) = np.random.default_rng(self.search.seed), _SEEKING
         tries = self.search.tries
         rows, seeking = self._rows(4, 2), max(1, min(round(_SEEK * tries), tries - _SHARPEN))
-        found: list[Start] = []
+        found, chain, idle = list[Start](), list[Start](), 0
         try:
             while self.tried < seeking:
-                start = self._start(rng) if len(found) < STARTS else self._moved(found[0], rng)
+                if idle == _IDLE:
+                    chain, idle = [], 0
+                start = self._start(rng) if len(chain) < STARTS else self._moved(chain[0], rng)
                 found.append(self._descend(rows, start, power, weight, enough, seeking - self.tried))
-                found.sort(key=lambda one: one.cost)
+                chain = sorted([*chain, found[-1]], key=lambda one: one.cost)
+                idle = idle + 1 if len(chain) > STARTS and chain[0] is not found[-1] else 0
+            found.sort(key=lambda one: one.cost)
             for start in apart(found):
                 self._sharpen(start)
         except _EvaluationsUsedError:
