@@ -138,7 +138,8 @@ def searches(figures: Figures) -> str:
         ]
         lasted = figures[f"{device}, processor time, s"]
         best = figures[f"{device}, condition with unit columns of a long search"]
-        so_far = ("" if value is None else f"{value:.3g}" for value in at.values())
+        # Beyond it a motion leaves some parameters unexcited, and how much beyond says nothing.
+        so_far = ("" if value is None else "> 10000" if value > 1e4 else f"{value:.3g}" for value in at.values())
         tries = f"{figures[f'{device}, evaluations']:.0f}"
         lines.append((device, tries, *so_far, *(f"{end:.3g}" for end in ends), f"{lasted:.2g} s", f"{best:.3g}"))
     columns = ("device", "evaluations", "0.5 s", "1 s", "2 s", "4 s", "end", "worst seed", "time", "ten times as long")
