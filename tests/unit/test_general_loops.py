@@ -205,6 +205,36 @@ def test_linear_loops_stay_linear_next_to_others(tmp_path: Path) -> None:
     assert isinstance(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.closure, Closure)
 
 
+def test_a_mechanism_that_is_stuck_in_its_start_pose_is_an_error(tmp_path: Path) -> None:
+    """Found by fuzzing: a rocker whose axis is out of the loop's plane."""
+    text = """schema = 1
+name = "stuck"
+gravity = [0, 0, -9.81]
+convention = "placement"
+joints = [
+    { name = "crank", axis = [0, 1, 0] },
+    { name = "coupler", xyz = [0.12, 0, 0], axis = [0, 1, 0] },
+    { name = "rocker", parent = "base", xyz = [0, 0, 0.2], axis = [2, 1, 0] },
+]
+
+[[loops]]
+passive = ["coupler", "rocker"]
+guess = { coupler = 0.0, rocker = 0.0 }
+
+[loops.cut]
+type = "spherical"
+body_a = "coupler"
+frame_a = { xyz = [0, 0, 0.2] }
+body_b = "rocker"
+frame_b = { xyz = [0.12, 0, 0] }
+"""
+    (tmp_path / "stuck.toml").write_text(text)
+    with pytest.raises(errors.LoopClosureError, match="at none of"):
+        haptid.read_device(tmp_path / "stuck.toml")
+    (tmp_path / "stuck.toml").write_text(text.replace("[2, 1, 0]", "[0, 1, 0]"))
+    haptid.read_device(tmp_path / "stuck.toml")
+
+
 def test_at_names_active_joints_only(tmp_path: Path) -> None:
     with pytest.raises(errors.DeviceFileError, match="at names joint rocker, which a loop moves"):
         edited(tmp_path, "four_bar", ("at = { crank = 1.57 }", "at = { rocker = 1.57 }"))

@@ -160,7 +160,11 @@ class NewtonClosure:
         return min(limit, 0.5 * float(self.conditioning(self.start[None])[0]))
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
+        """Random poses of the active joints at which the loops close, away from singular ones, (active, count).
+
+        Raises:
+            LoopClosureError: at no pose about the start pose.
+        """
         low, high = self.chain.active_ranges(self.at)
         roomy = self.least_conditioning(_ROOMY)
         usable = np.zeros((0, len(self.at)))
@@ -171,6 +175,16 @@ class NewtonClosure:
             usable = np.concatenate([usable, qa[closed][self.conditioning(q[closed]) > roomy]])
             if len(usable) >= count:
                 break
+        if not len(usable):
+            raise LoopClosureError(
+                f"the loops close at the start pose, {self.chain.active_text(self.at)}, and at none of "
+                f"{2 * count * _DRAWS} poses about it, the nearest within {0.5 ** (_DRAWS - 1):.2g} of the joints' "
+                f"ranges.",
+                where="loops",
+                found=0,
+                limit=1,
+                advice="The mechanism is stuck there: check the directions of its joints' axes, and the lengths.",
+            )
         return np.ascontiguousarray(usable[np.arange(count) % len(usable)].T)
 
     def _expect_reached(self, qa: Array, stop: tuple[int, Array] | None) -> None:
