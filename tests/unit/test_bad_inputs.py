@@ -342,7 +342,7 @@ def test_a_defect_has_an_exit_status_of_its_own(monkeypatch, capsys):
     def broken(**_):
         raise RuntimeError("surprise")
 
-    monkeypatch.setattr("haptid.cli.app", broken)
+    monkeypatch.setattr("haptid.cli._register", lambda *_: broken)
     with pytest.raises(SystemExit) as exit_:
         cli.main()
     assert exit_.value.code == 3

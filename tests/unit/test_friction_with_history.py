@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import haptid
 from compiled import NAME, STRICT, compiler, run
 from haptid import errors
+from haptid.advice.ranking import in_order, stated
 from haptid.advice.search import proven, search_of
 from haptid.device.terms.presliding import Presliding
 from haptid.estimation import EKF, OutputErrorMethod
@@ -207,7 +208,9 @@ def coulomb_fit(tmp_path, model, beta):
 def test_advice_finds_presliding_where_it_is_and_not_where_it_is_not(tmp_path):
     model = model_of(tmp_path, "kind = 'dahl'\ndistance = 0.02")
     beta = np.array([{"FV": 0.4, "ZZ": 0.3}.get(name[:2], 0.8) for name in model.base.names])
-    first = proven(coulomb_fit(tmp_path, model, beta))[0]
+    search = coulomb_fit(tmp_path, model, beta)
+    base = search.base()
+    first = in_order([(one, stated(search, base, one.trial)) for one in proven(search)])[0]
     assert first.candidate.kind == "presliding"
     assert 0.3 < first.settings[0]["distance"] / 0.02 < 3 if first.settings else True
     plain = model_of(tmp_path, "kind = 'coulomb'")
