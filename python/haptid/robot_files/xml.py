@@ -25,8 +25,9 @@ DEEPEST = 400
 MOST_ELEMENTS = 500_000
 # Sizes of a gear ratio or of a unit in SI, far beyond any: their squares and products have to be numbers.
 LEAST_RATIO, MOST_RATIO = 1e-9, 1e9
-# Possessive: comments are told apart in one way only, or their number is the exponent of the time.
-_AHEAD = re.compile(rb"\s*+(?:<!--(?:(?!-->).)*+-->\s*+)*+(?=<\?xml)", re.DOTALL)
+# Possessive: comments are told apart in one way only, or their number is the exponent of the time. The inner group is
+# atomic, which is the same, because Python 3.11.0 to 3.11.4 finds nothing where it is possessive too.
+_AHEAD = re.compile(rb"\s*+(?:<!--(?>(?:(?!-->).)*)-->\s*+)*+(?=<\?xml)", re.DOTALL)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 
