@@ -26,16 +26,16 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 CENTRE, STROKE, SPEED, ACCELERATION = (-0.3757, -1.5968, 3.1288), 75.0, 13.0, 200.0
 
 
-# Searches whose progress is recorded: device, limits, motions searched among, evaluations: as many as take two to
-# three seconds of a core of 2026. Limits of arm7 are made up, as it is.
+# Searches whose progress is recorded: device, limits, motions searched among, evaluations: as many as take two
+# seconds of a core of 2026, and four for the arm. Limits of arm7 are made up, as it is.
 HALF = float(np.radians(STROKE))
 RACES = {
     "cea_medical_branch": (
         Limits(tuple((x - HALF, x + HALF) for x in CENTRE), (SPEED,), (ACCELERATION,)),
         FourierSeries(),
-        800,
+        480,
     ),
-    "phantom_premium_15": (Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,)), FourierSeries(), 800),
+    "phantom_premium_15": (Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0,)), FourierSeries(), 700),
     "arm7": (Limits(((-2.0, 2.0),) * 7, (2.0,), (10.0,)), FourierSeries(count=5), 1500),
 }
 # Processor times at which the least condition number so far is recorded; seeds; how many times longer a long search is.
