@@ -60,7 +60,7 @@ def test_the_finalist_of_least_rank_is_returned():
 
 
 @pytest.mark.parametrize("idle", [1, 1000])
-def test_a_search_begins_anew_where_moves_bring_nothing(monkeypatch, idle):
+def test_a_search_restarts_where_moves_bring_nothing(monkeypatch, idle):
     started = []
 
     class Counted(FourierSeries):

@@ -266,8 +266,15 @@ def _moves(C: Array) -> np.ndarray:
 
 
 def _repetition(C: Array, most: int) -> tuple[int, float]:
-    """Samples up to so many after which a motion is nearest to itself, and the mean square of how far, over twice its
-    variance: one where no sample is."""
+    """Lag of the best repetition, in samples, and the mean square of the motion's difference from itself there.
+
+    Args:
+        C: positions, (n, samples).
+        most: largest lag.
+
+    Returns:
+        The mean square is relative to twice the variance; lag 0 and 1 where the motion never leaves its beginning.
+    """
     x = C - C.mean(axis=1, keepdims=True)
     n, scale = x.shape[1], x.var(axis=1, keepdims=True)
     x = x / np.sqrt(np.where(scale > 0, scale, 1.0))  # it may be 0 in part of a log

@@ -10,7 +10,7 @@ import numpy as np
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError
 from haptid.log import Log
-from haptid.log.idle import held_joints
+from haptid.log.held_joints import held_joints
 from haptid.study.study import Study
 
 # Travel of a joint, rad or m, up to which it stands still: that of a constant which was resampled.

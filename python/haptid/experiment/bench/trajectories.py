@@ -142,7 +142,7 @@ class Multisine:
 
 
 def _enough(count: int, band: tuple[float, float]) -> float:
-    """A period of whole hundredths of a second whose multiples in a band are at least so many, s."""
+    """Shortest period, rounded up to 0.01 s, for which a frequency band contains at least `count` harmonics, s."""
     low, high = band
     return float(np.ceil(100 * (count / (high - low) if high > low else count / high)) / 100)
 

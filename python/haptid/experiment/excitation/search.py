@@ -41,7 +41,7 @@ _OUTSIDE = 1e9
 # worth a step; a random move of a joint, per side of the unit cube.
 STARTS = 4
 _SEEK, _SEEKING, _KICK = 0.82, (4, 3e2, 1e-3), 1.5
-# Moves without a better motion after which the search begins anew; evaluations kept for sharper rounds, at least.
+# Moves without a better motion after which the search restarts from random ones; evaluations kept for sharper rounds.
 _IDLE, _SHARPEN = 20, 30
 # Sharper rounds for the motions found, the best first: one row of how many, where the least rows of the family times a
 # factor remain; power, weight and decrease.

@@ -18,7 +18,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
 from haptid.log.formats.encoding import encoding_of, opened_text
-from haptid.log.formats.sniff import Budget, RawChannel, addresses, check_members, collect, opened_file
+from haptid.log.formats.sniff import Budget, RawChannel, array_columns, array_names, opened_file
 from haptid.log.request import Request
 
 _KIND = "labelled text"
@@ -53,20 +53,13 @@ def is_labelled(head: bytes) -> bool:
 
 def names(path: Path) -> list[str]:
     """A channel for each number of a label, `position[1]`, or the label where it has one."""
-    found = [channel for label, array in _arrays(path)[0].items() for channel in addresses(label, array.shape)]
-    check_members(path, len(found), "labels")
-    return found
+    return array_names(path, _arrays(path)[0], "labels")
 
 
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted channels that the file has, each (n,) float64; NaN in records without their label."""
     arrays, notes = _arrays(path)
-
-    def found() -> Iterator[tuple[str, RawChannel]]:
-        for label, array in arrays.items():
-            yield from ((own, array[at]) for own, at in addresses(label, array.shape).items() if own in wanted)
-
-    made = collect(wanted, found())
+    made = array_columns(wanted, arrays)
     request.notes.extend(notes if made else ())
     return made
 

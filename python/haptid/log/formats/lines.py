@@ -28,12 +28,16 @@ class Part(io.RawIOBase):
         return len(block)
 
 
-class Collapsed(io.RawIOBase):
-    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
+class _Changed(io.RawIOBase):
+    """A file whose blocks of whole lines are changed as they are read."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self.file, self.rest = file, b""
 
+    def change(self, block: bytes) -> bytes:
+        """A block of whole lines as it is to be read."""
+        raise NotImplementedError
+
     def readable(self) -> bool:
         return True
 
@@ -42,34 +46,32 @@ class Collapsed(io.RawIOBase):
             block = self.file.read(BLOCK_BYTES)
             if not block:
                 return 0
-            block += self.file.readline()
-            runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
-            self.rest = _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+            self.rest = self.change(block + self.file.readline())
         count = min(len(out), len(self.rest))
         out[:count], self.rest = self.rest[:count], self.rest[count:]
         return count
 
 
-class Without(io.RawIOBase):
+class Collapsed(_Changed):
+    """A file whose runs of blanks and tabs are single blanks, without those at the ends of its lines."""
+
+    def change(self, block: bytes) -> bytes:
+        runs = any(mark in block for mark in (b"  ", b"\t", b" \n", b" \r", b"\n ")) or block[:1] == b" "
+        return _EDGES.sub(b"", _RUNS.sub(b" ", block)) if runs else block
+
+
+class Without(_Changed):
     """A file without the lines that are one of some, and how many were left out."""
 
     def __init__(self, file: IO[bytes], lines: Collection[bytes]) -> None:
-        self.file, self.rest, self.count = file, b"", 0
+        super().__init__(file)
+        self.count = 0
         self.lines = re.compile(rb"^(?:" + b"|".join(map(re.escape, lines)) + rb")[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
 
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, out: Any) -> int:
-        while not self.rest:
-            block = self.file.read(BLOCK_BYTES)
-            if not block:
-                return 0
-            self.rest, found = self.lines.subn(b"", block + self.file.readline())
-            self.count += found
-        count = min(len(out), len(self.rest))
-        out[:count], self.rest = self.rest[:count], self.rest[count:]
-        return count
+    def change(self, block: bytes) -> bytes:
+        kept, found = self.lines.subn(b"", block)
+        self.count += found
+        return kept
 
 
 def blocks(source: IO[bytes]) -> Iterator[bytes]:

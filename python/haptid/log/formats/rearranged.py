@@ -19,7 +19,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
 from haptid.log.formats.encoding import encoding_of, opened_text
 from haptid.log.formats.headers import is_number
-from haptid.log.formats.sniff import Budget, RawChannel, addresses, check_members, collect, opened_file
+from haptid.log.formats.sniff import Budget, RawChannel, array_columns, array_names, opened_file
 from haptid.log.request import Request
 
 _KIND = "text table"
@@ -50,20 +50,13 @@ def is_rearranged(head: bytes) -> bool:
 
 def names(path: Path) -> list[str]:
     """Names of the columns, with the element or the joint in brackets where there are several."""
-    found = [channel for name, array in _arrays(path)[0].items() for channel in addresses(name, array.shape)]
-    check_members(path, len(found), "columns")
-    return found
+    return array_names(path, _arrays(path)[0], "columns")
 
 
 def columns(path: Path, wanted: Sequence[str], request: Request) -> dict[str, RawChannel]:
     """The wanted channels that the file has, each (n,) float64; NaN where a cell is empty."""
     arrays, notes = _arrays(path)
-
-    def found() -> Iterator[tuple[str, RawChannel]]:
-        for name, array in arrays.items():
-            yield from ((own, array[at]) for own, at in addresses(name, array.shape).items() if own in wanted)
-
-    made = collect(wanted, found())
+    made = array_columns(wanted, arrays)
     request.notes.extend(notes if made else ())
     return made
 

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import LOG_MEMBERS, LOG_UNPACKED, amount_text
 from haptid._internal.numerals import whole_number
 from haptid.errors import HaptidError, LogChannelError, LogFileError
@@ -248,6 +249,23 @@ def block_of(columns: Sequence[RawChannel], most: int) -> NDArray[np.float64] | 
         if not (follows and plain and column.size == head.size):
             return None
     return np.lib.stride_tricks.as_strided(head, (len(columns), head.size), (head.nbytes, head.itemsize))
+
+
+def array_names(path: Path, arrays: Mapping[str, Array], noun: str) -> list[str]:
+    """Channels of the arrays that a file was read into.
+
+    Raises:
+        LogFileError: more than a log has.
+    """
+    found = [channel for name, array in arrays.items() for channel in addresses(name, array.shape)]
+    check_members(path, len(found), noun)
+    return found
+
+
+def array_columns(wanted: Sequence[str], arrays: Mapping[str, Array]) -> dict[str, RawChannel]:
+    """The wanted ones of these channels."""
+    every = ((own, array[at]) for name, array in arrays.items() for own, at in addresses(name, array.shape).items())
+    return collect(wanted, ((own, column) for own, column in every if own in wanted))
 
 
 def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:

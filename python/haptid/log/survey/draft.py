@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from haptid._internal.toml_text import basic_string
 from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
-from haptid.log.idle import held_joints
+from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.guesses import STATED

@@ -16,10 +16,9 @@ def held_joints(travels: Sequence[float], straight: Sequence[bool]) -> list[int]
         travels: largest less smallest position of each joint, rad or m.
         straight: whether each is prismatic.
     """
-    most = {kind: max((x for x, own in zip(travels, straight, strict=True) if own == kind), default=0.0)
-            for kind in (False, True)}  # fmt: skip
-    return [
-        k
-        for k, (travel, kind) in enumerate(zip(travels, straight, strict=True))
-        if travel < min(_SHARE * most[kind], _TRAVEL[kind])
-    ]
+    found: list[int] = []
+    for kind, least in _TRAVEL.items():
+        own = [k for k, one in enumerate(straight) if one == kind]
+        farthest = max((travels[k] for k in own), default=0.0)
+        found += [k for k in own if travels[k] < min(_SHARE * farthest, least)]
+    return sorted(found)
