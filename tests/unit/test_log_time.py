@@ -256,6 +256,15 @@ def test_missing_stamps(tmp_path: Path) -> None:
         assert raised.value.found == 1
 
 
+def test_a_stamp_that_a_flipped_bit_made_a_signalling_nan_is_one_error(tmp_path: Path) -> None:
+    t = np.arange(500) / 100
+    q, tau = np.sin(t), np.cos(t)
+    t.view(np.uint64)[100] = 0x7FF0000000000001
+    np.savez(tmp_path / "log.npz", t=t, q=q, tau=tau)
+    with pytest.raises(errors.LogError):
+        read_log(tmp_path / "log.npz", Channels(Signal("q", "rad"), Signal("tau", "N m"), time="t"))
+
+
 def test_a_rate_in_place_of_stamps(tmp_path: Path) -> None:
     taken = np.arange(500) / 250
     log = record(tmp_path, np.zeros(500), rate_hz=250, taken=taken, time_range=(0.5, 1.5))

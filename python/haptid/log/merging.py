@@ -57,7 +57,8 @@ def common_rows(
         notes: appended to.
     """
     there = {name: ~np.isnan(column) for name, column in columns.items() if column.dtype.kind == "f"}
-    if not (np.abs(columns[time] * scale) < _LATEST).all():  # a defect, for which another check is there
+    # A defect, for which another check is there. Times are not multiplied: a flipped bit makes a NaN that signals.
+    if not (np.abs(columns[time]) < _LATEST / scale).all():
         return dict(columns)
     streams: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name in (*first, *(name for name in columns if name not in first and name != time)):
