@@ -17,7 +17,7 @@ Case = dict[str, np.ndarray]
 
 def pipeline(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], np.ndarray]]:
     """The work on a log, and the torque of its last model on the other motion."""
-    device = haptid.read_device("arm7")
+    model = haptid.DynamicModel(haptid.read_device("arm7"))
     names = ([f"{kind}{k + 1}" for k in range(JOINTS)] for kind in ("q", "tau"))
     channels = haptid.Channels(haptid.Signal(next(names), "rad"), haptid.Signal(next(names), "N m"), time="t")
     treatment = haptid.Treatment(cutoff_hz=CUTOFF_HZ, decimation=DECIMATION)
@@ -29,15 +29,15 @@ def pipeline(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[
         stamps.append(time.process_time())
         motion = haptid.treat(log, treatment)
         stamps.append(time.process_time())
-        observation = haptid.observe(device, motion)
+        observation = haptid.observe(model, motion)
         stamps.append(time.process_time())
         found.append(haptid.estimate(observation, haptid.WLS()))
-        assert len(found[-1].parameters) == len(device.base)
+        assert len(found[-1].parameters) == len(model.base)
         stamps.append(time.process_time())
         steps = ("reading", "filtering", "reduction", "estimate")
         return {step: b - a for step, a, b in zip(steps, stamps, stamps[1:], strict=False)}
 
     def torque() -> np.ndarray:
-        return haptid.inverse_dynamics(device, found[-1].beta, case["q"], case["qd"], case["qdd"])
+        return haptid.inverse_dynamics(model, found[-1].beta, case["q"], case["qd"], case["qdd"])
 
     return work, torque

@@ -20,11 +20,11 @@ def motion(t: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(3 * t), 0.7 * np.cos(2.1 * t + 0.3), 0.5 * np.sin(1.3 * t) + 0.2 * t], axis=-1)
 
 
-def queue(rng: np.random.Generator, late: float) -> np.ndarray:
+def queue(rng: np.random.Generator, late: float, rows: int = MANY) -> np.ndarray:
     """Sample that each row of a polling recorder holds, (rows,): the latency changes now and then by whole periods."""
-    jumps = rng.random(MANY) < late
-    latency = np.cumsum(jumps * rng.choice([-1, 1, 2, 6], MANY, p=[0.6, 0.3, 0.05, 0.05]))
-    held = np.arange(MANY) + 20 - np.maximum(latency, 0)
+    jumps = rng.random(rows) < late
+    latency = np.cumsum(jumps * rng.choice([-1, 1, 2, 6], rows, p=[0.6, 0.3, 0.05, 0.05]))
+    held = np.arange(rows) + 20 - np.maximum(latency, 0)
     return np.maximum.accumulate(np.maximum(held, 0))
 
 
@@ -93,3 +93,33 @@ def test_rest_between_moves_is_no_repeated_row() -> None:
             pieces += [there, np.zeros(int(rng.integers(0, 2))), -there, np.zeros(int(rng.integers(20, 45)))]
         q = np.cumsum(np.concatenate(pieces))
         assert count_steps([q], [(0, q.size)], q.size) is None
+
+
+def read_long(folder: Path, first: int, last: int) -> str:
+    """How the times of 150 000 rows are found, of which rows first..last are from a queue."""
+    held = np.arange(150_000)
+    held[first:last] = first - 20 + queue(np.random.default_rng(2), 0.06, last - first)
+    t = np.arange(len(held)) * PERIOD
+    np.savez(folder / "log.npz", t=t, q=np.round(motion(held * PERIOD) / 1e-5) * 1e-5, tau=np.cos(3 * t))
+    channels = Channels(Signal(("q[1]", "q[2]", "q[3]"), "rad"), Signal("tau", "N m"), time="t")
+    return read_log(folder / "log.npz", channels).time_base.method
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 150_000), (90_000, 100_000)])
+def test_a_long_log_of_a_queue_is_counted_as_a_short_one(tmp_path: Path, first: int, last: int) -> None:
+    assert read_long(tmp_path, first, last) == "counted"
+
+
+def test_of_a_long_log_with_true_stamps_only_pieces_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted: list[int] = []
+
+    def noted(positions, spans, rows):
+        counted.append(rows)
+        return count_steps(positions, spans, rows)
+
+    monkeypatch.setattr("haptid.log.row_times.count_steps", noted)
+    assert read_long(tmp_path, 0, 0) == "regular"
+    assert len(counted) == 1
+    assert counted[0] < 150_000 / 7

@@ -6,7 +6,7 @@ The rules are in `haptid.log.time_base`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from haptid._internal.arrays import Array
 from haptid._internal.signals import polynomial_filter, running_maximum
 from haptid.log.lost_rows import lost_rows
 from haptid.log.resampling import Spans
-from haptid.log.sample_counts import count_steps
+from haptid.log.sample_counts import WIDEST_MEAN, StepCounts, count_steps
 from haptid.log.spectrum import Spectrum
 from haptid.log.stale import Stale, find_stale
 
@@ -53,6 +53,9 @@ _WIDE, _NARROW = 51, 11
 _FOLLOWS, _SHORTEST = 0.5, 7
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
 _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
+# Of a log with more rows, pieces say first whether it may have such steps: at half of the share, so many rows in every
+# so many.
+_LONG, _PIECE, _EVERY = 2**17, 2**10, 2**13
 # Steps above which a median is estimated from every second one, every third one, ...
 MOST_STEPS = 2**18
 
@@ -253,17 +256,16 @@ def counted_times(
 ) -> tuple[RowTimes, Stale | None]:
     """Times and stale rows by the motion's count of sampling periods; as they were where these agree with it."""
     many = seconds.size
+    taken, fresh = found.times / found.step, np.ones(many, dtype=bool) if stale is None else ~stale.position
+    if many > _LONG and not _may_be_miscounted(spans, recorded, taken, fresh):
+        return found, stale
     counts = count_steps(recorded.positions(), spans, many)
     if counts is None:
         return found, stale
-    taken = np.diff(found.times) / found.step
-    fresh = np.flatnonzero(np.ones(many, dtype=bool) if stale is None else ~stale.position)
-    counted, by_stamps = (np.concatenate([[0.0], np.cumsum(each)]) for each in (counts.periods, taken))
-    unclear = np.concatenate([[0], np.cumsum(~counts.clear)])
-    clear = np.diff(unclear[fresh]) == 0
-    apart = np.abs(np.diff(counted[fresh]) - np.diff(by_stamps[fresh]))[clear] > _DIFFERENT
-    if apart.sum() < max(_FEWEST_MISCOUNTED, _MISCOUNTED * apart.size):
+    miscounted, clear = _miscounted(counts, taken, fresh)
+    if miscounted < max(_FEWEST_MISCOUNTED, _MISCOUNTED * clear):
         return found, stale
+    taken = np.diff(taken)
     same = recorded.same_position[1:]
     periods = np.where(counts.resolved, counts.periods, np.where(same, 1, np.maximum(np.rint(taken), 1))).astype(
         np.intp
@@ -290,6 +292,41 @@ def counted_times(
     return RowTimes(
         "counted", period, tuple(first), times, slots, missing, True, found.jitter, found.slope, (note,)
     ), made if again.any() else None
+
+
+def _miscounted(counts: StepCounts, taken: Array, fresh: NDArray[np.bool_]) -> tuple[int, int]:
+    """Steps between fresh rows in which the motion's count differs from the times, in periods, and all clear ones."""
+    rows = np.flatnonzero(fresh)
+    counted, unclear = (np.concatenate([[0], np.cumsum(each)]) for each in (counts.periods, ~counts.clear))
+    clear = np.diff(unclear[rows]) == 0
+    apart = np.abs(np.diff(counted[rows]) - np.diff(taken[rows]))[clear] > _DIFFERENT
+    return int(apart.sum()), apart.size
+
+
+def _may_be_miscounted(spans: Spans, recorded: RawSignals, taken: Array, fresh: NDArray[np.bool_]) -> bool:
+    """Whether pieces of a long log have steps of other periods than its times; true where pieces do not tell.
+
+    Counting all rows takes longer than reading them, and holds all positions in memory.
+    """
+    pieces = [(k, k + _PIECE) for a, b in spans for k in range(a, b - _PIECE + 1, _EVERY)]
+    if _EVERY * len(pieces) < len(taken) // 2:  # most segments are too short
+        return True
+
+    def joined(x: Array) -> Array:
+        """The pieces one after the other, each beginning where the one before ends."""
+        return np.append(0.0, np.cumsum(np.concatenate([np.diff(x[a:b]) for a, b in pieces])))
+
+    rows = (_PIECE - 1) * len(pieces) + 1
+    counts = count_steps((joined(channel) for channel in recorded.positions()), [(0, rows)], rows)
+    if counts is None:
+        return False
+    near_a_joint = (np.arange(rows - 1) + WIDEST_MEAN // 2) % (
+        _PIECE - 1
+    ) < WIDEST_MEAN  # speeds there are those of two pieces
+    counts = replace(counts, clear=counts.clear & ~near_a_joint)
+    kept = np.append(np.concatenate([fresh[a : b - 1] for a, b in pieces]), True)
+    miscounted, clear = _miscounted(counts, joined(taken), kept)
+    return miscounted > 0.5 * _MISCOUNTED * clear
 
 
 def _said(value: float, se: float) -> str:

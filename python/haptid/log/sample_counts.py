@@ -20,6 +20,7 @@ from haptid.log.spectrum import lattice_step
 
 # Steps that a speed is the mean of, pass by pass: first of all steps, then of those that counted one.
 _WIDTHS = (101, 101, 25)
+WIDEST_MEAN = max(_WIDTHS)
 # Standard error of a step, periods, below which its count is clear; distance from a whole number that is near it.
 _CLEAR, _NEAR = 0.1, 0.25
 # Least share of the steps that must be clear, and of the clear ones that must be near whole numbers.
@@ -60,12 +61,16 @@ def count_steps(positions: Iterable[Array], spans: Iterable[tuple[int, int]], ro
     made = StepCounts(np.ones(rows - 1, dtype=np.intp), *(np.zeros(rows - 1, dtype=bool) for _ in range(2)))
     resolved = moved = whole = 0
     for a, b in spans:
-        if b - a < max(_WIDTHS):
+        if b - a < WIDEST_MEAN:
             continue
         own, part = [channel[a:b] for channel in channels], slice(a, b - 1)
-        x = np.ones(b - a - 1)
+        x, before = np.ones(b - a - 1), (np.zeros(0), 0)
         for width in _WIDTHS:
-            x, made.resolved[part], alike = _steps(own, np.rint(x), width)
+            assumed = np.rint(x)
+            if width == before[1] and np.array_equal(assumed, before[0]):
+                continue  # the same again
+            x, made.resolved[part], alike = _steps(own, assumed, width)
+            before = assumed, width
         made.clear[part] = made.resolved[part] & alike & (np.abs(x - np.rint(x)) < _NEAR)
         made.periods[part] = np.rint(x).astype(np.intp)
         counted_here = made.resolved[part] & alike
