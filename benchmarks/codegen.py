@@ -1,8 +1,8 @@
-"""Written C: operations, time of a call and of the writing; beside CasADi's C of the same model in one run.
+"""Written C: operations, time of a call and of the writing; beside the C of CasADi and SymPyBotics in one run.
 
-CasADi is large, so it is no dependency of haptid: without it the ratios are left out. Both inverse dynamics have base
-parameters as inputs, are compiled with the same flags and called on the same states in turn, and their torques are
-compared before any time is taken. Times are the processor's, so that other programs take no part in them.
+Both are no dependencies of haptid: without them the ratios are left out. All have base parameters as inputs, are
+compiled with the same flags and called on the same states in turn, and what they compute is compared before any time is
+taken. Times are the processor's, so that other programs take no part in them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
+import shutil
 import subprocess
 import tempfile
 import time
@@ -30,7 +31,10 @@ ANGLES, OFFSETS = (0, -1, 1, 1, -1, -1, 1), (0.34, 0, 0.4, 0, 0.4, 0, 0)
 LOOP = ("inverse_dynamics", "terms", "gravity", "handle_pose", "handle_jacobian", "handle_force")
 # Periods of a second of a control loop.
 LOOP_HZ = 1000.0
-FLAGS = ["gcc", "-std=c99", "-O2", "-fPIC", "-shared"]
+# Functions that all tools write, and how much they return per number of coordinates.
+COMPARED = {"inverse_dynamics": lambda n: n, "gravity": lambda n: n, "mass_matrix": lambda n: n * n}
+COMPILERS = tuple((name, level) for name in ("gcc", "clang") for level in ("-O2", "-O3"))
+FLAGS = ["-std=c99", "-fPIC", "-shared"]
 SPEED = 0.01
 STATES, BATCHES = 1024, 101
 
@@ -42,8 +46,12 @@ TIMING = """
 #define N {n}
 #define STATES {states}
 #define BATCHES {batches}
-{peer}
+#define CALLS {count}
+static dev_model model;
+{written}
 {everything}
+typedef void called(const double *s, double *out);
+static called *const calls[CALLS] = {{{calls}}};
 static double now(void)
 {{
     struct timespec t;
@@ -55,66 +63,54 @@ static int smaller(const void *a, const void *b)
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }}
-void torques(int which, const double *x, double *tau)
+void once(int which, const double *x, double *out, int size)
 {{
-    static dev_model model;
-    static int ready = 0;
-    if (!ready) {{ dev_init(&model, dev_beta); ready = 1; }}
-    for (int i = 0; i < STATES; i++) {{
-        const double *s = x + 3 * N * i;
-        if (which == 0) dev_inverse_dynamics(&model, s, s + N, s + 2 * N, tau + N * i);
-        else peer(s, dev_beta, tau + N * i);
-    }}
+    dev_init(&model, dev_beta);
+    for (int i = 0; i < STATES; i++) calls[which](x + 3 * N * i, out + size * i);
 }}
-void timed(const double *x, double *tau, double *median)
+void timed(const double *x, double *median)
 {{
-    static double taken[3][BATCHES];
+    static double taken[CALLS][BATCHES], out[N * N];
     for (int b = 0; b < BATCHES; b++) {{
-        for (int which = 0; which < 3; which++) {{
+        for (int which = 0; which < CALLS; which++) {{
             const double start = now();
-            if (which < 2) torques(which, x, tau);
-            else ticks(x);
+            for (int i = 0; i < STATES; i++) calls[which](x + 3 * N * i, out);
             taken[which][b] = (now() - start) / STATES;
         }}
     }}
-    for (int which = 0; which < 3; which++) {{
+    for (int which = 0; which < CALLS; which++) {{
         qsort(taken[which], BATCHES, sizeof(double), smaller);
         median[which] = taken[which][BATCHES / 2];
     }}
 }}
 """
+OWN = """
+static void run_haptid_inverse_dynamics(const double *s, double *out)
+{ dev_inverse_dynamics(&model, s, s + N, s + 2 * N, out); }
+static void run_haptid_gravity(const double *s, double *out) { dev_gravity(&model, s, out); }
+static void run_haptid_mass_matrix(const double *s, double *out) { dev_mass_matrix(&model, s, out); }
+"""
 TICKS = """
-double sum = 0.0;
-static void ticks(const double *x)
+static double sum = 0.0;
+static void tick(const double *s, double *out)
 {{
-    static dev_model model;
     static dev_observer observer;
     static dev_differentiator filter;
+    static int ready = 0;
+    const double *q = s, *qdd = s + 2 * N, *tau = s + N;
     double qd[N], made[N];
 {declared}
-    dev_init(&model, dev_beta);
-    dev_observer_init(&observer, 40.0, 0.001);
-    dev_differentiator_init(&filter, 50.0, 0.001);
-    for (int i = 0; i < STATES; i++) {{
-        const double *q = x + 3 * N * i, *qdd = q + 2 * N, *tau = q + N;
-        dev_differentiator_update(&filter, q, qd);
-        dev_observer_update(&model, &observer, q, qd, tau, made);
-        dev_friction_compensation(&model, qd, 0.9, made);
-{calls}
+    if (!ready) {{
+        dev_observer_init(&observer, 40.0, 0.001);
+        dev_differentiator_init(&filter, 50.0, 0.001);
+        ready = 1;
     }}
+    dev_differentiator_update(&filter, q, qd);
+    dev_observer_update(&model, &observer, q, qd, tau, made);
+    dev_friction_compensation(&model, qd, 0.9, made);
+{calls}
+    out[0] = sum;
 }}
-"""
-NO_PEER = "static void peer(const double *s, const double *p, double *tau) { (void)s; (void)p; tau[0] = 0.0; }"
-PEER = """
-int inverse(const double **arg, double **res, long long *iw, double *w, int mem);
-static void peer(const double *s, const double *p, double *tau)
-{
-    static double w[8192];
-    static long long iw[64];
-    const double *arg[4] = {s, s + N, s + 2 * N, p};
-    double *res[1] = {tau};
-    inverse(arg, res, iw, w, 0);
-}
 """
 
 
@@ -126,11 +122,11 @@ def everything(code: Code) -> str:
         declared += [f"    double {o}[{len(v)}];" for o, (_, v) in zip(outputs, function.outputs, strict=True)]
         inputs = ["&model"] if function.parameters else []
         arguments = [*inputs, *(name for name, _ in function.inputs), *outputs]
-        calls += [f"        dev_{function.name}({', '.join(arguments)});", f"        sum += {outputs[0]}[0];"]
+        calls += [f"    dev_{function.name}({', '.join(arguments)});", f"    sum += {outputs[0]}[0];"]
     return TICKS.format(declared="\n".join(declared), calls="\n".join(calls))
 
 
-def device_of(name: str) -> haptid.Device:
+def device_of(name: str) -> haptid.DynamicModel:
     """A shipped device, or the arm that has no file."""
     if name != SEVEN:
         return haptid.DynamicModel(haptid.read_device(name))
@@ -145,84 +141,80 @@ def device_of(name: str) -> haptid.Device:
         return haptid.DynamicModel(haptid.read_device(path))
 
 
-def peer_function(ca: Any, model: haptid.Device) -> Any:
-    """Newton-Euler as in the books, link frames and inertias about their origins, then common subexpressions."""
-    n, links = len(model.device.drives), 10 * len(model.device.joints)
-    q, qd, qdd, p = (ca.SX.sym(name, size) for name, size in zip("qvap", (n, n, n, len(model.base)), strict=True))
-    S = ca.sparsify(ca.DM(model.device.parameters.S[:, list(model.base.independent_columns)]))
-    rates = ca.sparsify(ca.DM(model.device.rates))
-    chi, tree = S @ p, [rates @ x for x in (q, qd, qdd)]
-    z, down = ca.DM([0, 0, 1]), -ca.DM(model.device.gravity)
-    motion: list[Any] = []
-    for i, joint in enumerate(model.device.joints):
-        angle = tree[0][i] + model.device.closure.offset[i]
-        c, s = ca.cos(angle), ca.sin(angle)
-        turn = ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        fixed = ca.sparsify(ca.DM(np.where(abs(joint.rotation) < 1e-12, 0.0, joint.rotation)))
-        R, arm = fixed @ turn, ca.sparsify(ca.DM(joint.translation))
-        w, wd, a, *_ = motion[joint.parent] if joint.parent >= 0 else (ca.SX(3, 1), ca.SX(3, 1), down)
-        a = R.T @ (a + ca.cross(wd, arm) + ca.cross(w, ca.cross(w, arm)))
-        w, wd = R.T @ w, R.T @ wd
-        wd = wd + z * tree[2][i] + ca.cross(w, z * tree[1][i])
-        motion.append((w + z * tree[1][i], wd, a, R, arm))
-    force = [ca.SX(3, 1) for _ in model.device.joints]
-    moment = [ca.SX(3, 1) for _ in model.device.joints]
-    felt = [ca.SX(1, 1) for _ in model.device.joints]
-    for i in reversed(range(len(model.device.joints))):
-        w, wd, a, R, arm = motion[i]
-        xx, xy, xz, yy, yz, zz, x, y, zc, m = ca.vertsplit(chi[10 * i : 10 * i + 10])
-        J, h = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), ca.vertcat(x, y, zc)
-        force[i] += m * a + ca.cross(wd, h) + ca.cross(w, ca.cross(w, h))
-        moment[i] += J @ wd + ca.cross(w, J @ w) + ca.cross(h, a)
-        felt[i] = moment[i][2]
-        parent = model.device.joints[i].parent
-        if parent >= 0:
-            force[parent] += R @ force[i]
-            moment[parent] += R @ moment[i] + ca.cross(arm, R @ force[i])
-    tau = rates.T @ ca.vertcat(*felt)
-    for k, term in enumerate(model.terms):
-        if term.kind == "rotor":
-            weights = ca.sparsify(ca.DM(term.weights))
-            tau += weights * (chi[links + k] * (weights.T @ qdd))
-    return ca.Function("inverse", [q, qd, qdd, p], [ca.cse(tau)])
+def peers() -> dict[str, Any]:
+    """Modules that write the C of other tools, of those that are installed."""
+    return {
+        tool: importlib.import_module(f"peers.{tool}_dynamics")
+        for tool in ("casadi", "sympybotics")
+        if importlib.util.find_spec(tool)
+    }
 
 
-def measured(model: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None) -> dict[str, float]:
-    """Nanoseconds of an inverse dynamics, ours and the peer's, and of a tick with everything on."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+class Written:
+    """The C of all tools for one device, in a folder, to be compiled with different flags."""
+
+    def __init__(self, model: haptid.DynamicModel, beta: np.ndarray, folder: Path, code: Code) -> None:
+        self.folder, self.n = folder, len(model.device.drives)
         export_c((model, beta), folder, CCode("dev"))
-        sources = ["dev.c", "timing.c"]
-        if ca is not None:
-            generator = ca.CodeGenerator("peer.c")
-            generator.add(peer_function(ca, model))
-            generator.generate(f"{folder}/")
-            sources.append("peer.c")
-        n = len(model.device.drives)
-        text = TIMING.format(
-            n=n, states=STATES, batches=BATCHES, peer=PEER if ca is not None else NO_PEER, everything=everything(code)
+        texts, self.sources, tools = [OWN], ["dev.c", "timing.c"], ["haptid"]
+        for tool, module in peers().items():
+            if tool == "casadi" or module.describes(model):
+                texts += module.written(model, folder).values()
+                self.sources.append(f"{tool}.c")
+                tools.append(tool)
+        self.calls = [(tool, function) for function in COMPARED for tool in tools]
+        names = [*(f"run_{tool}_{function}" for tool, function in self.calls), "tick"]
+        filled = TIMING.format(
+            n=self.n,
+            states=STATES,
+            batches=BATCHES,
+            count=len(names),
+            written="\n".join(texts),
+            everything=everything(code),
+            calls=", ".join(names),
         )
-        (folder / "timing.c").write_text(text)
-        subprocess.run([*FLAGS, *sources, "-lm", "-o", "timing.so"], cwd=folder, check=True, capture_output=True)
-        library = ctypes.CDLL(str(folder / "timing.so"))
-        x = np.random.default_rng(0).uniform(-2, 2, (STATES, 3 * n))
-        made = np.zeros((2, STATES, n))
-        for which in (0, 1):
-            library.torques(which, _pointer(x), _pointer(made[which]))
-        if ca is not None and np.abs(made[0] - made[1]).max() > 1e-10 * np.abs(made[0]).max():
-            raise ArithmeticError(f"the two codes of {model.device.name} differ")
-        median = np.zeros(3)
-        library.timed(_pointer(x), _pointer(made[0]), _pointer(median))
-    return {"ours": float(median[0]), "peer": float(median[1]), "tick": float(median[2])}
+        (folder / "timing.c").write_text(filled)
+
+    def times(self, compiler: str, level: str) -> dict[tuple[str, str], float]:
+        """Nanoseconds of a call by tool and function, and of ("haptid", "tick"), all in turn.
+
+        Raises:
+            ArithmeticError: two tools compute different numbers.
+        """
+        made = f"timing{level}-{compiler}.so"
+        command = [compiler, *FLAGS, level, *self.sources, "-lm", "-o", made]
+        subprocess.run(command, cwd=self.folder, check=True, capture_output=True)
+        library = ctypes.CDLL(str(self.folder / made))
+        x = np.random.default_rng(0).uniform(-2, 2, (STATES, 3 * self.n))
+        wanted: dict[str, np.ndarray] = {}
+        for k, (tool, function) in enumerate(self.calls):
+            size = COMPARED[function](self.n)
+            out = np.zeros((STATES, size))
+            library.once(k, _pointer(x), _pointer(out), size)
+            if tool == "haptid":
+                wanted[function] = out
+            elif np.abs(out - wanted[function]).max() > 1e-10 * np.abs(out).max():
+                raise ArithmeticError(f"{function} of {tool} and of haptid differ")
+        median = np.zeros(len(self.calls) + 1)
+        library.timed(_pointer(x), _pointer(median))
+        return dict(zip([*self.calls, ("haptid", "tick")], median.tolist(), strict=True))
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
+def beside(times: dict[tuple[str, str], float]) -> dict[str, float]:
+    """Our time over the least of the other tools', by function and tool."""
+    return {
+        f"{function}, our time over {tool}'s": times["haptid", function] / taken
+        for (tool, function), taken in times.items()
+        if tool != "haptid"
+    }
+
+
 def run() -> dict[str, float]:
-    """Operations of every function, ns of an inverse dynamics, and the ratio to CasADi's where it is there."""
-    ca = importlib.import_module("casadi") if importlib.util.find_spec("casadi") else None
+    """Operations of every function, ns of a call, and the ratios to the other tools' time where they are there."""
     figures: dict[str, float] = {}
     for name in (*DEVICES, SEVEN):
         model = device_of(name)
@@ -233,13 +225,20 @@ def run() -> dict[str, float]:
         for function, found in code.operations.items():
             figures[f"{name}: {function}, mul + add + div"] = found.arithmetic
         figures[f"{name}: inverse_dynamics, sin + cos"] = code.operations["inverse_dynamics"].trigonometric
-        times = measured(model, beta, code, ca)
-        figures[f"{name}: inverse dynamics, ns"] = times["ours"]
-        figures[f"{name}: a tick with everything on, ns"] = times["tick"]
-        figures[f"{name}: a loop of 1 kHz with everything on, % of a core"] = 100 * LOOP_HZ * 1e-9 * times["tick"]
-        if ca is not None:
-            figures[f"{name}: CasADi's inverse dynamics, ns"] = times["peer"]
-            figures[f"{name}: CasADi's time over ours"] = times["peer"] / times["ours"]
+        with tempfile.TemporaryDirectory() as folder:
+            written = Written(model, beta, Path(folder), code)
+            for compiler, level in COMPILERS:
+                if shutil.which(compiler) is None:
+                    continue
+                times = written.times(compiler, level)
+                for what, ratio in beside(times).items():
+                    figures[f"{name}, {compiler} {level}: {what}"] = ratio
+                if (compiler, level) == COMPILERS[0]:
+                    for function in COMPARED:
+                        figures[f"{name}: {function}, ns"] = times["haptid", function]
+                    tick = times["haptid", "tick"]
+                    figures[f"{name}: a tick with everything on, ns"] = tick
+                    figures[f"{name}: a loop of 1 kHz with everything on, % of a core"] = 100 * LOOP_HZ * 1e-9 * tick
     return figures
 
 
