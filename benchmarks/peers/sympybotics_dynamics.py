@@ -1,7 +1,7 @@
 """Inverse dynamics, gravity and mass matrix of a serial arm as C by SymPyBotics: its recursion, its subexpressions.
 
-SymPyBotics (C. D. Sousa, github.com/cdsousa/SymPyBotics) describes serial chains by Denavit-Hartenberg parameters. Its
-inertial parameters are here those combinations of base parameters that haptid's model has, zeros included.
+SymPyBotics (C. D. Sousa, github.com/cdsousa/SymPyBotics, at 5d4613a) describes serial chains by Denavit-Hartenberg
+parameters. Its inertial parameters are here those combinations of base parameters that the model has, zeros included.
 """
 
 from __future__ import annotations
