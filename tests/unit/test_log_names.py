@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from haptid.cli import app
 from haptid.log.formats.sniff import channel_list
 from haptid.log.survey import survey
 from haptid.log.survey.names import element_of, quantity_of, time_unit, unit_apart
@@ -66,6 +68,17 @@ TAU = Q + np.cos(5.0 * T)
         ("t;q_raw;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("t;q_raw;q1;q2;tau1;tau2", (T, Q, Q, Q, TAU, TAU),
          ("t", "s"), (["q1", "q2"], "rad"), (["tau1", "tau2"], "N m")),
+        ("t;q_raw;tau_raw;u_raw", (T, Q, TAU, TAU), ("t", "s"), (["q_raw"], "rad"), (["tau_raw"], "N m")),
+        ("t;e_q;e_v;q;tau", (T, Q, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
+        ("t;force_feedback;force_desired;position_degrees;position_radians;position_last;force_last_desired",
+         (T, TAU, TAU, np.rad2deg(Q), Q, Q, TAU),
+         ("t", "s"), (["position_radians"], "rad"), (["force_feedback"], "N m")),
+        ("t;q1_rad;q2_rad;q1_deg;q2_deg;tau1;tau2", (T, Q, 2 * Q, np.rad2deg(Q), np.rad2deg(2 * Q), TAU, TAU),
+         ("t", "s"), (["q1_rad", "q2_rad"], "rad"), (["tau1", "tau2"], "N m")),
+        ("t;q1 [deg];q1 [rad];tau1", (T, np.rad2deg(Q), Q, TAU), ("t", "s"), (["q1 [rad]"], "rad"), (["tau1"], "N m")),
+        ("t;boom_angle_deg;force_boom_MN", (T, 50 * Q, TAU),
+         ("t", "s"), (["boom_angle_deg"], "deg"), (["force_boom_MN"], "MN")),
+        ("t;stroke_mm;Kraft [kN]", (T, 50 * Q, TAU), ("t", "s"), (["stroke_mm"], "mm"), (["Kraft [kN]"], "kN")),
         ("t;ActPos;PosDiff;ActTorque [%]", (T, Q, Q, TAU),
          ("t", "s"), (["ActPos"], "rad"), (["ActTorque [%]"], "counts")),
         ("time;current_pos_x;current_pos_y;current_pos_z;joint_1;joint_2;joint_1_torque;joint_2_torque;force_x;force_y;force_z",
@@ -103,6 +116,19 @@ def test_short_arrays_beside_a_recording_are_not_drafted(tmp_path: Path) -> None
     np.savez(path, angle=np.array([3.0, 4.0]), t=T, q=Q, tau=TAU, torque_limits=np.array([1.0, 2.0]))
     channels = tomllib.loads(survey(path).table)["channels"]
     assert (channels["position"]["channels"], channels["torque"]["channels"]) == (["q"], ["tau"])
+
+
+def test_the_times_and_the_rate_are_those_of_the_whole_recording(tmp_path: Path) -> None:
+    velocity = np.gradient(Q, 0.005)
+    tenth = slice(None, None, 10)
+    path = tmp_path / "log.npz"
+    np.savez(path, T12=np.array([42.0, 84.0]), t_ds=T[tenth], q_ds=Q[tenth], t_all=T, q_all=Q, tau_all=TAU)
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["time"], channels["position"]["channels"]) == ("t_all", ["q_all"])
+    np.savez(path, q_ds=Q[tenth], qd_ds=velocity[tenth], q_raw=Q, qd_raw=velocity, tau_raw=TAU)
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["rate_hz"] == pytest.approx(200.0)
+    assert channels["position"] == {"channels": ["q_raw"], "unit": "rad"}
 
 
 def test_a_position_that_is_wrapped_is_drafted_to_be_unwrapped(tmp_path: Path) -> None:
@@ -207,3 +233,11 @@ def test_a_point_of_the_hand_is_no_set_of_joints(tmp_path: Path) -> None:
     channels = tomllib.loads(survey(path).table)["channels"]
     assert channels["position"] == {"field": "q", "joints": [1, 2, 3, 4, 5], "unit": "rad"}
     assert channels["torque"]["joints"] == [1, 2, 3, 4, 5]
+
+
+def test_a_study_of_several_logs_needs_a_device(tmp_path: Path) -> None:
+    files = [str(written(tmp_path / name, "t,q,tau", T, Q, TAU)) for name in ("a.csv", "b.csv")]
+    result = CliRunner().invoke(app, ["channels", *files])
+    assert result.exit_code == 2
+    assert "2 logs" in result.output
+    assert "--device DEVICE" in result.output

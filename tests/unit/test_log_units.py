@@ -10,6 +10,7 @@ import pytest
 import haptid
 from haptid.errors import LogMismatchError
 from haptid.log import Channels, Signal
+from haptid.log.units import known_unit, scale
 from haptid.study.draft import draft_study
 
 SCARA = """
@@ -80,3 +81,10 @@ def test_a_draft_has_the_units_of_the_joints(tmp_path: Path) -> None:
     log = haptid.read_study(study).logs[0]
     assert log.channels is not None
     assert log.channels.position.scales("position") == pytest.approx((np.pi / 180, np.pi / 180, 1e-3))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mN", 1e-3), ("kN", 1e3), ("MN", 1e6), ("kNm", 1e3), ("mNm", 1e-3)])
+def test_multiples_of_forces_and_torques(unit: str, factor: float) -> None:
+    quantity, name = known_unit(unit) or ("", "")
+    assert quantity == "torque"
+    assert scale(name, "torque") == ("N m" if "m" in unit[1:] else "N", factor)

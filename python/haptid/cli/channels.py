@@ -39,14 +39,15 @@ def channels(
     as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import publishing_files
-    from haptid.cli.options import wrong_option
     from haptid.device import read_device
+    from haptid.errors import OptionError
     from haptid.log.survey import survey
     from haptid.study.draft import draft_study
 
     with errors_shown():
         if device is None and (study or len(logs) > 1):
-            raise wrong_option("--device", "missing", "the device file that the study is for")
+            drafted = f"a study of {len(logs)} logs is drafted" if len(logs) > 1 else "--out writes a study, drafted"
+            raise OptionError(f"{drafted} with a device file only; add --device DEVICE.", where="--device")
         if device is None:
             surveyed = survey(logs[0])
             draft = surveyed.table

@@ -11,6 +11,8 @@ from typing import Any, Literal
 from haptid.log.registers import Register
 
 Quantity = Literal["time", "position", "velocity", "torque", "other"]
+# Arrays of fewer elements than this share of the rows are settings or results beside the recording.
+A_PART = 0.02
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class ChannelSurvey:
     reason: str = ""
     register: Register = field(default_factory=Register)
     period: float = 0.0
+
+    @property
+    def rows(self) -> int:
+        """Samples and missing ones."""
+        return self.count + self.missing
 
     @property
     def usable(self) -> bool:

@@ -12,7 +12,7 @@ from haptid.log.file_format import LEROBOT, MESSAGES, Format
 from haptid.log.formats.sniff import channel_list
 from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
-from haptid.log.survey.channels import ChannelSurvey, Quantity, TopicSurvey
+from haptid.log.survey.channels import A_PART, ChannelSurvey, Quantity, TopicSurvey
 from haptid.log.survey.guesses import STATED
 from haptid.log.survey.joint_names import are_named, matched, owners
 from haptid.log.survey.names import (
@@ -25,7 +25,7 @@ from haptid.log.survey.names import (
     unit_apart,
     words_of,
 )
-from haptid.log.units import PERIODS
+from haptid.log.units import PERIODS, TABLES, known_unit
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
 _WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
@@ -41,12 +41,16 @@ _TWELVE_BITS = 4096
 _RATE_UNITS = {"rad": "rad/s", "deg": "deg/s", "turn": "turn/s", "m": "m/s", "mm": "mm/s"}
 # rad or m of a unit of positions.
 _SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
+# Units of lengths, and of forces.
+_STRAIGHT = ({"m", "mm", "um"}, {unit for unit, (si, _) in TABLES["torque"].items() if si == "N"})
+# Units of torques and forces, which may be those at the joints.
+_MECHANICAL = frozenset(unit for unit, (si, _) in TABLES["torque"].items() if si in ("N m", "N"))
 # Positions beyond this, m, of a prismatic joint are in mm.
 _METRES = 5.0
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
-# Arrays of fewer elements than this share of the rows are settings or results beside the recording.
-_A_PART = 0.02
+# Share of their sizes by which ranges of one signal in two units differ at most.
+_SAME_RANGE = 1e-3
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED | _TREATED
 _SEPARATOR = re.compile(r"([./ _])")
@@ -72,8 +76,8 @@ class _Family:
     known: bool = False
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, bool, int, int, int]:
-        """Usable, not wanted, of a known unit, measured, a torque and no current, then many, then long ones."""
+    def rank(self) -> tuple[bool, bool, bool, bool, int, int, int, bool]:
+        """Usable, not wanted, of a known unit, measured, a torque and no current; then many, long ones, and not raw."""
         words = words_of(f"{self.topic.name} {self.array}")
         usable = sum(channel.usable for channel in self.channels)
         return (
@@ -84,6 +88,7 @@ class _Family:
             _DRIVE.index(drive_unit(words)),
             usable,
             min(channel.count for channel in self.channels),
+            "raw" not in words,
         )
 
     @property
@@ -162,12 +167,32 @@ def _families(
     for topic in topics:
         arrays: dict[str, list[ChannelSurvey]] = {}
         for channel in topic.channels:
-            if channel.quantity == quantity and channel.count + channel.missing > _A_PART * topic.count:
+            if channel.quantity == quantity and channel.rows > A_PART * topic.count:
                 element = element_of(channel.name)
                 array = element["array"] if element else _pattern(_without(unit_apart(channel.name)[0], own))
                 arrays.setdefault(array, []).append(channel)
-        found.extend(_Family(topic, array, tuple(channels)) for array, channels in _joined(arrays).items())
+        for array, channels in _joined(arrays).items():
+            found.append(_Family(topic, array, tuple(c for c in channels if not _is_copy(c, channels))))
     return sorted(found, key=lambda family: family.rank, reverse=True)
+
+
+def _is_copy(channel: ChannelSurvey, family: Sequence[ChannelSurvey]) -> bool:
+    """Whether a channel is another of its family in another unit: `q_deg` beside `q_rad`, which is kept."""
+    own = family.index(channel)
+    for k, other in enumerate(family):
+        if other.unit != channel.unit and channel.usable and _apart_from_units(other) == _apart_from_units(channel):
+            a, b = _SI.get(channel.unit, 0.0), _SI.get(other.unit, 0.0)
+            ends = (a * channel.low - b * other.low, a * channel.high - b * other.high)
+            same = a > 0 and max(map(abs, ends)) < _SAME_RANGE * a * (channel.high - channel.low)
+            if same and (b == 1.0, -k) > (a == 1.0, -own):
+                return True
+    return False
+
+
+def _apart_from_units(channel: ChannelSurvey) -> tuple[frozenset[str], list[str]]:
+    """Words of a name that are no unit, and its numbers."""
+    name = unit_apart(channel.name)[0]
+    return frozenset(word for word in words_of(name) if not known_unit(word)), re.findall(r"\d+", name)
 
 
 def _without(name: str, joints: re.Pattern[str] | None) -> str:
@@ -184,7 +209,8 @@ def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSur
         alone = len(channels) == 1 and "/" not in array
         element = element_of(channels[0].name)
         place = f"[{element['element']}]" if element else ""
-        made.setdefault(" ".join([*sorted(kind), place]) if alone else array, []).extend(channels)
+        rows = f" {channels[0].rows}"  # every tenth sample of a joint is no other joint
+        made.setdefault(" ".join([*sorted(kind), place]) + rows if alone else array, []).extend(channels)
     return made
 
 
@@ -360,7 +386,8 @@ def _time_line(position: _Family, torque: _Family | None, kind: Format) -> str:
                 f"rate_hz = {own:g}  # guess: no channel of times was found; at this rate velocities fit the positions"
             )
         return "# rate_hz = ...  # no channel of times was found: write the rate at which the log was sampled"
-    time = max(times, key=lambda channel: channel.name.rpartition(".")[0] == position.prefix)
+    rows = position.channels[0].rows
+    time = max(times, key=lambda t: (t.rows == rows, t.name.rpartition(".")[0] == position.prefix))
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
 
@@ -399,7 +426,7 @@ def _signal_line(key: str, family: _Family) -> str:
         if mixed
         else basic_string(unit)
     )
-    commanded = key == "torque" and (unit not in ("N m", "mN m", "N") or words_of(family.array) <= COMMAND_WORDS)
+    commanded = key == "torque" and (unit not in _MECHANICAL or words_of(family.array) <= COMMAND_WORDS)
     side = ', side = "motor"' if commanded else ""
     if key == "torque" and len(family.channels) - len(still) > 1 and all(c.low >= 0 for c in family.channels):
         reason += "; never negative: is it a magnitude without a sign?"
@@ -420,4 +447,4 @@ def _signal_line(key: str, family: _Family) -> str:
 def _mixed(found: Iterable[str]) -> bool:
     """Whether units are of angles and of lengths, or of moments and of forces."""
     kinds = set(found)
-    return any(kinds & one and kinds - one for one in ({"m", "mm", "um"}, {"N"}))
+    return any(kinds & one and kinds - one for one in _STRAIGHT)

@@ -115,7 +115,8 @@ def guessed(
     if stated and known is None and quantity in ("position", "torque"):
         return replace(channel, quantity=quantity, unit="counts", reason=_own_unit(stated))
     suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
-    if suffix is not None and suffix[0] == quantity and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
+    counted = suffix is not None and suffix[1] == "counts" and not channel.whole  # `q_raw` before a filter, in rad
+    if suffix and suffix[0] == quantity and not counted and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
         return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1])
     largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
     unit, reason = unit_of(quantity, words | topic, largest, channel, source)

@@ -90,6 +90,8 @@ _PRESENT = re.compile(
 _RATE = re.compile(
     r"(?i:^d(?P<second>d)?_)|^d(?P<capital>d)?(?=[A-Z]|theta|phi|pos|angle|th\d*$)|(?i:(?P<dot>d)?dot(?=[^a-z]|$))"
 )
+# Errors of a controller: `e_q1`, `e_vel`.
+_ERROR = re.compile(r"[eE]_(?=[A-Za-z])")
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
@@ -152,7 +154,7 @@ def quantity_of(name: str) -> Quantity:
     if name.lower() == "us":  # the inputs beside `ts` and `qs`; elsewhere microseconds
         return "torque"
     last = words_of(last_part(name))
-    if last & NEITHER or words_of(name) & _SETTINGS:
+    if last & NEITHER or _ERROR.match(last_part(name)) or words_of(name) & _SETTINGS:
         return "other"
     rate = _RATE.search(name.rpartition(".")[2])
     if rate:

@@ -29,7 +29,7 @@ from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of
-from haptid.log.survey.channels import ChannelSurvey, Survey, TopicSurvey
+from haptid.log.survey.channels import A_PART, ChannelSurvey, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
 from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, timed, unit_of, usual_step
 from haptid.log.survey.names import element_of, is_time, words_of
@@ -176,7 +176,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             advice="Save the samples as arrays, one row for each time: times, positions and torques.",
         )
     channels: list[ChannelSurvey] = []
-    count, rate = 0, 0.0
+    count, rate_of = 0, dict[str, float]()
     for k in range(0, len(names[:_MOST]), _TOGETHER):
         request = Request()
         columns = _columns(path, kind, names[k : min(k + _TOGETHER, _MOST)], request)
@@ -188,11 +188,13 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channel = replace(found.channel(name, column.size), register=register)
             if is_time(name):
                 channel, own = timed(channel, column, stated.get(name, ""))
-                rate = rate or own
+                rate_of[name] = own
             if channel.quantity == "other":  # `ticks` of an encoder do not grow as those of a clock
                 source = "lerobot" if kind is LEROBOT else "rosjoint" if "joint_states" in name else ""
                 channel = guessed(channel, name, source, stated.get(name, ""))
             channels.append(channel)
+    channels = [replace(c, quantity="other") if _is_part(c, count) else c for c in channels]
+    rate = next((rate_of[c.name] for c in channels if c.quantity == "time" and rate_of.get(c.name)), 0.0)
     channels, own = _with_stamps_in_parts(channels, path, kind)
     rate = own or rate
     by_rates = 0.0
@@ -223,13 +225,16 @@ def _rate_of_positions(
 ) -> float:
     """Rate of the rows that have positions, where others are those of other sources, Hz; else that of all rows."""
     positions = [c for c in channels if c.quantity == "position" and c.usable]
-    time = next((c for c in channels if c.quantity == "time"), None)
+    first = max(positions, key=lambda c: c.count, default=None)
+    times = [c for c in channels if c.quantity == "time"]
+    time = max(
+        times, key=lambda c: first is not None and c.count + c.missing == first.count + first.missing, default=None
+    )
     if time is None or not any(c.usable and c.missing >= SPARSE * rows for c in channels):
         return rate
-    if not positions:
+    if first is None:
         notes.append("the rows are those of several sources, and none of them is known to have positions: no rate")
         return 0.0
-    first = max(positions, key=lambda c: c.count)
     columns = _columns(path, kind, [time.name, first.name], Request())
     there = ~np.isnan(columns[first.name].astype(np.float64))
     usual, uneven = usual_step(np.diff(columns[time.name][there]))
@@ -243,14 +248,19 @@ def _rate_of_positions(
 
 
 def _named_period(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> float:
-    """Sampling period by the first velocities that are those of as many positions, all known by names, s; else 0."""
+    """Sampling period by the velocities of as many positions, all known by names, s; else 0.
+
+    The first pair with the most rows: others may be of every hundredth row.
+    """
     found: dict[str, dict[str, list[str]]] = {"position": {}, "velocity": {}}
+    rows = {channel.name: channel.rows for channel in channels}
     for channel in channels:
         if channel.quantity in found:
             match = element_of(channel.name)
             array = match["array"] if match else re.sub(r"\d+", "#", channel.name)
             found[channel.quantity].setdefault(array, []).append(channel.name)
-    for positions, rates in product(found["position"].values(), found["velocity"].values()):
+    pairs = product(found["position"].values(), found["velocity"].values())
+    for positions, rates in sorted(pairs, key=lambda pair: rows[pair[0][0]], reverse=True):
         if len(positions) == len(rates) <= _TOGETHER:
             columns = _columns(path, kind, [*positions, *rates], Request())
             sizes = {column.size for column in columns.values()}
@@ -279,6 +289,11 @@ def _with_stamps_in_parts(channels: list[ChannelSurvey], path: Path, kind: Forma
             ]
             return [*others[:k], made, *others[k:]], rate
     return channels, 0.0
+
+
+def _is_part(channel: ChannelSurvey, rows: int) -> bool:
+    """Whether it is called a time and is too short for that: `T12` of a transformation."""
+    return channel.quantity == "time" and channel.rows <= A_PART * rows
 
 
 def _channel(name: str, values: RawChannel) -> ChannelSurvey:
