@@ -372,11 +372,9 @@ def _reversible(search: Trials, base: Trial, group: Sequence[Impossible]) -> boo
     """
     if max(one.share for one in group) < _SHOWS:
         return False
-    grams = search.bench.grams["used"].copy()
+    grams = search.bench.grams["used"]
     for one in group:
-        column = grams.shape[-1] - search.bench.motors + one.motor
-        grams[:, :, column] *= -1
-        grams[:, :, :, column] *= -1
+        grams = grams.reversed(one.motor)
     trial = search.bench.with_rows("reversed", grams).run(Setting(rows="reversed"))
     made = gain(base, trial)
     beta = np.zeros(group[0].combinations.shape[1])

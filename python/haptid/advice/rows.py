@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.advice.grams import Grams
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.subsample import evenly_spaced, row_ranges
@@ -74,25 +75,15 @@ class TrialRows:
         """The same rows as one block."""
         return replace(self, block=np.zeros_like(self.block))
 
-    def grams(self, mask: np.ndarray | None = None, columns: int | None = None) -> Array:
-        """Gram matrices of [W y_1 .. y_m] of every block and motor, (blocks, motors, size, size).
+    def grams(self, mask: np.ndarray | None = None, columns: int | None = None) -> Grams:
+        """Gram matrices of [W y_1 .. y_m] of every block and motor.
 
         Args:
             mask: rows that count besides being used, (motors, rows).
             columns: number of W's columns, from the first on; all where None.
         """
-        motors, columns = len(self.W), self.W.shape[2] if columns is None else columns
-        order = np.searchsorted(self.block, np.arange(self.blocks + 1))
-        made = np.zeros((self.blocks, motors, columns + motors, columns + motors))
-        for k in range(motors):
-            kept = self.used[k] if mask is None else self.used[k] & mask[k]
-            whole = np.column_stack([self.W[k, :, :columns], self.y.T]) * kept[:, None]
-            acting = np.flatnonzero(whole.any(axis=0))  # most candidates are of one joint
-            whole = np.ascontiguousarray(whole[:, acting])
-            for b, (low, high) in enumerate(pairwise(order)):
-                part = whole[low:high]
-                made[b, k][np.ix_(acting, acting)] = part.T @ part
-        return made
+        used = self.used if mask is None else self.used & mask
+        return Grams.of(self.W[:, :, :columns], self.y, used, np.searchsorted(self.block, np.arange(self.blocks + 1)))
 
 
 def trial_rows(

@@ -14,6 +14,7 @@ from haptid._internal.arrays import Array
 from haptid.advice import columns as candidate_columns
 from haptid.advice.columns import Geometry, Source
 from haptid.advice.contact import contact
+from haptid.advice.grams import Grams
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
 from haptid.advice.rows import BaseRows, Column, TrialRows, trial_rows
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
@@ -173,7 +174,7 @@ def search_of(
 
 def _simulated(
     model: DynamicModel, motions: Sequence[Motion], beta: Array, columns: Sequence[Column], blocks: int
-) -> Array | None:
+) -> Grams | None:
     """Gram matrices of the same rows of logs made by the model, as one block; None where there are no such logs."""
     logs = [log for motion in motions if (log := simulated_log(model, motion, beta)) is not None]
     if len(logs) < len(motions):

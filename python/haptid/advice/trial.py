@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid.advice.grams import Grams
 from haptid.uncertainty.distributions import f_tail, t_tail
 
 # Relative size of what is added to the diagonal of a scaled Gram matrix: columns more alike than this are one.
@@ -133,8 +134,8 @@ class Bench:
     """Gram matrices of a log's rows, and the trials on them.
 
     Attributes:
-        grams: by set of rows: of [W, candidates, y_1 .. y_m], (blocks, motors, size, size); of rows at which candidates
-            were not computed [W, y_1 .. y_m], and no term is fitted to these.
+        grams: by set of rows, of every block; of rows at which candidates were not computed those of [W, y_1 .. y_m],
+            and no term is fitted to these.
         base: number of base parameters; `kept` are those of them that are not fixed at zero.
         weights: of each motor's rows, (motors,).
         channel_factors: (motors, motors): factor from the torque of channel j to that of motor k.
@@ -142,14 +143,15 @@ class Bench:
             block or more; None: not known. Few searches ask for them.
     """
 
-    grams: dict[str, Array]
+    grams: dict[str, Grams]
     base: int
     kept: np.ndarray
     weights: Array
     channel_factors: Array
-    artefact: Callable[[], Array | None] = lambda: None
-    _sums: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
-    _weighed: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
+    artefact: Callable[[], Grams | None] = lambda: None
+    _sums: dict[tuple[int, bytes], tuple[Grams, Grams]] = field(default_factory=dict, init=False, repr=False)
+    _pools: dict[tuple[int, bytes], tuple[Grams, Array]] = field(default_factory=dict, init=False, repr=False)
+    _weighed: dict[int, tuple[Grams, Array]] = field(default_factory=dict, init=False, repr=False)
     _sources: dict[tuple[int, ...], tuple[np.ndarray, Array]] = field(default_factory=dict, init=False, repr=False)
     _trials: dict[tuple[Setting, str | None], Trial] = field(default_factory=dict, init=False, repr=False)
 
@@ -161,16 +163,14 @@ class Bench:
     def blocks(self) -> int:
         return len(self.grams["used"])
 
-    def with_rows(self, name: str, grams: Array) -> Bench:
+    def with_rows(self, name: str, grams: Grams) -> Bench:
         return replace(self, grams={**self.grams, name: grams})
 
     def without_candidates(self) -> Bench:
-        """Of the base parameters' columns alone: a small part of the matrices, where these are the only ones fitted."""
-        grams = self.grams["used"]
-        kept = np.r_[: self.base, grams.shape[-1] - self.motors : grams.shape[-1]]
-        return replace(self, grams={"used": _rows(grams, kept, kept)}, artefact=lambda: None)
+        """Of the base parameters' columns alone, where these are the only ones fitted."""
+        return replace(self, grams={"used": self.grams["used"].first(self.base)}, artefact=lambda: None)
 
-    def fit(self, setting: Setting, blocks: np.ndarray, grams: Array | None = None) -> Fitted:
+    def fit(self, setting: Setting, blocks: np.ndarray, grams: Grams | None = None) -> Fitted:
         """Least squares on some blocks; alternatives and factors are those of the least error."""
         G = self._sum(self.grams[setting.rows] if grams is None else grams, blocks)
         factors = np.ones(self.motors)
@@ -190,32 +190,32 @@ class Bench:
         theta, _, columns = self._solved(G, setting, factors, tuple(chosen))
         return Fitted(columns, tuple(chosen), factors, theta)
 
-    def _sum(self, grams: Array, blocks: np.ndarray) -> Array:
-        """Sum of the Gram matrices of some blocks, (motors, size, size); a hundred fits have the same few."""
+    def _sum(self, grams: Grams, blocks: np.ndarray) -> Grams:
+        """Sum of the Gram matrices of some blocks; a hundred fits have the same few."""
         key = (id(grams), blocks.tobytes())
         if key not in self._sums:  # the matrices are kept with their sum, so that no others get their id
-            self._sums[key] = (grams, _sum_of(grams, blocks))
+            self._sums[key] = (grams, grams.over(blocks))
         return self._sums[key][1]
 
-    def _base(self, grams: Array) -> Array:
+    def _base(self, grams: Grams) -> Array:
         """W'W of the base parameters, (blocks, motors, kept, kept): in every setting, and kept apart."""
         key = (id(grams), b"base")
-        if key not in self._sums:
-            self._sums[key] = (grams, _rows(grams, self.kept, self.kept))
-        return self._sums[key][1]
+        if key not in self._pools:
+            self._pools[key] = (grams, grams.part(self.kept, self.kept))
+        return self._pools[key][1]
 
-    def _pooled(self, grams: Array, columns: np.ndarray, weights: Array) -> Array:
+    def _pooled(self, grams: Grams, columns: np.ndarray, weights: Array) -> Array:
         """W'W of some columns, base parameters first, summed over the weighted motors, (blocks, columns, columns)."""
         n, key = len(self.kept), (id(grams), weights.tobytes())
-        if key not in self._sums:
-            self._sums[key] = (grams, np.tensordot(weights, self._base(grams), axes=(0, 1)))
-        added = np.tensordot(weights, _rows(grams, columns[n:], columns), axes=(0, 1))
+        if key not in self._pools:
+            self._pools[key] = (grams, np.tensordot(weights, self._base(grams), axes=(0, 1)))
+        added = np.tensordot(weights, grams.part(columns[n:], columns), axes=(0, 1))
         made = np.empty((len(grams), len(columns), len(columns)))
-        made[:, :n, :n] = self._sums[key][1]
+        made[:, :n, :n] = self._pools[key][1]
         made[:, n:], made[:, :n, n:] = added, added[:, :, :n].swapaxes(1, 2)
         return made
 
-    def _factor(self, G: Array, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
+    def _factor(self, G: Grams, setting: Setting, factors: Array, chosen: tuple[int, ...], k: int) -> float:
         """The factor of motor k of the least error."""
         parts = self._normal(G, setting, self._columns(setting, chosen))
         others = factors.copy()
@@ -244,7 +244,7 @@ class Bench:
         return float(grid[at])
 
     def _solved(
-        self, G: Array, setting: Setting, factors: Array, chosen: Sequence[int]
+        self, G: Grams, setting: Setting, factors: Array, chosen: Sequence[int]
     ) -> tuple[Array, float, np.ndarray]:
         """Parameters, weighted squared error and columns, from Gram matrices (motors, size, size)."""
         columns = self._columns(setting, chosen)
@@ -255,40 +255,43 @@ class Bench:
             A, r, yy = _weighted(self._normal(G, setting, columns), factors, self.weights**2)
         return *_least_squares(A, r, yy), columns
 
-    def _over_motors(self, G: Array) -> Array:
+    def over_motors(self) -> Array:
+        """W'W of all columns of all blocks, summed over the weighted motors, (size, size)."""
+        return self._over_motors(self._sum(self.grams["used"], np.arange(self.blocks)))
+
+    def _over_motors(self, G: Grams) -> Array:
         """W'W of all columns summed over the weighted motors, (size, size): most candidates pick from the same one."""
         if id(G) not in self._weighed:  # the matrices are kept with their sum, so that no others get their id
-            self._weighed[id(G)] = G, np.tensordot(self.weights**2, G, axes=1)
+            self._weighed[id(G)] = G, G.pooled(self.weights**2)
         return self._weighed[id(G)][1]
 
     def _columns(self, setting: Setting, chosen: Sequence[int]) -> np.ndarray:
         """Base parameters' columns and those of the alternatives."""
-        if self.grams[setting.rows].shape[-1] == self.base + self.motors:  # there are none
+        if self.grams[setting.rows].size == self.base:  # there are none
             return self.kept
         picked = (t for term, c in zip(setting.terms, chosen, strict=True) for t in term[c])
         return np.array([*self.kept, *dict.fromkeys(picked)], dtype=int)
 
-    def _normal(self, G: Array, setting: Setting, columns: np.ndarray) -> tuple[Array, Array, Array]:
+    def _normal(self, G: Grams, setting: Setting, columns: np.ndarray) -> tuple[Array, Array, Array]:
         """Motor by motor W'W, (motors, columns, columns), W'y and y'y, of some columns."""
-        return _rows(G, columns, columns), self._right(G, setting, columns), self._squares(G, setting)
+        return G.part(columns, columns), self._right(G, setting, columns), self._squares(G, setting)
 
     def _channels(self, setting: Setting) -> tuple[np.ndarray, Array]:
-        """For each motor the place of its torque channel from a Gram matrix' end, and the channel's factor."""
+        """For each motor its torque channel, and the channel's factor."""
         if setting.source not in self._sources:
             source = np.array(setting.source or range(self.motors))
-            at = source - self.motors
-            self._sources[setting.source] = at, self.channel_factors[np.arange(self.motors), source]
+            self._sources[setting.source] = source, self.channel_factors[np.arange(self.motors), source]
         return self._sources[setting.source]
 
-    def _right(self, G: Array, setting: Setting, columns: np.ndarray) -> Array:
+    def _right(self, G: Grams, setting: Setting, columns: np.ndarray) -> Array:
         """W'y, (..., motors, columns)."""
-        at, factor = self._channels(setting)
-        return np.asarray(factor[:, None] * G[..., np.arange(self.motors)[:, None], columns, at[:, None]])
+        channels, factor = self._channels(setting)
+        return np.asarray(factor[:, None] * G.right(columns, channels))
 
-    def _squares(self, G: Array, setting: Setting) -> Array:
+    def _squares(self, G: Grams, setting: Setting) -> Array:
         """y'y, (..., motors)."""
-        at, factor = self._channels(setting)
-        return np.asarray(factor**2 * G[..., np.arange(self.motors), at, at])
+        channels, factor = self._channels(setting)
+        return np.asarray(factor**2 * G.squares(channels))
 
     def squares(self, setting: Setting) -> Array:
         """Squared torque of each block and motor, (blocks, motors)."""
@@ -300,7 +303,7 @@ class Bench:
         n, theta, G = len(self.kept), fitted.theta, every[part]
         inner = (self._base(every)[part] @ theta[:n]) @ theta[:n]
         if len(c) > n:
-            added = _rows(every, c[n:], c)[part]  # of the whole: a part would be copied first
+            added = G.part(c[n:], c)
             inner = inner + (added @ theta + added[..., :n] @ theta[:n]) @ theta[n:]
         cross = self._right(G, setting, c) @ fitted.theta
         squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
@@ -390,19 +393,6 @@ class Bench:
         if len(null) != len(found):  # two terms share a column
             return np.zeros(len(found))
         return np.where(np.sign(null) == np.sign(found), np.sign(found) * np.minimum(np.abs(null), np.abs(found)), 0.0)
-
-
-def _sum_of(grams: Array, blocks: np.ndarray) -> Array:
-    """Sum of the matrices of some blocks, without a copy of them all."""
-    made = np.zeros(grams.shape[1:])
-    for block in blocks:
-        made += grams[block]
-    return made
-
-
-def _rows(G: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Part of Gram matrices, (..., size, size) to (..., rows, columns)."""
-    return G.take(rows, axis=-2).take(columns, axis=-1)
 
 
 def _weighted(parts: tuple[Array, Array, Array], factors: Array, w: Array) -> tuple[Array, Array, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.advice.search import LEAST_GAIN, LEAST_SE, Trials, TriedChange, unseen_percent
-from haptid.advice.trial import Setting, Trial
+from haptid.advice.trial import Bench, Setting, Trial
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, joined_names
 from haptid.uncertainty.distributions import normal_quantile
 
@@ -62,13 +62,13 @@ def absorbed(search: Trials, base: Trial, kinds: set[str]) -> list[str]:
     """Changes that other parameters would absorb, with their places."""
     bench = search.bench
     every = np.arange(bench.blocks)
-    G = bench.grams["used"].sum(axis=0)
+    independent = _independent(bench)
     alike = []
     for one in search.candidates:
-        if len(one.setting.terms) == 1 and one.kind in ("spring", "rotor inertia", "zero offset", "length"):
-            columns = list(one.setting.terms[0][0])
-            if _independent(G, bench.kept, columns[0], bench.weights) < _TOLD:
-                alike.append(f"{one.kind} ({one.places[0]})")
+        if len(one.setting.terms) != 1 or one.kind not in ("spring", "rotor inertia", "zero offset", "length"):
+            continue
+        if independent[one.setting.terms[0][0][0]] < _TOLD:
+            alike.append(f"{one.kind} ({one.places[0]})")
     error = 0.0 if kinds & {"gain", "unit", "torque sign"} else bench.errors(base.whole, Setting()).sum()
     for k, row in reversed(list(enumerate(search.model.measured_rows))):
         other = Setting(factors=((k, 1.5),))
@@ -85,31 +85,30 @@ def smallest_effects(search: Trials, base: Trial) -> list[tuple[TriedChange, flo
     """
     bench, tests = search.bench, max(len(search.candidates), 1)
     z = max(float(-normal_quantile(0.5 * SIGNIFICANCE / tests)), LEAST_SE) + float(normal_quantile(_POWER))
-    G, made = bench.grams["used"].sum(axis=0), []
+    lengths, independent, made = bench.grams["used"].lengths.sum(axis=0), _independent(bench), []
     torque = bench.squares(Setting()).sum(axis=0)
     for one in search.candidates:
         if one.kind not in _EFFECTS or len(one.setting.terms[0][0]) != 1:
             continue
         trial, column = search.bench.run(one.setting), one.setting.terms[0][0][0]
-        motor = int(np.argmax(G[:, column, column]))
-        independent = _independent(G, bench.kept, column, bench.weights)
-        weighted = float((bench.weights**2 * G[:, column, column]).sum())
+        motor = int(np.argmax(lengths[:, column]))
+        weighted = float(bench.weights**2 @ lengths[:, column])
         se = search.bench.standard_errors(trial)
-        if independent < _TOLD or not se.any() or weighted <= 0 or torque[motor] <= 0:
+        if independent[column] < _TOLD or not se.any() or weighted <= 0 or torque[motor] <= 0:
             continue
-        by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent
+        by_share = np.sqrt(LEAST_GAIN * base.total / weighted) / independent[column]
         theta = max(z * float(se[0]), by_share)
-        share = float(100 * theta * np.sqrt(G[motor, column, column] / torque[motor]))
+        share = float(100 * theta * np.sqrt(lengths[motor, column] / torque[motor]))
         if share < _WHOLE:
             made.append((one, share))
     return sorted(made, key=lambda each: -each[1])
 
 
-def _independent(G: Array, kept: np.ndarray, column: int, weights: Array) -> float:
-    """Share of a column's length that the base columns leave."""
-    every = np.append(kept, column)
-    A = np.einsum("k,kij->ij", weights**2, G[:, every[:, None], every])
+def _independent(bench: Bench) -> Array:
+    """Share of each column's length that the base parameters' columns leave, (columns,)."""
+    A = bench.over_motors()
     scale = 1 / np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     A = A * scale[:, None] * scale
-    left = A[-1, -1] - A[-1, :-1] @ np.linalg.pinv(A[:-1, :-1], rcond=1e-10, hermitian=True) @ A[:-1, -1]
-    return float(np.sqrt(max(left, 0.0)))
+    cross = A[bench.kept]
+    inverse = np.linalg.pinv(cross[:, bench.kept], rcond=1e-10, hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(A) - (cross * (inverse @ cross)).sum(axis=0), 0.0)))
