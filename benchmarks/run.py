@@ -41,6 +41,7 @@ import speed_report
 import start_up
 import virtual_bench
 import workbench
+import worst_case
 from haptid import _core
 from zoo import study as zoo_study
 
@@ -74,6 +75,7 @@ STUDIES = {
     "simulated-coverage": simulated_coverage.run,
     "estimator-benchmark": estimator_benchmark.run,
     "workbench": workbench.run,
+    "worst-case": worst_case.run,
     "live": live.run,
     "beside-nicegui": beside_nicegui.run,
     "zoo": zoo_study.run,

@@ -27,6 +27,9 @@ class Dialect(Protocol):
     def call(self, function: str, arguments: Sequence[str]) -> str:
         """Call of a function of one number, or pow."""
 
+    def divisor(self, text: str) -> str:
+        """A named divisor of a function with a status, which fails where it is zero."""
+
     def sound(self, positive: Sequence[str]) -> Sequence[str]:
         """Statements that test whether values are positive."""
 
@@ -78,6 +81,10 @@ class C:
         if function == "sign":
             return f"({self.real})(({text}) > {zero}) - ({self.real})(({text}) < {zero})"
         return f"{function}{self.suffix}({', '.join(arguments)})"
+
+    def divisor(self, text: str) -> str:
+        """One in place of zero, without a branch: no division by zero, which stops processors that trap it."""
+        return f"({text} + ({self.real})({text} == {self.literal(0.0)}))"
 
     def kept(self, place: int) -> str:
         return f"k[{place}]"
@@ -131,6 +138,9 @@ class Rust:
             return f"f64::from(i8::from({text} > 0.0) - i8::from({text} < 0.0))"
         return f"libm::{function}({', '.join(arguments)})"
 
+    def divisor(self, text: str) -> str:
+        return text
+
     def kept(self, place: int) -> str:
         return f"k[{place}]"
 
@@ -178,6 +188,9 @@ class Matlab:
         if function == "pow":
             return f"power({', '.join(arguments)})"
         return f"{'abs' if function == 'fabs' else function}({text})"
+
+    def divisor(self, text: str) -> str:
+        return text
 
     def sound(self, positive: Sequence[str]) -> Sequence[str]:
         return [f"sound = {' && '.join(f'({text} > 0)' for text in positive)};"]

@@ -95,7 +95,7 @@ def _body(
     graph: Graph, function: Function, dialect: Dialect, known: Mapping[int, str], begin: Sequence[str]
 ) -> list[str]:
     """Statements of one function; `known` has the text of precomputed nodes, `begin` the statements they require."""
-    writer = _Writer(graph, dialect, known)
+    writer = _Writer(graph, dialect, known, guarded=bool(function.checks))
 
     def wanted(node: int) -> bool:
         return not known or graph.nodes[node].when == RUN
@@ -110,10 +110,15 @@ def _body(
 
 
 class _Writer:
-    """Text of nodes in topological order."""
+    """Text of nodes in topological order.
 
-    def __init__(self, graph: Graph, dialect: Dialect, known: Mapping[int, str]) -> None:
-        self.graph, self.dialect = graph, dialect
+    Args:
+        known: text of nodes that are computed elsewhere.
+        guarded: whether divisors must not be zero, since a check fails where they are.
+    """
+
+    def __init__(self, graph: Graph, dialect: Dialect, known: Mapping[int, str], guarded: bool = False) -> None:
+        self.graph, self.dialect, self.guarded = graph, dialect, guarded
         self.texts: dict[int, str] = dict(known)
         self.ops: dict[int, str] = {}
 
@@ -123,6 +128,7 @@ class _Writer:
         live = graph.live(graph.at(node) for node in outputs)
         uses = Counter(arg for node in live for arg in graph.operands(node))
         uses.update(outputs)
+        divisors = {graph.operands(node)[1] for node in live if graph.nodes[node].op == "/"} if self.guarded else set()
         lines = []
         for node in sorted(live):
             if node in self.texts:
@@ -134,7 +140,7 @@ class _Writer:
             if not wanted(node):
                 continue
             text = self._operation(op, graph.operands(node))
-            if op in ARITHMETIC and uses[node] == 1 and len(text) <= INLINE:
+            if op in ARITHMETIC and uses[node] == 1 and len(text) <= INLINE and node not in divisors:
                 self.texts[node], self.ops[node] = text, op
             else:
                 lines.append(self.dialect.constant(f"t{node}", text))
@@ -151,6 +157,8 @@ class _Writer:
         return self.dialect.literal(float(value)) if op == "number" else self.dialect.named(str(value))
 
     def _operation(self, op: str, args: tuple[int, ...]) -> str:
+        if op == "/" and self.guarded:
+            return f"{self._operand(op, args[0], left=True)} / {self.dialect.divisor(self.texts[args[1]])}"
         if op in ARITHMETIC:
             return f"{self._operand(op, args[0], left=True)} {op} {self._operand(op, args[1], left=False)}"
         if op == "negative":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import string
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
@@ -17,6 +17,7 @@ from haptid.device.elastic import torsion_places
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.formats.worst_case import worst_case_lines
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
 from haptid.export.output import CCode
@@ -143,8 +144,9 @@ class Files:
         prototypes = "".join(f"{_about(function)}{self.signature(function)};\n\n" for function in self.code.functions)
         return self.filled(
             "model.h",
-            about="\n".join(f" * {comment(line)}".rstrip() for line in about(self.source)),
+            about=_commented(comment(line) for line in about(self.source)),
             coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.model)),
+            worst_case=_commented(worst_case_lines(self.code.graph, self.code.functions)),
             parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
             prototypes=prototypes,
             handle=handle,
@@ -229,6 +231,11 @@ def _flowed(arguments: Sequence[str], start: str) -> list[str]:
             line, gap = " " * len(start), ""
         line += gap + piece
     return [*lines, line]
+
+
+def _commented(lines: Iterable[str]) -> str:
+    """Lines of a C comment."""
+    return "\n".join(f" * {line}".rstrip() for line in lines)
 
 
 def _about(function: Function) -> str:

@@ -7,6 +7,8 @@
  *
  * No function allocates memory or has shared state: calls from several threads are safe as long as each thread has its
  * own observer and differentiator. Where a function returns int, 0 is success; otherwise its outputs are zeros.
+ *
+@{worst_case}
  */
 #ifndef @{NAME}_H
 #define @{NAME}_H
