@@ -65,6 +65,17 @@ def test_positions_of_a_queue_come_back(tmp_path: Path, rate: bool) -> None:
     assert np.abs(as_stamped).max() > 5e-3
 
 
+@pytest.mark.parametrize(("skipped", "share"), [(40, 0.0), (400, 1 / 11)])
+def test_rows_that_are_numbered_keep_their_step(tmp_path: Path, skipped: int, share: float) -> None:
+    """Stamps that count the rows of a loop that is late at times; but a slower recorder has its own clock."""
+    steps = np.ones(MANY, dtype=int)
+    steps[np.random.default_rng(4).choice(MANY, skipped, replace=False)] = 2
+    log = read(tmp_path, np.cumsum(steps) - 1, 1e-5)
+    assert log.time_base.method == "counted"
+    assert log.dt == pytest.approx(PERIOD * (1 - share), rel=1e-3)
+    assert ("count the rows" in " ".join(log.time_base.sentences)) == (share == 0.0)
+
+
 def test_regular_samples_are_left_alone(tmp_path: Path) -> None:
     for counts in (1e-6, 1e-3, 6e-3):
         log = read(tmp_path, np.arange(MANY), counts)

@@ -87,6 +87,16 @@ def test_velocities_that_cannot_be_compared_are_named_once_with_the_reason(part:
     np.testing.assert_array_equal(made, q)
 
 
+@pytest.mark.parametrize(("shift", "said"), [(18, "89.8 ms late on"), (-18, "89.7 ms ahead of"), (2, "")])
+def test_positions_that_may_be_planned_are_questioned(shift: int, said: str):
+    position, velocity = noisy()
+    q, v = (np.column_stack([x, 2 * x]) for x in (position, np.roll(velocity, shift)))
+    sentence = with_velocities(q, v, WHOLE, DT, ("v1", "v2"))[1]
+    assert (said in sentence) if said else ("late on" not in sentence)
+    v[:, 1] = np.roll(v[:, 1], -shift)  # one joint alone is another fault
+    assert "the velocities are" not in with_velocities(q, v, WHOLE, DT, ("v1", "v2"))[1]
+
+
 def test_velocities_of_a_table_are_drafted_and_read(tmp_path: Path):
     position, velocity = noisy()
     table = np.column_stack((T, np.rad2deg(position), np.rad2deg(velocity) / 6, np.sin(T)))

@@ -56,6 +56,9 @@ _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
 # Of a log with more rows, pieces say first whether it may have such steps: at half of the share, so many rows in every
 # so many.
 _LONG, _PIECE, _EVERY = 2**17, 2**10, 2**13
+# Share by which a period of the motion is shorter than that of regular stamps where these only count the rows: clocks
+# agree better than that, and a recorder with another rate than its device's differs by more.
+_LOST = 0.05
 # Steps above which a median is estimated from every second one, every third one, ...
 MOST_STEPS = 2**18
 
@@ -275,6 +278,12 @@ def counted_times(
     half = (b - a) // 2
     total = np.cumsum(periods[a : b - 1])
     period = float(np.median((seconds[a + 1 + half : b] - seconds[a + 1 : b - half]) / (total[half:] - total[:-half])))
+    longer = ""
+    if len(spans) == 1 and found.method == "regular" and not found.missing and 1e-3 < 1 - period / found.step < _LOST:
+        longer = (
+            f"; the motion lasts {100 * (found.step / period - 1):.2g} % longer than the stamps, which count the rows"
+        )
+        period = found.step
     slots, times = np.zeros(many, dtype=np.intp), np.zeros(many)
     again = np.append(False, periods == 0)
     missing, first = 0, []
@@ -286,7 +295,7 @@ def counted_times(
     note = (
         f"the positions advance by whole sampling periods of {period:.4g} s that the stamps, or the rows, do not "
         f"show: {int(again.sum())} rows hold an earlier sample, {missing} samples are missing; times are counted by "
-        f"the motion"
+        f"the motion{longer}"
     )
     made = Stale(again, again, np.append(False, counts.clear))
     return RowTimes(

@@ -21,6 +21,10 @@ from haptid.log.spectrum import Spectrum
 _SCALE, _LEFT = 0.05, 0.1
 # Greatest delay of a velocity, in periods of the bandwidth, and the least that is said, in sampling periods.
 _LATE, _SHOWN = 0.05, 0.1
+# Delay of velocities, s and sampling periods, above which the positions are suspect: filters of drives have less.
+_SUSPECT, _SUSPECT_PERIODS = 0.02, 3.0
+# Share by which the delays of most joints differ from their median at most.
+_ALIKE = 0.3
 # Power of the differences over that of the velocity, in the noise, from which on the velocity is used.
 _LESS = 4.0
 # Coherence in the noise from which on a velocity is taken for one that was computed from the positions.
@@ -47,8 +51,11 @@ def with_velocities(position: Array, velocity: Array, segments: Spans, dt: float
     made = np.array(position)
     used: list[str] = []
     refused: dict[str, list[str]] = {}  # names by the reason
+    delays: list[float] = []
     for k, name in enumerate(names):
         found = _Comparison(position[:, k], velocity[:, k], segments, dt)
+        if found.crossover and found.left < _LEFT:
+            delays.append(found.late)
         if why := found.against():
             refused.setdefault(why, []).append(name)
             continue
@@ -67,7 +74,19 @@ def with_velocities(position: Array, velocity: Array, segments: Spans, dt: float
     if refused:
         reasons = (f"{', '.join(own)} {why}" for why, own in refused.items())
         parts.append(f"velocities that are not used: {'; '.join(reasons)}")
-    return made, "; ".join(parts)
+    return made, "; ".join(parts + _planned(delays, len(names), dt))
+
+
+def _planned(delays: Sequence[float], count: int, dt: float) -> list[str]:
+    """What it says of the positions that most velocities are late on them by one time, or ahead."""
+    middle = float(np.median(delays)) if delays else 0.0
+    alike = sum(abs(delay - middle) < _ALIKE * abs(middle) for delay in delays)
+    if 2 * alike <= count or abs(middle) < max(_SUSPECT, _SUSPECT_PERIODS * dt):
+        return []
+    said = f"the velocities are {1e3 * abs(middle):.3g} ms {'late on' if middle > 0 else 'ahead of'} the positions"
+    if middle > 0:
+        return [f"{said}: are these the planned ones? The torque moves the measured ones, which the log should have"]
+    return [f"{said}: were these filtered, or read later? The torque belongs to one of both"]
 
 
 class _Comparison:
@@ -128,7 +147,7 @@ class _Comparison:
         if self.coherence > _COHERENT:
             return f"(computed from the positions: coherence {self.coherence:.2g} in the noise)"
         if self.noise_ratio < _LESS:
-            return f"(no less noisy than differences: {100 / np.sqrt(max(self.noise_ratio, 1e-12)):.2g} %)"
+            return f"(no less noisy than differences: {100 / np.sqrt(max(self.noise_ratio, 1e-12)):.3g} %)"
         return ""
 
 
