@@ -144,6 +144,12 @@ def sensed_axis() -> haptid.DynamicModel:
     return axis(terms=[{**TERMS[0], "sensor": True}, *TERMS[1:]])
 
 
+def test_rows_of_an_elastic_device_pass_the_motion_alone():
+    """Unseen rows prefer three times the motion: they do not show how noise divides inertia of rotor and link."""
+    proposal = haptid.propose(axis(), recorded(seconds=6.0))
+    assert proposal.treatment.parallel_cutoff_hz <= 1.5 * proposal.bandwidth_hz
+
+
 def test_a_torque_sensor_gives_stiffness_and_its_own_offset():
     """Rows of rotor, spring and link, each with the torque that acts on it; the link's are free of the motor's."""
     model, log, without = sensed_axis(), recorded(offset=0.7), recorded()

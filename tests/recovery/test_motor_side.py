@@ -129,15 +129,26 @@ def test_stiffness_is_found_from_motor_positions_without_initial_values():
     assert np.array_equal(made.position[:, 1], log.position[:, 0])
 
 
-def test_stiffness_that_noise_of_the_motors_hides_is_refused():
-    """Encoders of 10 bits, of which the largest torsion is ten steps."""
-    both = recorded(seconds=6.0)
-    coarse = 2 * np.pi / 2**10
+def behind_encoder(bits: int) -> haptid.Log:
+    """The motor's side of the axis, 6 s."""
+    both, coarse = recorded(seconds=6.0), 2 * np.pi / 2**bits
     seen = coarse * np.round(both.position[:, 1:] / coarse)
     channels = haptid.Channels(haptid.Signal(("theta",), "rad"), both.channels.torque, "t")
-    log = haptid.Log(Path("made"), "", both.t, seen, both.torque, channels)
+    return haptid.Log(Path("made"), "", both.t, seen, both.torque, channels)
+
+
+def test_noise_above_the_motion_stays_out_of_the_rows():
+    """Encoders of 10 bits: behind filters that pass three times the motion their noise hides the stiffness."""
+    _, found = complete_logs(axis(), [behind_encoder(10)], [True], torque_delay_s=0.0)
+    found = with_noise_uncertainty(found)
+    assert_within(found)
+    assert abs(found["KE1"].value / K - 1) < 0.1
+
+
+def test_stiffness_that_noise_of_the_motors_hides_is_refused():
+    """Encoders of 8 bits, of which the largest torsion is two and a half steps."""
     with pytest.raises(IdentifiabilityError) as caught:
-        complete_logs(axis(), [log], [True], torque_delay_s=0.0)
+        complete_logs(axis(), [behind_encoder(8)], [True], torque_delay_s=0.0)
     assert "noise of the encoders" in str(caught.value)
     assert "times as fine" in caught.value.advice
 

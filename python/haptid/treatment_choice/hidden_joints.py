@@ -6,7 +6,7 @@ determine the parameters, each as one motion.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,7 +34,8 @@ from haptid.observation.observation import Observation, observe
 from haptid.simulation import smooth
 from haptid.simulation.driven import DrivenJoints
 from haptid.treatment_choice.elasticity import expect_stiffness_of_motors
-from haptid.treatment_choice.propose import propose
+from haptid.treatment_choice.motion_filters import MotionFilters
+from haptid.treatment_choice.propose import TRIED, Proposal, propose
 from haptid.treatment_choice.spring_start import SpringStart, spring_start
 
 # Least damping ratio of initial values.
@@ -80,9 +81,7 @@ def complete_logs(
     chosen = [log for log, own in zip(logs, fitting, strict=True) if own]
     if model.device.sensors:
         raise _without_links(model, logs[0])
-    rigid = _without(model, "elastic")
-    # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
-    proposal = propose(rigid, *chosen, **{"torque_delay_s": command_delay(chosen[0]), **given})
+    proposal = _proposed(_without(model, "elastic"), chosen, given)
     treatment = _shared(proposal.treatment)
     part = chosen[0].busiest(_SECONDS)
     # All inertia in the links: which of the two a rigid model would have it in is a matter of the order of its terms.
@@ -101,6 +100,19 @@ def complete_logs(
         raise _without_solution(chosen, frequencies, proposal.bandwidth_hz, error) from error
     expect_stiffness_of_motors(found, proposal.bandwidth_hz)
     return [_simulated(found, _followed(model, log), treatment) for log in logs], found
+
+
+def _proposed(rigid: DynamicModel, logs: Sequence[Log], given: Mapping[str, Any]) -> Proposal:
+    """Proposed treatment for the rows of motors whose links are simulated: filters of elastic devices."""
+    # A spring and a delay turn the torque's phase alike where motion is slow: the delay is estimated later.
+    settings = {"torque_delay_s": command_delay(logs[0]), **given}
+    proposal = propose(rigid, *logs, **settings)
+    if not {"parallel_cutoff_hz", "cutoff_hz", "decimation"}.isdisjoint(given):
+        return proposal
+    narrow = MotionFilters.of(rigid, tuple(logs), settings).parallel(TRIED[0])
+    if proposal.treatment.parallel_cutoff_hz in (None, narrow):
+        return proposal
+    return propose(rigid, *logs, **settings, parallel_cutoff_hz=narrow)
 
 
 def _stable(observation: Observation, start: SpringStart) -> dict[str, float]:

@@ -124,12 +124,9 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
             filters = clear
             treatment, delays = _with_delays(model, logs, filters.at(USUAL, given), given, delays)
     if "parallel_cutoff_hz" not in given and "cutoff_hz" not in given:
-        settings = {**given, "torque_delay_s": treatment.torque_delay_s}
-        tried, judged = [filters.at(k, settings) for k in TRIED], filters.at(REFERENCE, settings, all_rows=True)
-        times = TRIED[better_cutoff(model, logs, tried, TRIED.index(USUAL), judged)]
+        times, why = _parallel_times(filters, {**given, "torque_delay_s": treatment.torque_delay_s})
         if times != USUAL:
             treatment, delays = _with_delays(model, logs, filters.at(times, given), given, delays)
-            why = f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
     choice = _Choice.of(filters, times, given, treatment, delays)
     if choice.positions_matter:
         usual, choice = choice, _least_uncertain(choice)
@@ -145,6 +142,21 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     reasons = (*filters.reasons(treatment, why, given), *why_rows, *choice.why_block, *why_time)
     reference = replace(reference, block_s=treatment.block_s / REFERENCE_BLOCKS)
     return Proposal(treatment, reasons, reference, delays, filters.bandwidth, choice.effects, choice.rounding)
+
+
+def _parallel_times(filters: MotionFilters, settings: Given) -> tuple[float, str]:
+    """Cut-off of the parallel filter over the motion's bandwidth, and why it is not the usual one.
+
+    Of elastic devices the narrowest: what distinguishes the inertias of a rotor and its link is small beside their
+    columns. Above the motion these hold noise, that of the encoders and what noise of the torque moves the rotors by,
+    whose share in that small part unseen rows of torque do not show.
+    """
+    model, narrow = filters.model, TRIED[0]
+    if model.device.elastic:
+        return narrow, f", {narrow:g} times it: above the motion, noise would divide inertia between rotors and links"
+    tried, judged = [filters.at(k, settings) for k in TRIED], filters.at(REFERENCE, settings, all_rows=True)
+    times = TRIED[better_cutoff(model, filters.logs, tried, TRIED.index(USUAL), judged)]
+    return times, "" if times == USUAL else f", {times:g} times it: better on unseen blocks than {USUAL:g} times"
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +249,7 @@ def _least_uncertain(usual: _Choice) -> _Choice:
         for lower in takewhile(lambda lower: not _cuts(usual, usual.filters.lowered(lower), usual.times), _LOWER):
             best = _better(best, best.filters.lowered(lower), usual.times)
     if "parallel_cutoff_hz" not in given:
-        for times in _OTHERS:
+        for times in _OTHERS[1:] if usual.filters.model.device.elastic else _OTHERS:
             best = better(best, best.filters, times)
         while best.times == times:  # as narrow as it helps: a loop that vibrates is slower than its bandwidth
             times *= _HALF
