@@ -11,7 +11,7 @@ import haptid
 from haptid.log.formats import csv
 from haptid.log.request import Request
 
-OPTIONAL = ("pyarrow", "h5py", "matplotlib", "mujoco", "distributed", "starlette", "uvicorn")
+OPTIONAL = ("pyarrow", "h5py", "matplotlib", "mujoco", "distributed", "fsspec", "starlette", "uvicorn")
 ABSENT = f"import sys\nfor name in {OPTIONAL}:\n    sys.modules[name] = None\n"
 TEXTS = {
     "commas": "t,q,tau\n0,1.5,2\n1,-2.5e-3,3\n2,,4\n3,nan,5\n",

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Commands in the order of `haptid --help`. Each is registered by the module of its name, but for a few.
 _COMMANDS = """
-check identify advise report compare characterise datasheet redesign eliminate fleet friction response payload poses
-export channels import model devices excite bench app demo fetch schema completion
+check identify advise report compare characterise datasheet redesign eliminate fleet pool friction response payload
+poses export channels import model devices excite bench app demo fetch schema completion
 """
 _MODULES = {"import": "import_", "app": "workbench"}
 

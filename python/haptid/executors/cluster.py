@@ -49,11 +49,13 @@ class DaskExecutor:
                 held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
             running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
             for future in distributed.as_completed(list(running), loop=client.loop):
+                k = running.pop(future)  # its worker then forgets the result
                 try:
                     result = future.result()
                 except distributed.KilledWorker as error:
-                    raise lost_item(running[future], error.allowed_failures + 1) from error
-                yield running[future], result
+                    raise lost_item(k, error.allowed_failures + 1) from error
+                del future
+                yield k, result
 
 
 def _call(function: Callable[[Item], Made], item: Item) -> Made:

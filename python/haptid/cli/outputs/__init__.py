@@ -42,6 +42,7 @@ from haptid.cli.outputs.of_studies import (
     FleetOutput,
     FrictionOutput,
     PayloadOutput,
+    PoolOutput,
     PosesOutput,
     ResponseOutput,
 )
@@ -71,6 +72,7 @@ OUTPUTS: Mapping[str, Any] = {
     "import": ImportOutput,
     "model": ModelOutput,
     "payload": PayloadOutput,
+    "pool": PoolOutput,
     "poses": PosesOutput,
     "redesign": RedesignOutput,
     "report": ReportOutput,

@@ -1,4 +1,4 @@
-"""`haptid check`, `advise`, `eliminate`, `payload`, `poses`, `friction` and `response`."""
+"""`haptid check`, `advise`, `eliminate`, `fleet`, `pool`, `payload`, `poses`, `friction` and `response`."""
 
 from __future__ import annotations
 
@@ -164,6 +164,36 @@ class FleetOutput(OutputTable):
     confidence: float
     logs: list[FleetLogOutput]
     devices: list[FleetDeviceOutput]
+    sentences: list[str]
+
+
+class PooledFileOutput(OutputTable):
+    """A file of a data set, and what the work on it took."""
+
+    name: str
+    worker: str = Field(description="host and number of the process")
+    begin: float = Field(description="s since 1970")
+    fetching: float = Field(description="a copy of a remote file, s")
+    reading: float = Field(description="to a checked log, s")
+    reducing: float = Field(description="filters and R factors, s")
+    processor: float = Field(description="processor time of all three, s")
+    fetched: int = Field(description="bytes of the file")
+    returned: int = Field(description="bytes of its R factors")
+    samples: int
+    rows: int
+    problem: str = Field(description="empty where it has none")
+
+
+class PoolOutput(OutputTable):
+    """All files of a data set identified together."""
+
+    study: str
+    treatment: dict[str, Any] = Field(description="of all files, every setting by its name in a study")
+    status: str
+    parameters: list[QuantityOutput]
+    unseen_error_percent: Number = Field(description="of alternate blocks, each predicted from the others")
+    seconds: float = Field(description="from the first file to the last")
+    files: list[PooledFileOutput]
     sentences: list[str]
 
 

@@ -1,0 +1,232 @@
+"""`haptid pool`: many log files of one device identified together, in a folder or under a URL."""
+
+import csv
+import json
+import os
+import signal
+import sys
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+import haptid
+from haptid.cli import app
+from haptid.errors import LogFileError, MissingDependencyError, SharedRowsError, StudyFileError
+from haptid.executors import DaskExecutor, ProcessExecutor, SerialExecutor
+from haptid.log.data_set import data_files
+from haptid.observation.observation import concatenated
+from haptid.study import pool, read_study
+from haptid.study.pool import identify_pool, in_fewer_blocks
+from json_outputs import valid
+from small_study import STUDY, columns, write_study
+
+FILES = 6
+
+
+@dataclass
+class Runs:
+    """A study, and a data set of the same device."""
+
+    study: Path
+    folder: Path
+
+    def pooled(self, **changes):
+        return identify_pool(read_study(self.study), str(self.folder), **changes)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    study = write_study(folder)
+    for k in range(FILES):
+        path = folder / "set" / f"day={k % 2}" / f"part-{k}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        parquet.write_table(pa.table(columns(20 + k)), path)
+    (folder / "set" / "_SUCCESS.csv").write_text("no log\n", encoding="utf-8")
+    return Runs(study, folder / "set")
+
+
+@pytest.fixture(scope="module")
+def found(runs):
+    return runs.pooled()
+
+
+def same(one, other):
+    """Whether two estimates are equal to rounding."""
+    np.testing.assert_allclose(one.beta, other.beta, rtol=0, atol=1e-10 * np.abs(one.beta).max())
+    np.testing.assert_allclose(one.se, other.se, rtol=1e-6)
+
+
+def test_the_estimate_is_that_of_all_logs_observed_together(runs, found):
+    study, model = read_study(runs.study), haptid.DynamicModel(haptid.read_device(runs.folder.parent / "device.toml"))
+    logs = [haptid.read_log(file.place, study.logs[0].channels) for file in data_files(str(runs.folder))]
+    rows = concatenated(haptid.observe(model, haptid.treat(log, found.treatment)) for log in logs)
+    together = haptid.estimate(rows, study.method)
+    np.testing.assert_allclose(found.estimate.beta, together.beta, rtol=0, atol=1e-10 * np.abs(together.beta).max())
+    np.testing.assert_allclose(found.estimate.fit.solution.rest, together.fit.solution.rest, rtol=1e-9)
+    assert (found.estimate.se >= together.se * (1 - 1e-9)).all()  # with what the delay leaves uncertain
+    assert 0 < found.unseen.relative < 10
+
+
+def test_what_the_delay_leaves_uncertain_does_not_become_less_with_more_files(runs, found):
+    study = read_study(runs.study)
+    alone = haptid.identify(study).estimate
+    assert found.estimate.nuisances.keys() == alone.nuisances.keys()
+    assert "torque delay" in alone.nuisances
+    for name, shifts in alone.nuisances.items():
+        np.testing.assert_allclose(found.estimate.nuisances[name], shifts, rtol=1e-6, atol=1e-12)
+
+
+def test_work_and_bytes_of_every_file_are_recorded(runs, found):
+    assert [one.name for one in found.files] == [
+        f"day={k}/part-{j}.parquet" for k in (0, 1) for j in range(k, FILES, 2)
+    ]
+    for one in found.files:
+        assert one.fetched == (runs.folder / one.name).stat().st_size
+        assert one.samples == len(columns(0)["t"])
+        assert one.rows > 0
+        assert one.returned > 1000
+        assert min(one.reading, one.reducing, one.processor) > 0
+    assert f"{FILES} of {FILES} files" in found.sentences[0]
+
+
+def test_processes_give_the_same_also_where_one_is_killed_in_the_middle(runs, found, tmp_path):
+    plan = replace(read_study(runs.study), name=str(tmp_path))
+    other = identify_pool(plan, str(runs.folder), workers=_KilledOnce(ProcessExecutor(2)))
+    assert (tmp_path / "killed").exists()
+    same(found.estimate, other.estimate)
+    assert [one.name for one in other.files] == [one.name for one in found.files]
+
+
+@dataclass(frozen=True)
+class _KilledOnce:
+    """An executor whose process is killed with the third file, once."""
+
+    executor: object
+
+    def map(self, function, items):
+        return self.executor.map(_Killing(function, Path(function.study.name)), items)
+
+
+@dataclass(frozen=True)
+class _Killing:
+    function: object
+    folder: Path
+
+    def __call__(self, file):
+        if file.name.endswith("part-4.parquet") and not (self.folder / "killed").exists():
+            (self.folder / "killed").touch()
+            os.kill(os.getpid(), signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
+        return self.function(file)
+
+
+def test_files_under_a_url_give_the_same(runs, found):
+    fsspec = pytest.importorskip("fsspec")
+    system = fsspec.filesystem("memory")
+    system.put(str(runs.folder), "/robot/set", recursive=True)
+    try:
+        other = identify_pool(read_study(runs.study), "memory://robot/set")
+    finally:
+        system.rm("/robot", recursive=True)
+    same(found.estimate, other.estimate)
+    assert [(one.name, one.fetched) for one in other.files] == [(one.name, one.fetched) for one in found.files]
+    assert all(one.fetching > 0 for one in other.files)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning")
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_cluster_gives_the_same_also_where_a_worker_is_killed(runs, found, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+            plan = replace(read_study(runs.study), name=str(tmp_path))
+            workers = _KilledOnce(DaskExecutor(cluster.scheduler_address))
+            other = identify_pool(plan, f"file://{runs.folder}", workers=workers)
+    assert (tmp_path / "killed").exists()
+    same(found.estimate, other.estimate)
+
+
+def test_more_files_than_blocks_are_joined_by_neighbours(runs, found, monkeypatch):
+    monkeypatch.setattr(pool, "MOST_BLOCKS", 3)
+    few = runs.pooled()
+    assert len(few.estimate.observation.blocks) == 3
+    assert few.estimate.observation.rows == found.estimate.observation.rows
+    np.testing.assert_allclose(few.estimate.fit.solution.rest, found.estimate.fit.solution.rest, rtol=1e-9)
+    np.testing.assert_allclose(few.estimate.beta, found.estimate.beta, rtol=0, atol=1e-9)
+
+
+def test_merged_blocks_have_the_rows_of_all(runs):
+    study, model = read_study(runs.study), haptid.DynamicModel(haptid.read_device(runs.folder.parent / "device.toml"))
+    log = haptid.read_log(data_files(str(runs.folder))[0].place, study.logs[0].channels)
+    rows = haptid.observe(model, haptid.treat(log))
+    for most in (1, 3, 1000):
+        few = in_fewer_blocks(rows, most)
+        assert len(few.blocks) == min(most, len(rows.blocks))
+        assert few.rows == rows.rows
+        assert (few.blocks[0].start, few.blocks[-1].stop) == (rows.blocks[0].start, rows.blocks[-1].stop)
+        for a, b in zip(few.motors, rows.motors, strict=True):
+            np.testing.assert_allclose(a.whole.T @ a.whole, b.whole.T @ b.whole, rtol=1e-9, atol=1e-9)
+
+
+def test_a_broken_file_is_listed_and_stops_nothing(runs, found, tmp_path):
+    for file in data_files(str(runs.folder)):
+        (tmp_path / Path(file.name).name).write_bytes(Path(file.place).read_bytes())
+    (tmp_path / "part-9.parquet").write_bytes(b"PAR1 and no more PAR1")
+    other = identify_pool(read_study(runs.study), str(tmp_path))
+    (failed,) = other.failed
+    assert failed.name == "part-9.parquet"
+    assert any(line.startswith("part-9.parquet: ") for line in other.sentences)
+    same(found.estimate, other.estimate)
+    for file in tmp_path.glob("part-[0-8]*"):
+        file.unlink()
+    with pytest.raises(LogFileError, match=r"none of 1 files gives rows; the first, part-9\.parquet"):
+        identify_pool(read_study(runs.study), str(tmp_path))
+
+
+def test_the_same_file_twice_is_refused(runs, tmp_path):
+    for k in range(2):
+        parquet.write_table(pa.table(columns(20)), tmp_path / f"{k}.parquet")
+    with pytest.raises(SharedRowsError, match=r"1\.parquet has the content of 0\.parquet"):
+        identify_pool(read_study(runs.study), str(tmp_path), workers=SerialExecutor())
+
+
+def test_methods_that_need_the_samples_are_refused(runs):
+    text = f'{STUDY}[estimate]\nmethod = "irls"\n'
+    path = runs.study.with_name("irls.toml")
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(StudyFileError, match=r"`estimate.method`: is IRLS, Tukey, which needs the samples again"):
+        identify_pool(read_study(path), str(runs.folder))
+
+
+def test_sources_without_logs_are_errors(tmp_path, monkeypatch):
+    with pytest.raises(LogFileError, match="has no log files"):
+        data_files(str(tmp_path))
+    pytest.importorskip("fsspec")
+    with pytest.raises(LogFileError, match=r"nowhere://a cannot be read: ValueError"):
+        data_files("nowhere://a")
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(MissingDependencyError, match=r"haptid\[remote\]"):
+        data_files("memory://a")
+
+
+def test_the_command(runs, found, tmp_path):
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["pool", str(runs.study), str(runs.folder), "--out", str(out), "--workers", "2"])
+    assert done.exit_code == 0, done.output
+    values = valid("pool", (out / "pool.json").read_text())
+    assert [one["value"] for one in values["parameters"]] == pytest.approx(
+        list(found.estimate.beta), rel=1e-8, abs=1e-9
+    )
+    with (out / "files.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)] == [one.name for one in found.files]
+    with (out / "parameters.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(found.estimate.beta)
+    done = CliRunner().invoke(app, ["pool", str(runs.study), str(runs.folder), "--out", str(out), "--json"])
+    assert json.loads(done.stdout)["status"] == found.estimate.status
