@@ -194,6 +194,21 @@ def test_a_mounting_is_named_with_those_that_predict_as_well(tmp_path: Path) -> 
     assert rivals[1] == {"[0, -9.81, 0]", "[0, 9.81, 0]", "[-9.81, 0, 0]", "[9.81, 0, 0]"}
 
 
+def test_a_delay_of_all_channels_is_advised_and_written(tmp_path: Path) -> None:
+    """Twelve samples late, and no delay compensated: far beyond what the slope of the torque tells."""
+    study = written(WrongPlant(replace(ARM, delay=12.0)), tmp_path)
+    study.write_text(study.read_text() + "\n[treatment]\ntorque_delay_s = 0.0\n")
+    wrong = identify(read_study(study))
+    made = advise(wrong)
+    first = made.actions[0]
+    assert (first.kind, first.proof) == ("common delay", "unseen error"), made.sentences
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    assert after.after < 0.5 * after.before
+    delay = after.identification.study.treatment["torque_delay_s"]
+    np.testing.assert_allclose(delay, 12 / ARM.rate, atol=0.5 / ARM.rate)
+
+
 def test_a_gain_of_one_axis_cannot_be_told(tmp_path: Path) -> None:
     _, wrong = found(AXIS, "gain", tmp_path)
     made = advise(wrong, diagnose(wrong.estimate))

@@ -11,6 +11,8 @@ from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.advice.action import CHANGES, USE, Action, Advice
 from haptid.advice.bodies import Impossible, impossible, right_signs
 from haptid.advice.clash import clash, whole_reversed
+from haptid.advice.common_delay import KIND as COMMON_DELAY
+from haptid.advice.common_delay import with_common_delay
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
@@ -94,6 +96,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
         search = replace(search, candidates=(*search.candidates, *tried))
     if (other or masks) and found.proposal.delays is not None:  # the delays were of the other filter, or of bad rows
         search = replace(search, candidates=tuple(one for one in search.candidates if one.kind != "time shift"))
+    else:
+        search = with_common_delay(search)
     made = in_order([(_named(one), stated(search, base, one.trial)) for one in proven(search, base)])
     if other or masks:  # small gains may be those of the treatment, which was chosen with them
         made = [one for one in made if one.gain.share > LARGE_GAIN]
@@ -281,7 +285,8 @@ def _combined(search: Trials, base: Trial, made: Sequence[Proven]) -> tuple[list
 
 def _excludes(one: TriedChange, other: TriedChange) -> bool:
     channels = ("gain", "torque sign", "torque swap", "position sign", "position swap", "position unit")
-    return one.kind in channels and other.kind in channels
+    delays = ("time shift", COMMON_DELAY)
+    return any(one.kind in group and other.kind in group for group in (channels, delays))
 
 
 def _action(
@@ -312,6 +317,8 @@ def _rivals(base: Trial, one: Proven, made: Sequence[Proven]) -> tuple[str, ...]
 def _size(one: Proven) -> str:
     """The size of the effect, in words."""
     kind = one.candidate.kind
+    if kind == COMMON_DELAY:
+        return f", by {1e3 * one.candidate.seconds:.3g} ms"
     if kind in ("gain", "torque sign"):
         return f", which is {float(one.trial.whole.factors[one.candidate.indices[0]]):.4g} times the model's"
     if not one.values:

@@ -102,6 +102,10 @@ def _edits(search: Trials, found: Proven, treatment: Treatment) -> Iterator[Edit
             for k, value in zip(one.indices, values, strict=True):
                 now[k] += float(value[0])
             yield Edit("study", "set", ("treatment", "torque_delay_s"), [float(f"{d:.5g}") for d in now])
+        case "common delay":
+            now = np.atleast_1d(treatment.torque_delay_s) + one.seconds
+            delays = [float(f"{d:.5g}") for d in now]
+            yield Edit("study", "set", ("treatment", "torque_delay_s"), delays if len(delays) > 1 else delays[0])
         case "zero offset":
             log = search.motions[0].log
             if log is not None and log.channels.position.side == "joint":

@@ -17,6 +17,7 @@ from haptid.advice.grams import Grams
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.subsample import evenly_spaced, row_ranges
+from haptid.motion.channels import coordinate_torque
 from haptid.motion.motion import Motion
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.filtering import treated_columns
@@ -53,6 +54,7 @@ class TrialRows:
         groups: columns of each candidate, in order.
         position, velocity: of the torque rows' coordinates, (coordinates, rows), SI.
         sample: index of the middle sample in its log, (rows,), and `log`, of which motion.
+        chunks: that the rows are of, with their motion each; none where they are not known.
     """
 
     W: Array
@@ -65,6 +67,20 @@ class TrialRows:
     velocity: Array
     sample: np.ndarray
     log: np.ndarray
+    chunks: tuple[tuple[int, Chunk], ...] = ()
+
+    @property
+    def movable(self) -> bool:
+        """Whether `torque_of` can be computed."""
+        return bool(self.chunks)
+
+    def torque_of(self, taus: Sequence[Array]) -> Array:
+        """As `y`, from other torques of each motion, (n, channels): the motors', or as its log has them."""
+        made = []
+        for k, chunk in self.chunks:
+            motion, window = replace(chunk.plan.motion, tau=taus[k]), chunk.plan.window(chunk.start, chunk.stop)
+            made.append(chunk.treated(coordinate_torque(chunk.model.device, motion, *window)))
+        return np.concatenate(made, axis=-1)
 
     @property
     def blocks(self) -> int:
@@ -152,7 +168,8 @@ class BaseRows:
         y, used, t, c, cd, sample = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
         groups = _groups(self.model, self.chunks[0].plan.motion, chi, columns)
         W = np.ascontiguousarray(W.swapaxes(1, 2))
-        return TrialRows(W, y, used, number // merged, t, groups, c, cd, sample, np.concatenate(self.log))
+        of = tuple((int(log[0]), chunk) for log, chunk in zip(self.log, self.chunks, strict=True))
+        return TrialRows(W, y, used, number // merged, t, groups, c, cd, sample, np.concatenate(self.log), of)
 
 
 def _wide(chunk: Chunk, own: Array, columns: Sequence[Column], chi: Array) -> Array:

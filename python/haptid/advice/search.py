@@ -39,7 +39,7 @@ LARGE_GAIN, LARGE_SE = 0.25, 2.0
 # Power of a log's residual under the fit of the others, over theirs, above which it is another device.
 _OTHER_LOG = 4.0
 # Largest sizes that are believed: s, rad, m.
-_LIMITS = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
+LARGEST_CHANGE = {"time shift": 0.1, "zero offset": 0.6, "gravity direction": 0.6, "length": 0.3}
 # The unit that an angle may be in instead, and the factor.
 _OTHER_UNIT = {"deg": ("rad", 180 / np.pi), "rad": ("deg", np.pi / 180)}
 # Terms that joints of coupled motors may have besides the motors.
@@ -62,6 +62,7 @@ class TriedChange:
         setting: what is fitted.
         sources: of its columns, if it has any.
         indices: of motors, joints or friction coordinates.
+        seconds: by which torques are shifted, s.
     """
 
     kind: str
@@ -71,6 +72,7 @@ class TriedChange:
     indices: tuple[int, ...] = ()
     geometry: Geometry | None = None
     fault: ChannelFault | None = None
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +280,8 @@ def with_masks(search: Trials) -> tuple[Trials, list[Proven]]:
             kept &= mask
     if not found:
         return search, found
-    return replace(search, bench=search.bench.with_rows("used", search.rows.grams(kept))), found
+    rows = replace(search.rows, used=search.rows.used & kept)
+    return replace(search, rows=rows, bench=search.bench.with_rows("used", rows.grams())), found
 
 
 def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: np.ndarray) -> Proven | None:
@@ -447,7 +450,7 @@ def large_enough(made: Gain) -> bool:
 
 def _matters(one: TriedChange, trial: Trial) -> bool:
     """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
-    if one.kind in _LIMITS and np.abs(trial.whole.theta[-1]) > _LIMITS[one.kind]:
+    if one.kind in LARGEST_CHANGE and np.abs(trial.whole.theta[-1]) > LARGEST_CHANGE[one.kind]:
         return False
     return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
 
