@@ -1,6 +1,7 @@
 """The verdict names the obstacle in plain words."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -108,9 +109,18 @@ def test_a_motor_with_hardly_any_torque_does_not_decide():
     assert "motor 2 has hardly any torque" in made.sentences[0]
 
 
-def test_a_small_motor_that_is_predicted_counts_and_so_does_a_large_one_that_is_not():
-    small = Validation((DEAD[0], motor("2", "N m", 0.003, 0.01)), False)
-    assert (small.silent, small.largest.motor) == ((), "2")
+def test_a_small_motor_is_named_and_does_not_decide_and_a_large_one_does():
+    """A wrist with 0.7 % of the torque and an error of 81 % made a model of 3.7 % unfit for anything."""
+    small = Validation((replace(DEAD[0], residual=0.4), motor("2", "N m", 0.057, 0.07)), False)
+    assert (small.silent, small.largest.motor) == ((), "1")
+    assert [(m.motor, round(share, 3)) for m, share in small.small] == [("2", 0.007)]
+    parameters = [SimpleNamespace(name="P", relative_se=1.0)]
+    made = verdict(SimpleNamespace(parameters=parameters, free_parameters=range(1)), small, [])
+    assert made.torque == "doubt"
+    assert (
+        "motors with hardly any torque have errors above 20 % (motor 2 81 %), though the torque error of motor 1 is 4"
+        in made.sentences[0]
+    )
     wrong = Validation((DEAD[0], motor("2", "N m", 40.0, 1.0)), False)
     assert (wrong.silent, wrong.largest.motor) == ((), "2")
 

@@ -218,7 +218,7 @@ class Estimate:
 
         nan where the rows are not of motions, but of poses or of a stream.
         """
-        return judged_uncertainty(self.observation, self.covariance, self.beta)
+        return judged_uncertainty(self.observation, self.covariance)
 
     @cached_property
     def clusters(self) -> Clusters:

@@ -10,15 +10,13 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
+from haptid.estimation.torque_shares import carrying
 from haptid.motion.channels import state
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation
 
 # States that are looked at, the samples that are read around each few of them, and the seed of their combination.
 _STATES, _WINDOW, _EVERY, _SEED = 200, 64, 4, 0
-# Share of the RMS torque of all motors in its unit below which a motor has hardly any, and error of the fit, as a share
-# of its torque, from which on this torque is no motion's: its channel may be dead.
-HARDLY, _NOT_FITTED = 0.02, 0.5
 
 
 def torque_uncertainty(observation: Observation, covariance: Array, W: Array) -> float:
@@ -45,15 +43,14 @@ def _uncertainty(W: Array, covariance: Array, motors: int) -> float:
     return 100 * float(np.sqrt(max(np.sum((W @ covariance) * W), 0.0) / motors))
 
 
-def judged_uncertainty(observation: Observation, covariance: Array, beta: Array) -> float:
-    """The same of the motors that have torque, in the other motion of these rows.
+def judged_uncertainty(observation: Observation, covariance: Array) -> float:
+    """The same of the motors that carry torque, in the other motion of these rows.
 
     Of a channel that hardly moves, any uncertainty is a large share.
 
     Args:
         observation: the rows of the fit.
         covariance: of the base parameters, (p, p), SI.
-        beta: base parameters, (p,), SI.
 
     Returns:
         Infinity where a variance is; nan where the rows are not of motions, but of poses or of a stream.
@@ -62,10 +59,7 @@ def judged_uncertainty(observation: Observation, covariance: Array, beta: Array)
         return float("nan")
     motors = observation.motors
     square = np.array([motor.norm**2 / max(int(motor.rows.sum()), 1) for motor in motors])
-    total = [sum(own for own, m in zip(square, motors, strict=True) if m.unit == motor.unit) for motor in motors]
-    fitted = [motor.residual(beta) < _NOT_FITTED * motor.norm for motor in motors]
-    kept = np.flatnonzero(np.array(fitted) | (square > HARDLY**2 * np.array(total)))
-    kept = kept if kept.size else np.arange(len(motors))  # no motor has torque
+    kept = np.flatnonzero(carrying(square, [motor.unit for motor in motors]))
     W = other_motion(observation)
     return _uncertainty(W.reshape(len(motors), -1, W.shape[1])[kept].reshape(-1, W.shape[1]), covariance, len(kept))
 

@@ -185,4 +185,4 @@ def reduced(wide: AugmentedPlan, rows: Sequence[int], ranges: Sequence[tuple[int
         ranges: first row and one past the last, of whole blocks.
     """
     parts = [wide.reduce(start, stop) for start, stop in ranges]
-    return rows_by_motor(wide.narrow.model.device, parts, rows)
+    return rows_by_motor(wide.narrow, parts, rows)

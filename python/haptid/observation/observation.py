@@ -16,7 +16,6 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, freeze_fields
 from haptid._internal.display import Overview, displayed
-from haptid.device import Device
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name
@@ -24,6 +23,7 @@ from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
 from haptid.observation.plan import Block, Plan, RFactors, shared_block
 from haptid.observation.r_factor import conditions, r_factor
+from haptid.observation.torque_steps import rounding_of
 
 if TYPE_CHECKING:
     from haptid.observation.rows import Change
@@ -40,6 +40,8 @@ class MotorRows:
         columns: indices of the base parameters that this motor's torque depends on, (p,).
         r_factors: R factor [R z; 0 rest] of each block, (blocks, p + 1, p + 1), SI.
         rows: rows reduced into each block, (blocks,).
+        rounding: RMS error by the steps of the torque channel, as far as the filter leaves it, N m or N; 0 where it is
+            not known, or where rows are scaled.
     """
 
     name: str
@@ -48,6 +50,7 @@ class MotorRows:
     columns: np.ndarray
     r_factors: Array
     rows: np.ndarray
+    rounding: float = 0.0
 
     def __post_init__(self) -> None:
         size = len(self.columns) + 1
@@ -194,6 +197,7 @@ def concatenated(observations: Iterable[Observation]) -> Observation:
             own[0],
             r_factors=freeze(np.concatenate([motor.r_factors for motor in own])),
             rows=np.concatenate([motor.rows for motor in own]),
+            rounding=max(motor.rounding for motor in own),
         )
         for own in zip(*(one.motors for one in observations), strict=True)
     )
@@ -245,7 +249,7 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     Raises:
         NoRowsError: every row of every motor was dropped as too slow.
     """
-    motion, motors = plan.motion, rows_by_motor(plan.model.device, parts, plan.model.measured_rows)
+    motion, motors = plan.motion, rows_by_motor(plan, parts, plan.model.measured_rows)
     if not any(motor.rows.any() for motor in motors):
         speed, log = motion.treatment.reversal_speed, f"{motion.log.path.name}: " if motion.log else ""
         raise NoRowsError(
@@ -259,8 +263,9 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     return Observation(plan.model, motors, plan.blocks(), (motion,), notes)
 
 
-def rows_by_motor(device: Device, parts: Sequence[RFactors], device_rows: Iterable[int]) -> tuple[MotorRows, ...]:
+def rows_by_motor(plan: Plan, parts: Sequence[RFactors], device_rows: Iterable[int]) -> tuple[MotorRows, ...]:
     """Rows of motors from the R factors of a plan's segments, in order; `device_rows` are indices into the device's."""
+    device, rounding = plan.model.device, rounding_of(plan)
     rows = np.concatenate([counts for _, counts in parts], axis=1)
     return tuple(
         MotorRows(
@@ -270,6 +275,7 @@ def rows_by_motor(device: Device, parts: Sequence[RFactors], device_rows: Iterab
             parts[0][0][k][0],
             freeze(np.concatenate([stack[k][1] for stack, _ in parts])),
             rows[k],
+            float(rounding[k]),
         )
         for k in device_rows
     )

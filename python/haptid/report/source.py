@@ -224,10 +224,11 @@ def criterion(identification: Identification) -> str:
     worst = max(identification.unseen, key=lambda v: v.comparable.relative)
     text = f"Relative torque error on unseen motion: {per_cent(worst.comparable.relative)}"
     if len(worst.comparable.motors) > 1:
-        largest, silent = worst.comparable.largest, [motor.label for motor in worst.comparable.silent]
+        largest = worst.comparable.largest
+        others = [motor.label for motor, _ in worst.comparable.small if motor.relative > largest.relative]
         reference = "of all motors (RMS of the errors by unit)" if worst.comparable.mixed else "of all motors together"
         text += f" {reference}, {per_cent(largest.relative)} of {largest.label}, the largest"
-        text += f" but for {joined_names(silent)} with hardly any torque" if silent else ""
+        text += f" but for {joined_names(others)} with hardly any torque" if others else ""
     text += "; all rows in motion, behind the reference filter." if worst.reference is not None else "."
     if identification.meets_criteria is None:
         return text

@@ -11,11 +11,11 @@ from haptid._internal.arrays import Array
 from haptid._internal.display import Overview, displayed
 from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
-from haptid.estimation.torque_uncertainty import HARDLY
+from haptid.estimation.torque_shares import carrying, shares_of_torque
 from haptid.motion.motion import Motion
 from haptid.observation.observation import Observation, different_models, observe
 
-# Error, per cent, from which on hardly any torque does not follow the model: its channel may be dead.
+# Error, per cent, from which on a small torque does not follow the model: its channel may be dead.
 _NOTHING = 100.0
 
 
@@ -94,16 +94,22 @@ class Validation:
         return float(100 * np.sqrt(of_all_motors(measured**2, [m.unit for m in self.motors]) @ residual**2))
 
     @property
+    def small(self) -> tuple[tuple[MotorError, float], ...]:
+        """Motors that carry hardly any of the torque in their unit, with their share of its RMS."""
+        squares, units = np.array([m.rms**2 for m in self.motors]), [m.unit for m in self.motors]
+        judged, share = carrying(squares, units), shares_of_torque(squares, units)
+        return tuple((m, float(share[k])) for k, m in enumerate(self.motors) if not judged[k])
+
+    @property
     def silent(self) -> tuple[MotorError, ...]:
-        """Motors with hardly any of the torque in their unit, and an error above it: channels that may be dead."""
-        total = {m.unit: sum(other.rms**2 for other in self.motors if other.unit == m.unit) for m in self.motors}
-        return tuple(m for m in self.motors if m.relative > _NOTHING and m.rms**2 <= HARDLY**2 * total[m.unit])
+        """Those of the small ones whose error is above their torque: channels that may be dead."""
+        return tuple(m for m, _ in self.small if m.relative > _NOTHING)
 
     @property
     def largest(self) -> MotorError:
-        """The motor with the largest relative error, of those that are not silent."""
-        judged = [m for m in self.motors if m not in self.silent]
-        return max(judged or self.motors, key=lambda motor: motor.relative)
+        """The motor with the largest relative error, of those that carry torque."""
+        small = [m for m, _ in self.small]
+        return max((m for m in self.motors if m not in small), key=lambda motor: motor.relative)
 
     def summary(self) -> str:
         """Text table: motor, relative error, RMSE, rows."""

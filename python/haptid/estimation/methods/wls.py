@@ -77,7 +77,7 @@ class WLS:
         return weights
 
     def weight(self, motor: MotorRows, beta: Array) -> float:
-        """One over the standard deviation of one motor's residual, limited by rounding where the fit is exact.
+        """One over the standard deviation of one motor's residual, which is not below the rounding of its channel.
 
         Raises:
             IdentifiabilityError: the motor's torque is zero throughout.
@@ -85,7 +85,7 @@ class WLS:
         if motor.norm == 0:
             raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
-        floor = np.finfo(float).eps * motor.norm / np.sqrt(dof)
+        floor = max(np.finfo(float).eps * motor.norm / np.sqrt(dof), motor.rounding)
         return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
 
 

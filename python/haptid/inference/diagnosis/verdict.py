@@ -102,7 +102,7 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
     silent = _silent(errors)
-    torque = [size, *silent, *mild(of(PREDICTION))]
+    torque = [size, *silent, *_small(errors), *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
     parts = (
@@ -150,7 +150,7 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 
 
 def _size(errors: Validation) -> Reason:
-    """The largest relative torque error of a motor that has torque."""
+    """The largest relative torque error of a motor that carries torque."""
     largest = errors.comparable.largest
     size: Status = "ok" if largest.relative <= _CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = (
@@ -172,6 +172,16 @@ def _silent(errors: Validation) -> list[Reason]:
     one = len(names) == 1
     words = f"{joined_names(names)} {'has' if one else 'have'} hardly any torque, of a channel that may be dead"
     return [Reason("doubt", words if one else words.replace("of a channel", "of channels"))]
+
+
+def _small(errors: Validation) -> list[Reason]:
+    """Motors that carry hardly any torque, follow the model, and are predicted badly: named, as they do not decide."""
+    found = errors.comparable
+    named = [m for m, _ in found.small if m.relative > ROUGH and m not in found.silent]
+    if not named:
+        return []
+    words = joined_names([f"{m.label} {per_cent(m.relative)}" for m in named])
+    return [Reason("doubt", f"motors with hardly any torque have errors above {ROUGH:g} % ({words})")]
 
 
 def _precision(fitted: Estimate) -> Reason:
