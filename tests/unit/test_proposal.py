@@ -303,3 +303,18 @@ def test_a_delay_that_is_none_is_said_to_be_late_or_early():
         told = Delays(np.zeros(2), np.zeros((2, 2)), np.full(2, found), False, 1e-3).sentence
         assert words in told
         assert "If it is a delay all the same, give `torque_delay_s`" in told
+
+
+def test_a_joint_that_only_trembles_does_not_set_the_filters(phantom):
+    """Two steps of its encoder at 90 Hz beside motion below 3 Hz: all filters followed the trembling."""
+    made = recorded(phantom)
+    still, position = np.array(made.position), np.array(made.position)
+    still[:, 2] = CENTRE[2]
+    position[:, 2] = CENTRE[2] + 2 * STEP * np.sign(np.sin(2 * np.pi * 90 * np.asarray(made.t)))
+    alone, with_it = (
+        haptid.propose(phantom, dataclasses.replace(made, position=q), torque_delay_s=0.0) for q in (still, position)
+    )
+    assert with_it.bandwidth_hz == alone.bandwidth_hz < 5
+    assert with_it.treatment.parallel_cutoff_hz == alone.treatment.parallel_cutoff_hz
+    assert max(with_it.treatment.cutoff_hz[:2]) == pytest.approx(max(alone.treatment.cutoff_hz[:2]), rel=0.1)
+    assert any("is trembling while others move" in reason for reason in with_it.reasons)

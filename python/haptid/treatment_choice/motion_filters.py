@@ -13,6 +13,7 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, MotionTooShortError
 from haptid.log import Log
+from haptid.log.held_joints import held_joints
 from haptid.log.spectrum import Spectrum, spectra, widest
 from haptid.motion.channels import state
 from haptid.motion.filters import KAISER_REACH
@@ -68,6 +69,7 @@ class MotionFilters:
         may_clear: whether enough rows are left without those.
         above: bandwidth of what moves besides, and is no motion by the torque, Hz; 0 where there is none.
         position: cut-off of the position filters over the bandwidth, at most.
+        held: position channels that hardly move while others do: they tremble faster, and that is no motion.
     """
 
     model: DynamicModel
@@ -84,6 +86,7 @@ class MotionFilters:
     may_clear: bool = False
     above: float = 0.0
     position: float = np.inf
+    held: tuple[int, ...] = ()
 
     @staticmethod
     def of(
@@ -92,7 +95,8 @@ class MotionFilters:
         """From the spectra of the logs' positions, computed where None."""
         dt, found = max(float(log.dt) for log in logs), found or tuple(spectra(log) for log in logs)
         channels = widest(found)
-        bandwidth = max(spectrum.bandwidth for spectrum in channels)
+        held = _held(logs)
+        bandwidth = max(spectrum.bandwidth for k, spectrum in enumerate(channels) if k not in held)
         if bandwidth == 0:
             raise IdentifiabilityError(
                 "no position moves more than its own noise, so there is no motion to identify from.",
@@ -105,7 +109,7 @@ class MotionFilters:
         shortest = _SHORTEST / min(len(log.t) * float(log.dt) for log in logs)
         lowest = max(shortest, _ROWS_PER_PARAMETER * len(model.base) / rows)
         top = min(log.usable_bandwidth_hz or 0.5 / float(log.dt) for log in logs)
-        made = MotionFilters(model, logs, found, channels, bandwidth, dt, top, lowest, ())
+        made = MotionFilters(model, logs, found, channels, bandwidth, dt, top, lowest, (), held=held)
         rest = made._slow(made.at(USUAL, {**given, "reversal_speed": 0.0}))
         if any(rest):
             often = made._shares(made.at(USUAL, {}), np.array(rest)) >= KEPT
@@ -207,7 +211,7 @@ class MotionFilters:
 
     def reasons(self, treatment: Treatment, why: str, given: Given) -> tuple[str, ...]:
         """A sentence for each filter that was chosen, that of the parallel filter with the reason for its width."""
-        made, parallel = [], treatment.parallel_cutoff_hz or 0.0
+        made, parallel = [self._trembling()] if self.held else [], treatment.parallel_cutoff_hz or 0.0
         motion = f"the motion is below {self.bandwidth:.2g} Hz (98 % of the velocity's power)"
         if self.above:
             made.append(
@@ -238,6 +242,15 @@ class MotionFilters:
             made.append(f"Decimation: one row of {treatment.decimation} samples, {in_period}.")
         return (*made, *self._noise(treatment))
 
+    def _trembling(self) -> str:
+        """Report of the channels that are no part of the motion."""
+        device = self.model.device
+        names = [f"joint {device.joints[k].name}" for k in device.active]
+        if len(names) != len(self.channels):
+            names = [f"position channel {k + 1}" for k in range(len(self.channels))]
+        named = ", ".join(names[k] for k in self.held)
+        return f"What {named} shows is trembling while others move, and does not set the filters."
+
     def _noise(self, treatment: Treatment) -> tuple[str, ...]:
         """Report of the positions' noise compared with the acceleration, for the worst channel that moves."""
         if treatment.cutoff_hz is None:
@@ -245,8 +258,8 @@ class MotionFilters:
         cutoffs = np.broadcast_to(np.atleast_1d(treatment.cutoff_hz), (len(self.channels),))
         parallel = treatment.parallel_cutoff_hz or 0.5 / self.dt
         shares = [
-            own.noise_share(cutoff, parallel) if own.bandwidth else 0.0
-            for own, cutoff in zip(self.channels, cutoffs, strict=True)
+            own.noise_share(cutoff, parallel) if own.bandwidth and k not in self.held else 0.0
+            for k, (own, cutoff) in enumerate(zip(self.channels, cutoffs, strict=True))
         ]
         worst = int(np.argmax(shares))
         own = self.logs[0].channels.position.each_unit
@@ -284,3 +297,11 @@ class MotionFilters:
             f"Rows at rest, where friction is anything up to dry friction, are left out of all errors: "
             f"{left} % of each motor's.",
         )
+
+
+def _held(logs: tuple[Log, ...]) -> tuple[int, ...]:
+    """Position channels, by index, that hardly move in any log while others do."""
+    travels = np.max([np.ptp(np.asarray(log.position), axis=0) for log in logs], axis=0)
+    units = logs[0].channels.position.each_unit
+    straight = [units[min(k, len(units) - 1)] in ("m", "mm", "um") for k in range(len(travels))]
+    return tuple(held_joints(travels.tolist(), straight))
