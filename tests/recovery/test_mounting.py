@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,18 +38,22 @@ joints = "all"
 UP, WALL, CEILING = [0.0, 0.0, -9.81], [-9.81, 0.0, 0.0], [9.81, 0.0, 0.0]
 
 
-def _study(folder: Path, written: list[float]) -> haptid.Study:
-    """A log of the arm on a wall, and a study whose device file says `written`."""
-    (folder / "true.toml").write_text(ARM.format(gravity=WALL))
-    (folder / "device.toml").write_text(ARM.format(gravity=written))
+BODIES = {"M1": 2.0, "MX1": 0.3, "ZZ1": 0.08, "M2": 1.0, "MX2": 0.2, "XX2": 0.02, "YY2": 0.06, "ZZ2": 0.06}
+
+
+def _study(
+    folder: Path, written: list[float], true: Sequence[float] = WALL, slow: float = 1.0, prior: str = ""
+) -> haptid.Study:
+    """A log of the arm on a wall, and a study whose device file says `written`; `slow` stretches the time."""
+    (folder / "true.toml").write_text(ARM.format(gravity=true))
+    (folder / "device.toml").write_text(ARM.format(gravity=written) + prior)
     model = haptid.DynamicModel(haptid.read_device(folder / "true.toml"))
-    bodies = {"M1": 2.0, "MX1": 0.3, "ZZ1": 0.08, "M2": 1.0, "MX2": 0.2, "XX2": 0.02, "YY2": 0.06, "ZZ2": 0.06}
-    values = bodies | {"FV1": 0.1, "FV2": 0.1, "FC1": 0.1, "FC2": 0.1}
+    values = BODIES | {"FV1": 0.1, "FV2": 0.1, "FC1": 0.1, "FC2": 0.1}
     beta = model.base.of(np.array([values.get(name, 0.0) for name in model.device.parameters.names]))
     q, qd, qdd = multisine(2, 20.0, 2e-3, 3)
-    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, beta, q, qd / slow, qdd / slow**2)
     tau = tau + 0.02 * tau.std(axis=1, keepdims=True) * np.random.default_rng(2).standard_normal(tau.shape)
-    columns = np.array([2e-3 * np.arange(q.shape[1]), *q, *tau])
+    columns = np.array([2e-3 * slow * np.arange(q.shape[1]), *q, *tau])
     np.savetxt(folder / "log.csv", columns.T, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
     (folder / "study.toml").write_text(
         'schema = 1\ndevice = "device.toml"\n[channels]\ntime = "t"\n'
@@ -74,6 +79,17 @@ def test_gravity_along_another_axis(tmp_path: Path, written: list[float]) -> Non
         assert action.proof == "unseen error"
         assert action.after < 5 < action.before
     np.testing.assert_allclose(action.edits[0].value, WALL)
+
+
+@pytest.mark.parametrize("true", [WALL, CEILING])
+def test_slow_motion_leaves_the_sign_of_gravity_to_the_bodies_of_the_device_file(
+    tmp_path: Path, true: list[float]
+) -> None:
+    prior = "\n[prior]\n" + "".join(f"{name} = {1.2 * value}\n" for name, value in BODIES.items())
+    advice = advise(haptid.identify(_study(tmp_path, UP, true, 8.0, prior)))
+    (action,) = (action for action in advice.actions if action.kind == "mounting")
+    np.testing.assert_allclose(action.edits[0].value, true)
+    assert "bodies agree less" in action.sentence
 
 
 def test_an_error_that_every_other_direction_lowers_is_not_that_of_the_mounting(

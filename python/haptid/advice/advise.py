@@ -227,7 +227,8 @@ def _mounting(found: Identification, part: Estimate, left: float) -> Action | No
         return None
     down, *others = (f"[{', '.join(f'{x:.4g}' for x in gravity)}]" for gravity in (one.gravity, *one.rivals))
     change = f"set gravity to {down} in the device file: the base is mounted so"
-    return _of_whole_log("mounting", ("the base",), change, one, tuple(f"gravity {other}" for other in others))
+    less = ", with which the device file's bodies agree less" if one.by_bodies else ""
+    return _of_whole_log("mounting", ("the base",), change, one, tuple(f"gravity {other}{less}" for other in others))
 
 
 def _rough(found: Identification) -> bool:

@@ -142,10 +142,12 @@ class OtherMounting(OtherAssumption):
     Attributes:
         gravity: in the base frame, m/s^2, (3,).
         rivals: other directions that predict unseen blocks as well, such as up in place of down, m/s^2, (3,) each.
+        by_bodies: whether the device file's bodies tell it from them.
     """
 
     gravity: tuple[float, ...]
-    rivals: tuple[tuple[float, ...], ...]
+    rivals: tuple[tuple[float, ...], ...] = ()
+    by_bodies: bool = False
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -159,7 +161,7 @@ def other_mounting(
     """Gravity along the axis of the base frame with the largest proven gain; None where none is proven.
 
     Gravity along an axis and against it are told apart by the first moments in the torque of inertia alone: those in
-    the torque of gravity take any sign.
+    the torque of gravity take any sign. Slow motion does not tell them apart; the device file's bodies do.
 
     Args:
         motions: treated signals of the fit.
@@ -171,6 +173,7 @@ def other_mounting(
         return None
     now = tuple(finer(motion) for motion in motions)
     rows, tried, trials = trial_rows(model, now, beta), list[OtherMounting](), list[Trial]()
+    agreements = list[float]()
     for axis in (*np.eye(3), *-np.eye(3)):
         if -axis @ model.device.gravity > _SAME_AXIS * magnitude:
             continue
@@ -179,17 +182,28 @@ def other_mounting(
         there = trial_rows(turned, now, start)
         kept = np.arange(len(beta)), np.arange(len(start))
         trial, figures = compared(model, (rows, there), (beta, start), kept)
-        tried.append(OtherMounting(*figures, tuple((0.0 - magnitude * axis).tolist()), ()))
+        tried.append(OtherMounting(*figures, tuple((0.0 - magnitude * axis).tolist())))
         trials.append(trial)
+        agreements.append(_agreement(turned, there))
     held = [k for k, one in enumerate(tried) if one.proven(len(tried))]
     best = max(held, key=lambda k: tried[k].gain.share, default=None)
     if best is None:
         return None
     losses = {k: gain(trial, trials[best]) for k, trial in enumerate(trials) if k != best}
-    alike = tuple(tried[k].gravity for k, loss in losses.items() if loss.share <= LEAST_SE * loss.se)
-    if len(alike) == len(tried) - 1:  # the weight is where it seems to be in none: the error has another cause
+    alike = [best, *(k for k, loss in losses.items() if loss.share <= LEAST_SE * loss.se)]
+    if len(alike) == len(tried):  # the weight is where it seems to be in none: the error has another cause
         return None
-    return replace(tried[best], rivals=alike)
+    chosen = max((k for k in alike if k in held), key=lambda k: (agreements[k], k == best))
+    rivals = tuple(tried[k].gravity for k in alike if k != chosen)
+    return replace(tried[chosen], rivals=rivals, by_bodies=any(agreements))
+
+
+def _agreement(model: DynamicModel, rows: TrialRows) -> float:
+    """Mean cosine between the torques of motors and those of the device file's bodies; 0 where it has none."""
+    told = np.where(rows.used, rows.W[:, :, : len(model.base)] @ model.prior_beta, 0.0)
+    y = np.where(rows.used, rows.y, 0.0)
+    sizes = np.linalg.norm(told, axis=1) * np.linalg.norm(y, axis=1)
+    return float(np.mean((told * y).sum(axis=1) / np.where(sizes > 0, sizes, np.inf)))
 
 
 def compared(
