@@ -6,6 +6,7 @@ third of SciPy, and takes longer than all that an identification of a short log 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
 
@@ -56,11 +57,12 @@ def both_ways(sections: Array, channels: Array, padding: int | None = None) -> A
     """
     edge = end_padding(sections) if padding is None else padding
     x = np.asarray(channels, dtype=np.float64)
-    if edge:
-        x = np.concatenate([2 * x[:, :1] - x[:, edge:0:-1], x, 2 * x[:, -1:] - x[:, -2 : -(edge + 2) : -1]], axis=1)
-    turned = _one_pass(sections, x)[:, ::-1]
-    filtered = _one_pass(sections, turned)[:, ::-1]
-    return np.ascontiguousarray(filtered[:, edge : filtered.shape[1] - edge])
+    one_pass, filtered = _OnePass.of(sections, x.shape[1] + 2 * edge), np.empty(x.shape)
+    for channel, target in zip(x, filtered, strict=True):
+        before, after = 2 * channel[0] - channel[edge:0:-1], 2 * channel[-1] - channel[-2 : -(edge + 2) : -1]
+        turned = one_pass(np.concatenate([before, channel, after]) if edge else channel)[::-1]
+        target[:] = one_pass(turned)[::-1][edge : edge + len(channel)]
+    return filtered
 
 
 def end_padding(sections: Array) -> int:
@@ -69,23 +71,37 @@ def end_padding(sections: Array) -> int:
     return 3 * (2 * len(sections) + 1 - short)
 
 
-def _one_pass(sections: Array, channels: Array) -> Array:
-    """Through all sections, in the steady state of the first value before it, (channels, n).
+@dataclass(frozen=True, eq=False)
+class _OnePass:
+    """All sections, one after another, in the steady state of the first value before it.
 
     A recursion y[k] + a1 y[k-1] + a2 y[k-2] = v[k] is a triangular system of bandwidth two.
+
+    Attributes:
+        steps: of each section, the weights of the three last samples, and the system of its recursion, (3, n).
+        gain: of a constant.
     """
-    x, band = channels, np.ones((3, channels.shape[1]), order="F")
-    for b0, b1, b2, _, a1, a2 in sections:
-        band[1], band[2] = a1, a2
-        first = x[:, 0]
-        steady = first * (b0 + b1 + b2) / (1 + a1 + a2)
-        v = b0 * x
-        v[:, 1:] += b1 * x[:, :-1]
-        v[:, 2:] += b2 * x[:, :-2]
-        v[:, 0] += (b1 + b2) * first - (a1 + a2) * steady
-        v[:, 1:2] += (b2 * first - a2 * steady)[:, None]
-        x = np.stack([blas.dtbsv(2, band, own, lower=1, diag=1) for own in v])
-    return x
+
+    steps: tuple[tuple[Array, Array], ...]
+    gain: float
+
+    @staticmethod
+    def of(sections: Array, n: int) -> _OnePass:
+        """For signals of n samples."""
+        steps = []
+        for section in sections:
+            band = np.ones((3, n), order="F")
+            band[1:] = section[4:, None]
+            steps.append((section[:3], band))
+        gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
+        return _OnePass(tuple(steps), float(gain))
+
+    def __call__(self, x: Array) -> Array:
+        """A signal through it, (n,)."""
+        y = x - x[0]
+        for weights, band in self.steps:
+            y = blas.dtbsv(2, band, np.convolve(y, weights)[: len(x)], lower=1, diag=1, overwrite_x=1)
+        return np.asarray(y + self.gain * x[0])
 
 
 def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Array:

@@ -110,7 +110,7 @@ def _both_ways(sections: Array, channels: Array) -> Array:
     """Channels (channels, n) through one filter for all, or one for each, both ways; as they are where too few."""
     if channels.shape[1] <= padding(sections):
         return channels
-    if len(sections) == 1:
+    if (sections == sections[0]).all():
         return both_ways(sections[0], channels)
     return np.concatenate([both_ways(own, channel[None]) for own, channel in zip(sections, channels, strict=True)])
 
