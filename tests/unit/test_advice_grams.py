@@ -29,6 +29,9 @@ def test_they_are_products_of_the_rows():
     some, every, channels = np.array([5, 2, 3]), np.arange(SIZE), np.array([2, 0, 1])
     motor = np.arange(MOTORS)
     np.testing.assert_allclose(made.part(some, every), expected[:, :, some][..., every], rtol=1e-12)
+    np.testing.assert_array_equal(made.moved_by(np.array([3, 5])), [0, 1, 2])
+    np.testing.assert_array_equal(made.moved_by(np.array([2, 3])), moved := np.array([1, 2]))
+    np.testing.assert_allclose(made.part(some, every, moved), expected[:, moved][:, :, some][..., every], rtol=1e-12)
     right = expected[:, motor[:, None], some, SIZE + channels[:, None]]
     np.testing.assert_allclose(made.right(some, channels), right, rtol=1e-12)
     squares = expected[:, motor, SIZE + channels, SIZE + channels]

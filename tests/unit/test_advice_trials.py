@@ -17,7 +17,7 @@ from haptid.advice.edits import Edit
 from haptid.advice.ranking import Stated, in_order, stated
 from haptid.advice.recorder import faults
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import Proven, TriedChange, finer
+from haptid.advice.search import Proven, TriedChange, finer, proven
 from haptid.advice.trial import Bench, Setting, Trial, gain
 from haptid.cli.advise import written_sentences
 from haptid.errors import LogTimeError
@@ -128,6 +128,16 @@ def test_what_the_simulated_log_has_is_taken_off_and_asked_for_only_where_it_dec
     assert not asked
     assert made.p_value(trial, 2 * without) == less
     assert asked
+
+
+@pytest.mark.parametrize(("kind", "tested"), [("length", False), ("spring", True)])
+def test_what_is_alone_and_too_small_is_not_tested(kind, tested):
+    """A spring at one joint may be one of several; no action is a length that takes one per cent off."""
+    asked = []
+    made = replace(bench(extra=0.1)[1], artefact=lambda: asked.append(True))
+    one = TriedChange(kind, ("there",), Setting(terms=(((3,),),)))
+    assert proven(SimpleNamespace(candidates=(one,), bench=made, base=lambda: made.run(Setting()))) == []
+    assert bool(asked) is tested
 
 
 def test_no_artefact_makes_several_columns_more_significant_than_the_bound():

@@ -68,10 +68,15 @@ class Grams:
             made += self.values[block]
         return replace(self, values=made)
 
-    def part(self, rows: np.ndarray, columns: np.ndarray) -> Array:
-        """Products of some columns with others, (..., motors, rows, columns)."""
-        motor = np.arange(len(self.place))[:, None, None]
-        return np.asarray(self.values[..., motor, self.place[:, rows, None], self.place[:, None, columns]])
+    def part(self, rows: np.ndarray, columns: np.ndarray, motors: np.ndarray | None = None) -> Array:
+        """Products of some columns with others, (..., motors, rows, columns), of all motors where None are given."""
+        motors = np.arange(len(self.place)) if motors is None else motors
+        place = self.place[motors]
+        return np.asarray(self.values[..., motors[:, None, None], place[:, rows, None], place[:, None, columns]])
+
+    def moved_by(self, columns: np.ndarray) -> np.ndarray:
+        """Motors on which some of these columns act."""
+        return np.flatnonzero(self.place[:, columns].any(axis=1))
 
     def right(self, columns: np.ndarray, channels: np.ndarray) -> Array:
         """W'y of some columns and each motor's channel, (..., motors, columns)."""

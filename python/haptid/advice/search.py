@@ -421,7 +421,9 @@ def proven(search: Trials, before: Trial | None = None) -> list[Proven]:
     for one in search.candidates:
         trial = search.bench.run(one.setting)
         made = gain(base, trial)
-        if made.share > made.se and _matters(one, trial) and _significant(search.bench, trial, made, tests):
+        # What is alone and too small is no action, significant or not; the test may need the log simulated.
+        worth = large_enough(made) if _is_alone(one) else made.share > made.se
+        if worth and _matters(one, trial) and _significant(search.bench, trial, made, tests):
             singles.setdefault(_group(one), []).append((one, trial, made))
     found = []
     for members in singles.values():
@@ -457,8 +459,12 @@ def _matters(one: TriedChange, trial: Trial) -> bool:
 
 def _group(one: TriedChange) -> str:
     """Candidates that are one action together."""
-    alone = one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
-    return f"{one.kind} {one.places}" if alone else one.kind
+    return f"{one.kind} {one.places}" if _is_alone(one) else one.kind
+
+
+def _is_alone(one: TriedChange) -> bool:
+    """Whether a candidate is an action by itself, at every place."""
+    return one.kind in ("gain", "length", "payload", "zero offset") or one.kind.endswith(("swap", "sign"))
 
 
 def _merged(members: Sequence[TriedChange]) -> TriedChange:

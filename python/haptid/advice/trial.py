@@ -211,7 +211,8 @@ class Bench:
         n, key = len(self.kept), (id(grams), weights.tobytes())
         if key not in self._pools:
             self._pools[key] = (grams, np.tensordot(weights, self._base(grams), axes=(0, 1)))
-        added = np.tensordot(weights, grams.part(columns[n:], columns), axes=(0, 1))
+        moved = grams.moved_by(columns[n:])
+        added = np.tensordot(weights[moved], grams.part(columns[n:], columns, moved), axes=(0, 1))
         made = np.empty((len(grams), len(columns), len(columns)))
         made[:, :n, :n] = self._pools[key][1]
         made[:, n:], made[:, :n, n:] = added, added[:, :, :n].swapaxes(1, 2)
@@ -305,8 +306,9 @@ class Bench:
         n, theta, G = len(self.kept), fitted.theta, every[part]
         inner = (self._base(every)[part] @ theta[:n]) @ theta[:n]
         if len(c) > n:
-            added = G.part(c[n:], c)
-            inner = inner + (added @ theta + added[..., :n] @ theta[:n]) @ theta[n:]
+            moved = G.moved_by(c[n:])
+            added = G.part(c[n:], c, moved)
+            inner[:, moved] += (added @ theta + added[..., :n] @ theta[:n]) @ theta[n:]
         cross = self._right(G, setting, c) @ fitted.theta
         squares = self._squares(G, setting) - 2 * h * cross + h**2 * inner
         return np.asarray(np.maximum(squares, 0.0) * self.weights**2)
