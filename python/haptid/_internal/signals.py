@@ -41,7 +41,10 @@ def butterworth(order: int, cutoff: float) -> Array:
 
 def pole_radius(sections: Array) -> float:
     """Largest magnitude of a pole of second-order sections, (sections, 6)."""
-    return max(float(np.abs(np.roots(own[3:])).max(initial=0.0)) for own in sections)
+    a1, a2 = sections[:, 4], sections[:, 5]
+    square = a1**2 - 4 * a2  # negative for a pair of complex poles, whose product a2 is
+    radii = np.where(square < 0, np.sqrt(np.abs(a2)), 0.5 * (np.abs(a1) + np.sqrt(np.maximum(square, 0.0))))
+    return float(radii.max())
 
 
 def both_ways(sections: Array, channels: Array, padding: int | None = None) -> Array:

@@ -215,7 +215,8 @@ def quantum(channel: Array) -> float:
 
     Values must recur to be those of an encoder; a channel of many digits lies on the lattice of its last digit.
     """
-    return lattice_step(channel) if len(np.unique(channel)) < _RECUR * len(channel) else 0.0
+    values = np.unique(channel)
+    return lattice_step(values) if len(values) < _RECUR * len(channel) else 0.0
 
 
 def lattice_step(channel: Array) -> float:

@@ -142,25 +142,23 @@ def delayed(channels: Array, samples: float | tuple[float, ...], half: int = CUB
         samples: one shift for all channels, or one for each.
         half: samples to either side that are interpolated between.
     """
-    n, ends = len(channels), lost(samples, half)
-    result, padded = np.zeros((channels.shape[1], n)), np.empty(n + 2 * ends)
+    n, ends = len(channels), max(lost(samples, half), half)
+    result, padded = np.empty((channels.shape[1], n)), np.empty(n + 2 * ends)
     shifts = np.broadcast_to(np.asarray(samples, dtype=np.float64), (channels.shape[1],))
     for channel, shift, target in zip(channels.T, shifts.tolist(), result, strict=True):
         whole_part = math.floor(shift)
         # `np.pad` takes longer than all the rest for a short log.
         padded[:ends], padded[ends : ends + n], padded[ends + n :] = channel[:1], channel, channel[-1:]
-        for back, weight in lagrange(shift - whole_part, half).items():
-            if weight:
-                begin = ends - whole_part - back
-                target += weight * padded[begin : begin + n]
+        begin, weights = ends - whole_part - half, lagrange(shift - whole_part, half)
+        target[:] = np.convolve(padded[begin : begin + n + len(weights) - 1], weights, "valid")
     return freeze(result).T
 
 
 @lru_cache(maxsize=64)  # the channels of a log are shifted again and again
-def lagrange(x: float, half: int) -> dict[int, float]:
+def lagrange(x: float, half: int) -> Array:
     """Weights of the samples 1 - half .. half before a time that is x of a step before a sample, 0 <= x < 1."""
     nodes = range(1 - half, half + 1)
-    return {k: float(np.prod([(x - j) / (k - j) for j in nodes if j != k])) for k in nodes}
+    return freeze(np.array([np.prod([(x - j) / (k - j) for j in nodes if j != k]) for k in nodes]))
 
 
 def lost(samples: float | tuple[float, ...], half: int = CUBIC) -> int:
