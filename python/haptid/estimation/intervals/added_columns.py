@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy import linalg, special
@@ -158,19 +158,22 @@ class Bordered:
             h, last: border of G, (blocks, p, k), and its corner, (blocks, k, k).
         """
         eye = np.eye(last.shape[-1])
-        nodes, weights = _inverse_root()
-        first, second = np.zeros_like(h), np.zeros_like(last)
-        for node, weight in zip(nodes, weights, strict=True):
-            own = h / (node + 1.0 - self.leverage)[:, :, None]
-            inner = weight * np.linalg.inv((node + 1.0) * eye - last - h.swapaxes(1, 2) @ own)
-            first += own @ inner
-            second += inner
+        nodes, weights = (own[:, None, None, None] for own in _inverse_root())
+        own = h * self._resolvents
+        inner = weights * np.linalg.inv((nodes + 1.0) * eye - last - h.swapaxes(1, 2) @ own)
+        first, second = (own @ inner).sum(axis=0), inner.sum(axis=0)
         for b in np.flatnonzero(self._alone(h, last)):
             G = np.block([[np.diag(self.leverage[b]), h[b]], [h[b].T, last[b]]])
             found, vectors = np.linalg.eigh(G)
             roots = (vectors * (1.0 - np.minimum(found, ALONE)) ** -0.5) @ vectors[-len(eye) :].T
             first[b], second[b] = roots[: -len(eye)], roots[-len(eye) :]
         return first, second
+
+    @cached_property
+    def _resolvents(self) -> Array:
+        """1 / (a + 1 - leverage) at the nodes a of the inverse square root, (nodes, blocks, p, 1)."""
+        nodes, _ = _inverse_root()
+        return np.asarray(1 / (nodes[:, None, None, None] + 1.0 - self.leverage[:, :, None]))
 
     def _alone(self, h: Array, last: Array) -> np.ndarray:
         """Blocks that alone determine a direction, whose eigenvalues are limited, (blocks,)."""

@@ -297,8 +297,12 @@ def fourier_sums(x: Array, e: Array, block: np.ndarray) -> tuple[Array, Array]:
     """
     span = float(x.max() - x.min())
     f = np.linspace(2.0, 1 / FINEST, _PERIODS) / span
+    # Frequencies at equal steps: each wave is the one before, turned by the same angle.
+    waves = np.empty((len(x), len(f)), dtype=complex)
+    waves[:, 0], waves[:, 1:] = np.exp(2j * np.pi * f[0] * x), np.exp(2j * np.pi * (f[1] - f[0]) * x)[:, None]
+    np.multiply.accumulate(waves, axis=1, out=waves)
     parts = (np.flatnonzero(block == number) for number in np.unique(block))
-    return f, np.array([e[part] @ np.exp(2j * np.pi * np.outer(x[part], f)) for part in parts])
+    return f, np.array([e[part] @ waves[part] for part in parts])
 
 
 def wild_bootstrap(sums: Array) -> tuple[float, int]:
