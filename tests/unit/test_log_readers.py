@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 import zipfile
 from itertools import product
@@ -505,3 +506,15 @@ def test_a_single_joint_needs_no_number(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text({"t": data["t"], "q": data["q1"], "tau": data["tau1"]}))
     assert read_log(path).channels.sources == ("t", "q", "tau")
+
+
+def test_a_mistake_of_haptid_s_own_code_is_no_damaged_file(tmp_path: Path) -> None:
+    """It said so of every log that was read through a wrong name, and sent its user to copy a good file again."""
+    path = tmp_path / "log.csv"
+    with pytest.raises(AttributeError, match="has no attribute 'kind'"), sniff.opened_file(path, "CSV"):
+        sniff.numeric(3)
+    with pytest.raises(NameError), sniff.opened_file(path, "CSV"):
+        unknown_name  # noqa: B018, F821
+    for damage in (lambda: json.loads(b"{"), lambda: np.load(io.BytesIO(b"no array")), lambda: json.loads(3)):
+        with pytest.raises(errors.LogFileError, match="is damaged or cut short"), sniff.opened_file(path, "CSV"):
+            damage()

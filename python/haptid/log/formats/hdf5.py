@@ -86,8 +86,9 @@ def _datasets(file: h5py.File) -> list[Any]:
     found: list[Any] = []
     visited = 0
 
-    def visit(name: str, item: object) -> None:
+    def visit(name: str | bytes, item: object) -> None:
         nonlocal visited
+        name = name if isinstance(name, str) else name.decode(errors="replace")  # bytes where it is no UTF-8
         visited += 1
         check_members(Path(file.filename), visited, "groups and datasets")
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):

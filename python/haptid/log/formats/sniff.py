@@ -130,12 +130,18 @@ def check_members(path: Path, count: int, noun: str) -> None:
         )
 
 
+# What no bytes of a file can cause, in any library; and what haptid's own code raises by mistake only.
+_NEVER_DATA = (NameError, ImportError)
+_BUGS = (AttributeError, TypeError, AssertionError)
+
+
 @contextmanager
 def opened_file(path: Path, kind: str) -> Iterator[None]:
-    """Convert any exception of a format's library into LogFileError; haptid's own errors pass.
+    """Convert exceptions over a file's content into LogFileError; haptid's own errors pass, and so does a bug.
 
-    Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error,
-    RuntimeError, ...).
+    Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error, RuntimeError,
+    TypeError from within, ...). One of `_BUGS` that haptid's own code raises is a mistake of that code, which no other
+    file would mend.
     """
     try:
         yield
@@ -144,8 +150,18 @@ def opened_file(path: Path, kind: str) -> Iterator[None]:
     except MemoryError as error:
         raise corrupt(path, kind, "it requires more memory than is available") from error
     except Exception as error:
+        if isinstance(error, _NEVER_DATA) or (isinstance(error, _BUGS) and _raised_here(error)):
+            raise
         why = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
         raise corrupt(path, kind, why) from error
+
+
+def _raised_here(error: BaseException) -> bool:
+    """Whether the innermost Python frame of an exception is of haptid."""
+    at = error.__traceback__
+    while at is not None and at.tb_next is not None:
+        at = at.tb_next
+    return at is not None and str(at.tb_frame.f_globals.get("__name__", "")).startswith("haptid.")
 
 
 def corrupt(path: Path, kind: str, why: str) -> LogFileError:

@@ -54,5 +54,7 @@ class Database(Container):
         if "message_definitions" in tables:
             stored = dict(base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"))
         for channel, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
-            definition = stored.get(kind) or COMMON.get(str(kind).replace("/msg/", "/"), "")
-            self._topic(int(channel), Topic(str(name), str(kind), str(encoding), definition.encode(), "ros2msg"))
+            definition = str(stored.get(kind) or COMMON.get(str(kind).replace("/msg/", "/"), ""))
+            if type(channel) is not int:
+                raise corrupt(self.path, "ROS 2 database", f"the id of topic {name!r} is {channel!r}")
+            self._topic(channel, Topic(str(name), str(kind), str(encoding), definition.encode(), "ros2msg"))
