@@ -1,8 +1,11 @@
-"""Play seen from the motor side alone: false alarms, how often it is found, how far off, and in its interval.
+"""Play and slip: false alarms, how often they are found, how far off, and in their intervals.
 
-An axis of `tests/loose_axis.py`, 10 s of sines up to 3 Hz. Rigid: encoders of 4096 and 20 000 counts, presliding over
-0.2 to 100 mrad, Stribeck friction, gravity, torque noise of 0.4 and 4 %; elastic: resonances from 9 to 70 Hz.
-Loose: play of 1 to 20 mrad, most of the friction at either side.
+From the motor side alone: an axis of `tests/loose_axis.py`, 10 s of sines up to 3 Hz. Rigid: encoders of 4096 and
+20 000 counts, presliding over 0.2 to 100 mrad, Stribeck friction, gravity, torque noise of 0.4 and 4 %; elastic:
+resonances from 9 to 70 Hz. Loose: play of 1 to 20 mrad, most of the friction at either side.
+
+From both sides (`--both-sides`, which does nothing else): the axis behind 300 to 3000 N m/rad with and without play,
+and the elastic axis of `tests/elastic_motors.py`, whose motor's encoder slips by 0.2 to 5 mrad.
 """
 
 from __future__ import annotations
@@ -10,8 +13,9 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -19,8 +23,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
+import elastic_motors
+import haptid
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.play import transmission_play
+from haptid.inference.diagnosis.torsion import torsion_findings
 from loose_axis import Axis, estimated, recorded
 
 RESULT = Path(__file__).parent / "results/play.json"
@@ -56,8 +63,81 @@ def of_axis(axis: Axis, seeds: Sequence[int]) -> list[tuple[str, dict[str, float
     return made
 
 
+DRY = [
+    *({"kind": kind, "motors": "all"} for kind in ("elastic", "rotor-inertia", "coulomb")),
+    *({"kind": kind, "joints": "all"} for kind in ("viscous", "coulomb")),
+]
+STIFF, BOTH_SEEDS, SLIPS, SLIP_SEEDS = (300.0, 1000.0, 3000.0), range(8), (2e-4, 1e-3, 5e-3), range(60)
+
+
+def of_both_sides(model: haptid.DynamicModel, log: haptid.Log) -> tuple[dict[str, str], dict[str, float]] | None:
+    """Statuses of the findings by name, and their figures; None where the log is refused."""
+    try:
+        treatment = haptid.propose(model, log).treatment
+        found = torsion_findings(haptid.estimate(haptid.observe(model, haptid.treat(log, treatment)), haptid.WLS()))
+    except HaptidError:
+        return None
+    figures = {name: value for finding in found for name, value in finding.figures.items()}
+    return {finding.name: finding.status for finding in found}, figures
+
+
+def both_sides() -> dict[str, float]:
+    """False alarms, play and slip with both sides measured."""
+    figures, dry = dict[str, float](), elastic_motors.axis(terms=DRY)
+    for play in (0.0, 1e-3, 5e-3):
+        for counts in (4096.0, 20_000.0):
+            logs = [
+                log
+                for k in STIFF
+                for log in recorded(Axis(play, stiffness=k, counts=counts), BOTH_SEEDS, 10.0, link=True)
+            ]
+            own = [made for made in (of_both_sides(dry, log) for log in logs) if made]
+            label = f"both sides, play {1000 * play:g} mrad, {counts:g} counts"
+            figures |= {f"{label}: {k}": v for k, v in counted(own, "play", play, "motor 1, {}", "play").items()}
+            print({k: v for k, v in figures.items() if k.startswith(label)}, flush=True)
+    for size in (0.0, *SLIPS):
+        made = [of_both_sides(elastic_motors.axis(), log) for log in slipped(size)]
+        label = f"both sides, slip {1000 * size:g} mrad"
+        own = [one for one in made if one]
+        figures |= {f"{label}: {k}": v for k, v in counted(own, "slip", size, "motor 1, slip 1, {}", "size").items()}
+        print({k: v for k, v in figures.items() if k.startswith(label)}, flush=True)
+    return figures
+
+
+def slipped(size: float) -> Iterator[haptid.Log]:
+    """Logs of 8 s, of encoders of 12 bits and of 200 000 counts; the motor's reads more from a random time on."""
+    for seed in SLIP_SEEDS:
+        log, rng = elastic_motors.recorded(seed, 8.0), np.random.default_rng(seed)
+        position = np.array(log.position)
+        position[log.t >= rng.uniform(1.5, 6.5), 1] += size
+        step = 2 * np.pi / 4096 if seed % 2 else elastic_motors.STEP
+        yield replace(log, position=step * np.round(position / step))
+
+
+def counted(
+    own: Sequence[tuple[dict[str, str], dict[str, float]]], name: str, size: float, place: str, value: str
+) -> dict[str, float]:
+    """How many logs have the finding, and any other; and of its size the error, and how often its interval holds it."""
+    rest = [any(status != "ok" for key, status in statuses.items() if key != name) for statuses, _ in own]
+    named = [figures for statuses, figures in own if statuses[name] != "ok"]
+    made: dict[str, float] = {"logs": len(own), "found" if size else "false alarms": len(named)}
+    made[f"other than {name}, false alarms"] = sum(rest)
+    if size and named:
+        sizes = np.array([[figures[place.format(k)] for k in (value, "low", "high")] for figures in named])
+        made["error, rms, %"] = 100 * float(np.sqrt(np.mean((sizes[:, 0] / size - 1) ** 2)))
+        made["in the interval"] = int(((sizes[:, 1] <= size) & (size <= sizes[:, 2])).sum())
+    return made
+
+
 def main() -> None:
     """Measure, print, store."""
+    figures: dict[str, float] = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    figures |= both_sides() if "--both-sides" in sys.argv else motor_side()
+    RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def motor_side() -> dict[str, float]:
+    """False alarms and play with the motors alone."""
     figures: dict[str, float] = {}
     with ProcessPoolExecutor(int(os.environ.get("PROCESSES", "1"))) as pool:
 
@@ -74,7 +154,7 @@ def main() -> None:
                 f"{label}: {k}": v for k, v in summary(findings(axes, LOOSE_SEEDS), axes[0].play or 0.0).items()
             }
             print({k: round(v, 3) for k, v in figures.items() if k.startswith(label)}, flush=True)
-    RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    return figures
 
 
 def summary(own: list[tuple[str, dict[str, float]]], size: float) -> dict[str, float]:

@@ -65,8 +65,8 @@ def _planned(seed: int, samples: int) -> np.ndarray:
     return 0.3 + 0.8 * np.clip(t / 0.5, 0, 1) ** 2 * wave / np.abs(wave).max()
 
 
-def recorded(axis: Axis, seeds: Sequence[int], seconds: float = 15.0) -> list[haptid.Log]:
-    """Motor position and torque, a log for each seed."""
+def recorded(axis: Axis, seeds: Sequence[int], seconds: float = 15.0, link: bool = False) -> list[haptid.Log]:
+    """Motor position and torque, a log for each seed; with positions of the link where told."""
     samples, h = round(seconds / DT), DT / STEPS
     plan = np.array([_planned(seed, samples) for seed in seeds])
     noise = axis.noise * np.array([np.random.default_rng(10_000 + s).standard_normal(samples) for s in seeds])
@@ -75,12 +75,13 @@ def recorded(axis: Axis, seeds: Sequence[int], seconds: float = 15.0) -> list[ha
     ahead = total * np.gradient(v_plan, DT, axis=1) + sum(axis.dry) * np.tanh(v_plan / 0.05)
     x, y = plan[:, 0].copy(), plan[:, 0].copy()
     v, w, bent, bent_link, speed = np.zeros((5, len(seeds)))
-    position, torque, before = np.empty_like(plan), np.empty_like(plan), x
+    position, linked, torque, before = np.empty_like(plan), np.empty_like(plan), np.empty_like(plan), x
     for k in range(samples):
         seen = np.round(x / step) * step
         speed, before = speed + 0.3 * ((seen - before) / DT - speed), seen
         u = 80 * (plan[:, k] - seen) + 3 * (v_plan[:, k] - speed) + ahead[:, k] + weight * np.cos(seen)
-        position[:, k], torque[:, k], acted = seen, u, u + noise[:, k]
+        position[:, k], linked[:, k] = seen, np.round(y / step) * step
+        torque[:, k], acted = u, u + noise[:, k]
         for _ in range(STEPS):
             bent = _bent(bent, h * v, axis.presliding)
             if axis.play is None:
@@ -95,13 +96,19 @@ def recorded(axis: Axis, seeds: Sequence[int], seconds: float = 15.0) -> list[ha
             v = v + h * (acted - push - axis.dry[1] * bent) / ROTOR
             w = w + h * (push - axis.dry[0] * bent_link - VISCOUS * w - weight * np.cos(y)) / LINK
             x, y = x + h * v, y + h * w
-    channels = haptid.Channels(haptid.Signal(("q",), "rad"), haptid.Signal(("u",), "N m", side="motor"), "t")
+    names = ("link", "q") if link else ("q",)
+    channels = haptid.Channels(haptid.Signal(names, "rad"), haptid.Signal(("u",), "N m", side="motor"), "t")
     t = DT * np.arange(samples)
     return [
         haptid.Log(
-            Path("made"), str(s), t, np.ascontiguousarray(q[:, None]), np.ascontiguousarray(u[:, None]), channels
+            Path("made"),
+            str(s),
+            t,
+            np.column_stack([y, q] if link else [q]),
+            np.ascontiguousarray(u[:, None]),
+            channels,
         )
-        for s, q, u in zip(seeds, position, torque, strict=True)
+        for s, y, q, u in zip(seeds, linked, position, torque, strict=True)
     ]
 
 

@@ -119,6 +119,16 @@ def test_an_encoder_is_eccentric(tmp_path):
     np.testing.assert_allclose(found.position[:, 0] - found.q[:, 0], expected, atol=1e-8)
 
 
+def test_a_cable_slips_over_its_capstan(tmp_path):
+    """The encoder jumps by the slip, and the controller moves the joint back by it."""
+    _, found = made(tmp_path, "[encoders]\ncounts_per_turn = 1e9\nslip = -0.02\nslip_at = 0.4")
+    k = round(0.4 / found.dt)
+    ahead = found.position[:, 0] - found.q[:, 0]
+    np.testing.assert_allclose(ahead[:k], 0.0, atol=1e-8)
+    np.testing.assert_allclose(ahead[k:], -0.02, atol=1e-8)
+    assert abs(found.q[k + 300, 0] - found.target[k + 300, 0] - 0.02) < 0.01
+
+
 def test_a_log_is_slower_than_the_control(tmp_path):
     _, every = made(tmp_path, "[amplifiers]\nnoise = 0.01")
     setup, some = made(tmp_path, "[amplifiers]\nnoise = 0.01", controller="log_every = 4")

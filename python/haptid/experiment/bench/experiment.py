@@ -170,6 +170,8 @@ class EncodersTable(_Table):
     eccentricity: EachNotNegative = Field(
         0.0, description="amplitude of an error that repeats with every turn of the encoder, rad or m"
     )
+    slip: _Finite | list[_Finite] = Field(0.0, description="of each motor's cable over its capstan, rad or m")
+    slip_at: NotNegative = Field(0.0, description="when, s")
 
 
 class AmplifiersTable(_Table):
@@ -425,6 +427,7 @@ def _kind(table: ExperimentTable) -> TrajectoryKind:
 
 # Scalar settings: one number, whatever the number of joints.
 SCALARS: tuple[str, ...] = (
+    "slip_at",
     "seconds",
     "ramp",
     "dwell",

@@ -54,18 +54,23 @@ class TorqueLaw(Protocol):
 
 @dataclass(frozen=True)
 class Encoders:
-    """Position encoders: eccentricity and quantisation of the motor coordinates.
+    """Position encoders: eccentricity, slip and quantisation of the motor coordinates.
 
     Attributes:
         counts_per_turn: of each motor's encoder after quadrature, or per metre; None where positions are exact.
         gear: encoder turns per turn of the motor coordinate.
         eccentricity: amplitude of an error that is a sine with one period a turn of the encoder, rad or m of the motor
             coordinate.
+        slip: of each motor's cable over its capstan, or of its coupling: from then on its encoder reads so much more
+            than what the motor moves, rad or m of the motor coordinate.
+        slip_at: when, s.
     """
 
     counts_per_turn: Figures | None = None
     gear: Figures = (1.0,)
     eccentricity: Figures = (0.0,)
+    slip: Figures = (0.0,)
+    slip_at: float = 0.0
 
     def step(self, model: DynamicModel) -> Array | None:
         """Resolution of each drive coordinate, (drives,), rad or m; None where positions are exact."""

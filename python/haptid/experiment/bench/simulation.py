@@ -205,6 +205,10 @@ class _Control:
         drives = [drive.name for drive in model.device.drives]
         eccentricity = per_coordinate("eccentricity", setup.encoders.eccentricity, drives)
         self.eccentricity = eccentricity if eccentricity.any() else None
+        slip = np.zeros(len(drives))
+        slip[self.driven] = per_coordinate("slip", setup.encoders.slip, motors)
+        self.slip = slip if slip.any() else None
+        self.slips = round(setup.encoders.slip_at / self.dt)
         self.phase = 2 * np.pi / setup.encoders.turn(model)
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))
         self.integral, self.per_period = np.zeros(len(motors)), self.dt * self.ki
@@ -213,9 +217,12 @@ class _Control:
         self.last: Array | None = None
         self.law = setup.law.begin(setup.dt) if setup.law is not None else None
 
-    def read(self, q: Array) -> Array:
-        """Positions of the drives by their encoders, (drives,), from all joints'; updates their filtered velocity."""
+    def read(self, k: int, q: Array) -> Array:
+        """Positions of the drives by their encoders in period k, (drives,), from all joints'; updates their filtered
+        velocity."""
         c = self.rows @ q
+        if self.slip is not None and k >= self.slips:
+            c = c + self.slip
         if self.eccentricity is not None:
             c = c + self.eccentricity * np.sin(self.phase * c)
         if self.step is not None:
@@ -311,7 +318,7 @@ def _run(
     place = None if setup.held is None else setup.held.model.stiffness * setup.held.place(trajectory.t)
     with np.errstate(over="ignore", invalid="ignore"):  # states of a simulation that is unstable, before their check
         for k in range(n):
-            tape.c[k] = c = control.read(qpos[plant.back])
+            tape.c[k] = c = control.read(k, qpos[plant.back])
             tape.cd[k] = control.velocity
             tape.commanded[k] = control.torque(k, c)
             pieces = applied.pieces(k)

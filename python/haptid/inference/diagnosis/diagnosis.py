@@ -22,6 +22,7 @@ from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, 
 from haptid.inference.diagnosis.rigid_range import FrequencyRange, frequency_ranges, rigid_range
 from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.torque_faults import torque_faults
+from haptid.inference.diagnosis.torsion import torsion_findings
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
 from haptid.simulation import PID
@@ -108,7 +109,7 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     ranges = frequency_ranges(part, left)
     on_rows = (*_on_rows(part, instruments, left), rigid_range(ranges))
     loose = transmission_play(estimate)
-    on_rows = (*on_rows, loose) if loose else on_rows
+    on_rows = (*on_rows, *((loose,) if loose else torsion_findings(estimate)))
     findings = (*motion, torque_faults(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
     return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, instruments)), ranges)
