@@ -13,6 +13,7 @@ import haptid
 import small_study
 from haptid.advice import Advice, Applied, advise
 from haptid.advice.action import Action
+from haptid.advice.columns import geometry
 from haptid.advice.edits import Edit
 from haptid.advice.ranking import Stated, in_order, stated
 from haptid.advice.recorder import faults
@@ -138,6 +139,20 @@ def test_what_is_alone_and_too_small_is_not_tested(kind, tested):
     one = TriedChange(kind, ("there",), Setting(terms=(((3,),),)))
     assert proven(SimpleNamespace(candidates=(one,), bench=made, base=lambda: made.run(Setting()))) == []
     assert bool(asked) is tested
+
+
+@pytest.mark.parametrize(("longest", "believed"), [(1.0, True), (0.4, False)])
+def test_a_length_is_not_corrected_by_more_than_half_of_the_longest(tmp_path, longest, believed):
+    """The column's parameter is a correction of 0.27 m or so."""
+    joints = f'name = "1"\n[[joints]]\nname = "2"\na = {longest}\n[[joints]]\nname = "3"\na = 0.1\n'
+    head = 'schema = 1\nname = "arm"\ngravity = [0, -9.81, 0]\nconvention = "dh"\n[[joints]]\n'
+    (tmp_path / "arm.toml").write_text(head + joints)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "arm.toml"))
+    (which,) = (what for what, _ in geometry(model) if what.key == ("joints", 2, "a"))
+    made = bench(extra=0.27)[1]
+    one = TriedChange("length", (which.name,), Setting(terms=(((3,),),)), geometry=which)
+    found = proven(SimpleNamespace(candidates=(one,), bench=made, base=lambda: made.run(Setting())))
+    assert [each.candidate for each in found] == [one] * believed
 
 
 def test_no_artefact_makes_several_columns_more_significant_than_the_bound():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,9 @@ _BEFORE = 1 << 15
 POWERS_OF_POSITION = (2, 3, 4)
 # Step by which a length is changed for a derivative, m.
 _LENGTH = 1e-3
+# Share of the longest length that a correction of any is at most: beyond it rows are not linear in it, and a term that
+# the model lacks is more likely.
+_BELIEVED = 0.5
 # Lengths and angles of a joint's table that may be wrong, by convention.
 _GEOMETRY = {
     "modified-dh": {"d": _LENGTH, "r": _LENGTH, "b": _LENGTH},
@@ -267,12 +270,14 @@ class Geometry:
         key: path of the key in the device file; empty for an offset of a position channel.
         step: of the derivative, m or rad.
         channel: position channel whose offset it is, -1 for none.
+        most: largest correction that is believed, m or rad.
     """
 
     name: str
     key: tuple[str | int, ...] = field(default=())
     step: float = _LENGTH
     channel: int = -1
+    most: float = np.inf
 
 
 def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
@@ -283,7 +288,9 @@ def geometry(model: DynamicModel) -> Iterator[tuple[Geometry, Source]]:
             Geometry(f"zero of joint {device.joints[j].name}", step=SLOPE_STEP, channel=k),
             Source("zero offset", f"joint {device.joints[j].name}", k, (_on_all_rows(home_offset_slope(model, k)),)),
         )
-    for what in _lengths(device.tables):
+    lengths = dict(_lengths(device.tables))
+    longest = max(map(abs, lengths.values()), default=0.0)
+    for what in (replace(one, most=_BELIEVED * longest) for one in lengths):
         try:
             other = DynamicModel(device_of(changed(device.tables, what.key, what.step), device.name))
         except HaptidError:
@@ -309,19 +316,19 @@ def _on_all_rows(slope: Slope) -> Column:
     return Column(lambda context: slope(context)[None])
 
 
-def _lengths(tables: Any) -> Iterator[Geometry]:
-    """Named lengths, and numbers in the joints' tables other than zero."""
+def _lengths(tables: Any) -> Iterator[tuple[Geometry, float]]:
+    """Named lengths, and numbers in the joints' tables other than zero, with their values, m."""
     for name, value in tables.lengths.items():
         if isinstance(value, int | float) and value:
-            yield Geometry(f"length {name}", ("lengths", name))
+            yield Geometry(f"length {name}", ("lengths", name)), value
     for k, joint in enumerate(tables.joints):
         for key in _GEOMETRY[tables.convention]:
             value = getattr(joint, key)
             if isinstance(value, int | float) and value:
-                yield Geometry(f"{key} of joint {joint.name}", ("joints", k, key))
+                yield Geometry(f"{key} of joint {joint.name}", ("joints", k, key)), value
         for axis, value in enumerate(getattr(joint, "xyz", ())):
             if isinstance(value, int | float) and value:
-                yield Geometry(f"{'xyz'[axis]} of joint {joint.name}", ("joints", k, "xyz", axis))
+                yield Geometry(f"{'xyz'[axis]} of joint {joint.name}", ("joints", k, "xyz", axis)), value
 
 
 def changed(tables: Any, key: Sequence[str | int], step: float) -> Any:

@@ -452,7 +452,8 @@ def large_enough(made: Gain) -> bool:
 
 def _matters(one: TriedChange, trial: Trial) -> bool:
     """Whether a factor is another than 1, and an offset, a length or a shift one that can be."""
-    if one.kind in LARGEST_CHANGE and np.abs(trial.whole.theta[-1]) > LARGEST_CHANGE[one.kind]:
+    most = min(LARGEST_CHANGE.get(one.kind, np.inf), one.geometry.most if one.geometry else np.inf)
+    if np.isfinite(most) and np.abs(trial.whole.theta[-1]) > most:
         return False
     return not one.setting.free or abs(float(trial.whole.factors[one.setting.free[0]]) - 1.0) > SAME
 
