@@ -139,3 +139,21 @@ def test_cases_are_those_of_their_seed_and_cover_every_factor() -> None:
     assert min(c.seconds for c in cases) < 7 < 500 < max(c.seconds for c in cases)
     assert {10, 20} <= {c.bits for c in cases}
     assert all(c.rate >= 12 * c.motion_hz for c in cases)
+
+
+def test_a_log_that_does_not_tell_a_parameter_gives_the_others_and_says_so(tmp_path: Path) -> None:
+    """A closed loop that moves so little that some first moments differ by rounding alone; it was an error."""
+    case = Case(9, "cea", 250, 20, 19.6, 5, bits=15, friction=0.8, level=0.009)
+    plant = Plant(case)
+    found = identify(read_study(write(plant, record(plant), tmp_path)))
+    estimate = found.estimate
+    with pytest.raises(haptid.errors.IdentifiabilityError):
+        haptid.estimate(estimate.observation, haptid.WLS())
+    (said,) = (note for note in estimate.notes if "cannot be told from this log" in note)
+    left_out = [estimate.observation.base.names[k] for k in estimate.zero]
+    assert left_out
+    assert all(name in said.split(" cannot")[0] for name in left_out)
+    assert estimate.status == "uncertain"
+    assert np.isinf(estimate.conf_int()[list(estimate.zero)]).all()
+    assert np.isfinite(estimate.conf_int()).any()
+    assert found.unseen[0].comparable.relative < 20

@@ -14,7 +14,7 @@ from haptid._internal.display import Overview, displayed
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import EstimationError, NoRowsError
-from haptid.estimation import Estimate, MotorSide, estimate
+from haptid.estimation import Estimate, MotorSide
 from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
@@ -29,6 +29,7 @@ from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation, concatenated
 from haptid.study import LogEntry, Study
 from haptid.study.held_out import held_out
+from haptid.study.partial_estimate import told_estimate
 from haptid.study.schema import fault
 from haptid.study.still_joints import naming_still_joints, refuse_held_joints
 from haptid.study.study import silent
@@ -166,7 +167,7 @@ def identify(
     observations = observe_all(model, motions, workers, cache, _pace(progress))
     progress("estimating", 0.0)
     with naming_still_joints(as_filed, logs, study):
-        conditional = estimate(concatenated(study.of_fit(observations)), study.method, intervals)
+        study, conditional = told_estimate(study, model, logs, concatenated(study.of_fit(observations)), intervals)
     final = with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
     use = model_for_use(final, concatenated(study.of_fit(all_rows)), study.use)

@@ -45,11 +45,16 @@ def naming_still_joints(model: DynamicModel, logs: Sequence[Log], study: Study) 
     try:
         yield
     except IdentifiabilityError as error:
-        travels = _travels(model, study.of_fit(logs))
-        still = [k for k, travel in enumerate(travels) if travel < _STILL]
-        if not still or len(still) == len(travels):
+        if not (still := still_joints(model, logs, study)):
             raise
         raise _refused(model, study, logs, still, ", so their parameters are not identifiable") from error
+
+
+def still_joints(model: DynamicModel, logs: Sequence[Log], study: Study) -> list[int]:
+    """Joints, by number among the active ones, that stand still in every log of the fit while another moves."""
+    travels = _travels(model, study.of_fit(logs))
+    still = [k for k, travel in enumerate(travels) if travel < _STILL]
+    return still if len(still) < len(travels) else []
 
 
 def _travels(model: DynamicModel, logs: Sequence[Log]) -> list[float]:

@@ -12,7 +12,7 @@ from haptid.device.expressions import combination
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SettingError, setting_error, unknown_name
+from haptid.errors import IdentifiabilityError, SettingError, setting_error, unknown_name
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import ConeCondition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, feasible_parameters, nearest_feasible
@@ -32,6 +32,7 @@ class FixedAtZero(Wrapper):
     """Another method with some base parameters fixed at zero, without uncertainty.
 
     Weights are those of the fit with all parameters: they represent the noise, which a smaller model does not change.
+    Where the rows do not tell all, `WLS` takes them of the fit without those left out.
 
     Attributes:
         names: of the base parameters left out.
@@ -47,6 +48,15 @@ class FixedAtZero(Wrapper):
     @property
     def name(self) -> str:
         return f"{self.weighting.name} without {len(self.names)}"
+
+    def weights(self, observation: Observation) -> Array:
+        """Those of the wrapped method, (motors,)."""
+        try:
+            return self.weighting.weights(observation)
+        except IdentifiabilityError:
+            if not isinstance(self.weighting, WLS):
+                raise
+            return self.weighting.weights(observation, self.zero(observation))
 
     def zero(self, observation: Observation) -> tuple[int, ...]:
         """Indices of the base parameters left out.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -68,11 +68,16 @@ class WLS:
 
     unit_residual: ClassVar[bool] = True
 
-    def weights(self, observation: Observation) -> Array:
-        """One over the standard deviation of each motor's residual, (motors,), 1/(N m) or 1/N."""
+    def weights(self, observation: Observation, zero: Sequence[int] = ()) -> Array:
+        """One over the standard deviation of each motor's residual, (motors,), 1/(N m) or 1/N.
+
+        Args:
+            observation: rows.
+            zero: base parameters that the fits leave out, by index.
+        """
         weights = np.ones(len(observation.motors))
         for _ in range(self.passes):
-            beta = solve(observation, weights).beta
+            beta = solve(observation, weights, zero).beta
             weights = np.array([self.weight(motor, beta) for motor in observation.motors])
         return weights
 

@@ -1,0 +1,67 @@
+"""The estimate of a study whose logs do not tell all parameters: without those that they do not, and a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import IdentifiabilityError
+from haptid.estimation import WLS, Estimate, FixedAtZero, estimate
+from haptid.estimation.intervals.covariance import Intervals
+from haptid.estimation.recursive import unexcited
+from haptid.inference.diagnosis.finding import joined_names
+from haptid.log import Log
+from haptid.observation.observation import Observation
+from haptid.study.still_joints import still_joints
+from haptid.study.study import Study
+
+# Share of the parameters that may be left out: with fewer left, a sentence on the log is worth more than a model.
+_MOST = 0.25
+# Names in a sentence.
+_NAMED = 6
+
+
+def told_estimate(
+    study: Study, model: DynamicModel, logs: Sequence[Log], rows: Observation, intervals: Intervals
+) -> tuple[Study, Estimate]:
+    """The estimate of a study's rows, and the study with the method that gave it.
+
+    Where weighted least squares finds a direction that the rows do not excite, one parameter of each such direction is
+    left out, at zero, and the intervals of all that share in it are unbounded: torque is predicted for motion like the
+    logs', which these do not change.
+
+    Args:
+        study: with the method.
+        model: of the device.
+        logs: of the study; a joint that stands still in all is an error, which says how to hold it.
+        rows: of the fit.
+        intervals: of the estimate.
+
+    Raises:
+        IdentifiabilityError: a joint stands still, too many parameters are not told, or the method is another.
+    """
+    try:
+        return study, estimate(rows, study.method, intervals)
+    except IdentifiabilityError as error:
+        told = type(study.method) is WLS and error.where in rows.base.names and not still_joints(model, logs, study)
+        left_out, unknown = unexcited(rows.stack()[:-1, :-1]) if told else ((), ())
+        names = rows.base.names
+        if not 0 < len(left_out) <= _MOST * len(names):
+            raise
+    study = replace(study, method=FixedAtZero(tuple(names[k] for k in left_out), study.method))
+    found = estimate(rows, study.method, intervals)
+    own = found.quantities
+    others = [names[k] for k in unknown if k not in left_out]
+    gone = [names[k] for k in left_out]
+    one = len(gone) == 1
+    text = (
+        f"{joined_names(gone, most=_NAMED)} cannot be told from this log, whose motion does not excite "
+        f"{'it' if one else 'them'}, and {'is' if one else 'are'} left out, at zero"
+    )
+    if others:
+        text += f"; {joined_names(others, most=_NAMED)} {'is' if len(others) == 1 else 'are'} not told apart from that"
+    text += ". Torque is predicted for motion like the log's alone. Record motion that moves the link."
+    quantities = replace(own, unbounded=tuple(sorted({*own.unbounded, *unknown})))
+    status = "uncertain" if found.status == "ok" else found.status
+    return study, replace(found, quantities=quantities, status=status, notes=(text, *found.notes))
