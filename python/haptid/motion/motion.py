@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid._internal.display import Overview, displayed
-from haptid._internal.signals import both_ways, paired_sums
+from haptid._internal.signals import both_ways
 from haptid.errors import LogTimeError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
 from haptid.log.resampling import Spans
@@ -223,11 +223,12 @@ class Motion:
         return self._computed(start, stop, weights, unit)
 
     def _computed(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
-        """The same, computed."""
-        wide = self.q[start - SIDE : stop + SIDE].T
-        result = np.empty((len(wide), stop - start))
-        for channel, target in zip(wide, result, strict=True):
-            np.divide(paired_sums(channel, weights), unit, out=target)
+        """The same, computed from steps between samples: at rest it is exactly zero, and dry friction has no sign."""
+        steps = np.diff(self.q[start - SIDE : stop + SIDE].T, axis=1)
+        of_steps = np.cumsum(weights[::-1])[:-1] / unit  # backwards, as a convolution takes them; they add up to zero
+        result = np.empty((len(steps), stop - start))
+        for channel, target in zip(steps, result, strict=True):
+            target[:] = np.convolve(channel, of_steps, "valid")
         return result
 
     def _shown(self) -> Overview:

@@ -140,6 +140,8 @@ class NuisanceProblem:
 def _joined(parts: Sequence[MotorRows]) -> MotorRows:
     """Rows of one motor along several motions, whose columns may differ, in the columns of all of them."""
     columns = np.unique(np.concatenate([part.columns for part in parts]))
+    if len(parts) == 1 and np.array_equal(columns, parts[0].columns):
+        return parts[0]
     size = len(columns) + 1
     r_factors = []
     for part in parts:
