@@ -219,9 +219,10 @@ def _density(products: np.ndarray, dt: float, window: Array) -> tuple[Array, np.
     return fft.rfftfreq(length, dt), density
 
 
+@lru_cache(maxsize=8)  # all channels of a log have the same
 def kaiser_window(length: int, beta: float) -> Array:
     """Kaiser window of one period."""
-    return np.kaiser(length + 1, beta)[:-1]
+    return freeze(np.kaiser(length + 1, beta)[:-1])
 
 
 def hann_window(length: int) -> Array:

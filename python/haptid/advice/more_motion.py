@@ -158,9 +158,9 @@ def _informations(estimate: Estimate, motions: Sequence[Motion]) -> Iterator[tup
         torque = np.abs(W @ estimate.beta).max(axis=1)
         if not peaks.any():
             peaks = np.maximum(torque, np.finfo(float).tiny)
-        own = W[:, :, free] * weights[:, None, None]
+        own = (W[:, :, free] * weights[:, None, None]).reshape(-1, len(free))
         A = np.zeros((len(estimate.beta), len(estimate.beta)))
-        A[np.ix_(free, free)] = np.einsum("mri,mrj->ij", own, own) / c.shape[1]
+        A[np.ix_(free, free)] = own.T @ own / c.shape[1]
         if np.isfinite(A).all():
             yield stroke, speed, A, float((torque / peaks).max())
 
@@ -168,8 +168,10 @@ def _informations(estimate: Estimate, motions: Sequence[Motion]) -> Iterator[tup
 def _se(information: Array, which: Sequence[int]) -> Array:
     """Standard errors of some parameters up to a constant, (n,)."""
     scale = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-12, hermitian=True)
-    return np.asarray(scale[list(which)] * np.sqrt(np.maximum(np.diag(inverse)[list(which)], 0.0)))
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
+    kept = np.abs(values) > 1e-12 * np.abs(values).max()
+    variance = vectors[list(which)][:, kept] ** 2 @ (1 / values[kept])
+    return np.asarray(scale[list(which)] * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _time(reached: Any, seconds: float) -> float:

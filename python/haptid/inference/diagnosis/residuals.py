@@ -22,6 +22,8 @@ from haptid.uncertainty.multiple_testing import holm_adjusted
 
 # Missing rows between two ranges: more than any lag that is used.
 _GAP = 400
+# Frequencies up to half the sampling rate at which power is summed; twice as many as lags at least.
+_FREQUENCIES = 1001
 # Rows are taken as uncorrelated where the autocorrelation of the shared filter is below this.
 UNCORRELATED = 0.02
 # Lags of the portmanteau test.
@@ -213,8 +215,8 @@ def half_power(e: Array, step: float) -> float:
     k = np.arange(1, len(rho))
     window = 0.5 * (1 + np.cos(np.pi * k / len(rho)))
     weight = rho[1:] * pairs[0] / np.maximum(pairs[1:], 1) * window
-    f = np.linspace(0.0, 0.5, 1001)
-    below = 2 * f + 2 * np.sin(2 * np.pi * np.outer(f, k)) @ (weight / (np.pi * k))
+    f = np.linspace(0.0, 0.5, _FREQUENCIES)
+    below = 2 * f - 2 * fft.rfft(np.append(0.0, weight / (np.pi * k)), 2 * (_FREQUENCIES - 1)).imag
     return float(f[int(np.argmax(below >= 0.5))] / step)
 
 
