@@ -54,6 +54,13 @@ TAU = Q + np.cos(5.0 * T)
         ("время;угол;скорость;момент", (T, Q, Q, TAU), ("время", "s"), (["угол"], "rad"), (["момент"], "N m")),
         ("millis;ticks1;ticks2;pwm1;pwm2", (1e3 * T, *np.rint([500 * Q, 500 * Q, 99 * TAU, 99 * TAU])),
          ("millis", "ms"), (["ticks1", "ticks2"], "counts"), (["pwm1", "pwm2"], "counts")),
+        ("time;cart_position;pendulum_angle;cart_force;pendulum_torque", (T, Q, Q, TAU, TAU), ("time", "s"),
+         (["cart_position", "pendulum_angle"], "rad"), (["cart_force", "pendulum_torque"], "N m")),
+        ("time;elbow_pos;elbow_angle;elbow_torque", (T, Q, Q, TAU),  # two signals of one joint
+         ("time", "s"), (["elbow_pos"], "rad"), (["elbow_torque"], "N m")),
+        ("s;rad1;rad2;nm1;nm2", (T, Q, Q, TAU, TAU), ("s", "s"), (["rad1", "rad2"], "rad"), (["nm1", "nm2"], "N m")),
+        ("time;rad_1;rad_2;rad_s_1;rad_s_2;Nm_1;Nm_2", (T, Q, Q, TAU, TAU, Q, Q),  # rates that do not fit
+         ("time", "s"), (["rad_1", "rad_2"], "rad"), (["Nm_1", "Nm_2"], "N m")),
         ("ts;qs;us", (T, Q, TAU), ("ts", "s"), (["qs"], "rad"), (["us"], "N m")),
         ("__time;/joint_states/position.hip;/joint_states/position.knee;/joint_states/effort.hip;/joint_states/effort.knee",
          (T, Q, Q, TAU, TAU), ("__time", "s"),

@@ -71,6 +71,7 @@ SPELLINGS = {
     "mN m": ("mnm", "mn.m", "mn*m", "mn·m"),
     "kN m": ("knm", "kn.m", "kn*m", "kn·m"),
     "N": ("newton", "newtons"),
+    "mN": ("millinewton", "millinewtons"),
     "kN": ("kilonewton", "kilonewtons"),
     "MN": ("meganewton", "meganewtons"),
     "V": ("volt", "volts"),

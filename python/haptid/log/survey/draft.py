@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from haptid._internal.toml_text import basic_string
@@ -171,7 +171,8 @@ def _families(
                 element = element_of(channel.name)
                 array = element["array"] if element else _pattern(_without(unit_apart(channel.name)[0], own))
                 arrays.setdefault(array, []).append(channel)
-        for array, channels in _joined(arrays).items():
+        groups = _joined(arrays)
+        for array, channels in (*groups.items(), *_of_unlike_names(groups)):
             found.append(_Family(topic, array, tuple(c for c in channels if not _is_copy(c, channels))))
     return sorted(found, key=lambda family: family.rank, reverse=True)
 
@@ -212,6 +213,24 @@ def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSur
         rows = f" {channels[0].rows}"  # every tenth sample of a joint is no other joint
         made.setdefault(" ".join([*sorted(kind), place]) + rows if alone else array, []).extend(channels)
     return made
+
+
+def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[str, list[ChannelSurvey]]]:
+    """Groups whose names say one quantity by different words, each of joints of its own: a cart's and a pendulum's.
+
+    `shoulder_pos` and `elbow_angle` are of two joints, `elbow_pos` and `elbow_angle` two signals of one.
+    """
+    alike: dict[tuple[object, ...], list[list[ChannelSurvey]]] = {}
+    for array, channels in groups.items():
+        words = [words_of(base_of(c.name)) for c in channels]
+        if not any("/" in c.name or element_of(c.name) for c in channels) and all(own - _KIND for own in words):
+            other = frozenset.union(*words) & (_WANTED | _MEASURED | _TREATED | {"motor", "joint", "rotor"})
+            alike.setdefault((other, drive_unit(words_of(array)), channels[0].rows), []).append(channels)
+    for members in alike.values():
+        names = [frozenset.union(*(words_of(base_of(c.name)) - _KIND for c in channels)) for channels in members]
+        if len(members) > 1 and sum(map(len, names)) == len(frozenset.union(*names)):
+            channels = [channel for own in members for channel in own]
+            yield " ".join(channel.name for channel in channels), channels
 
 
 def _pattern(name: str) -> str:

@@ -18,6 +18,7 @@ from haptid.log.survey.names import (
     base_of,
     drive_unit,
     element_of,
+    only_unit,
     quantity_of,
     time_unit,
     unit_apart,
@@ -107,6 +108,8 @@ def guessed(
     elif source == "lerobot" and (m := element_of(name)):  # joint.pos, joint.torque in one list
         inner = words_of(m["element"].rpartition(".")[2])
         quantity = next((q for q, known in QUANTITY_WORDS if inner & known), quantity)
+    if quantity == "other" and not stated and (alone := only_unit(base)):
+        return replace(channel, quantity=alone[0], unit=alone[1], reason=STATED[1])
     known = known_unit(stated) if stated else None
     if known is not None and known[0] != "time":
         if quantity == "other" and known[0] in ("position", "torque"):

@@ -95,6 +95,9 @@ _ERROR = re.compile(r"[eE]_(?=[A-Za-z])")
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
+# A unit and a number, and units that such a name seldom means: a counter, or a number of turns, is no angle by itself.
+_UNIT_AND_NUMBER = re.compile(r"(?P<unit>[^\W\d_](?:[^\d]*[^\W\d_])+)[_ .]?\d+")
+_RARELY_ALONE = frozenset({"counts", "turn"})
 # `Torque / Nm`, `torque in Nm`, `Torque Nm`; a single letter after a space is more often a name.
 _WRITTEN = re.compile(r"(?<=\w)(?:\s?/\s?(?P<slash>[^\s/.]+)|\s+in\s+(?P<stated>\S+)|\s+(?P<bare>[^\s\w]|\S{2,}))$")
 
@@ -109,6 +112,15 @@ def unit_apart(name: str) -> tuple[str, str]:
     match = None if name.startswith("/") or name.count("/") > 1 else _WRITTEN.search(name)
     unit = next((part for part in match.groups() if part), "") if match else ""
     return (name[: match.start()].rstrip(), unit) if match and known_unit(unit) else (name, "")
+
+
+def only_unit(name: str) -> tuple[str, str] | None:
+    """Quantity and unit of a channel that is called as its unit, with a number: `rad1`, `nm_2`, `rad_s_1`."""
+    match = _UNIT_AND_NUMBER.fullmatch(name)
+    known = (
+        known_unit(match["unit"].replace("_", "/")) or known_unit(match["unit"].replace("_", " ")) if match else None
+    )
+    return known if known and known[0] != "time" and known[1] not in _RARELY_ALONE else None
 
 
 def element_of(name: str) -> re.Match[str] | None:
