@@ -48,19 +48,25 @@ class CCode:
         name: prefix of all names; derived from the device's name where None.
         precision: "double" or "single", in C.
         reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
+        rate, acceleration: largest of joints without a velocity limit, rad/s or m/s and per s, for the error bounds of
+            single precision; of joints with a limit the acceleration is in the same proportion to it.
     """
 
     name: str | None = None
     precision: Precision = "double"
     reversal_speed: float = REVERSAL_SPEED
+    rate: float = 2.0
+    acceleration: float = 20.0
 
     def __post_init__(self) -> None:
         if self.name is not None:
             check_name(self.name)
         if self.precision not in get_args(Precision):
             raise setting_error("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
-        if not positive(self.reversal_speed):
-            raise setting_error("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+        for setting, unit in (("reversal_speed", "s"), ("rate", "s"), ("acceleration", "s^2")):
+            if not positive(getattr(self, setting)):
+                wanted = f"a finite number above zero, rad/{unit} or m/{unit}"
+                raise setting_error(setting, getattr(self, setting), wanted)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
@@ -21,9 +22,12 @@ class CExport(Export):
 
     Attributes:
         operations: operation count of one call of each function.
+        error_bounds: in single precision the largest differences of each function's outputs from double precision, by
+            their names, for the ranges in the header; infinite where none is known. Empty in double precision.
     """
 
     operations: dict[str, Operations]
+    error_bounds: Mapping[str, Mapping[str, tuple[float, ...]]]
 
 
 def export_c(
@@ -53,7 +57,7 @@ def export_c(
     single = code is not None and code.precision == "single"
     files = Files.of(provenance(identified, **criterion), code, SINGLE if single else DOUBLE)
     written = write(folder, _texts(files), files.source.verdict)
-    return CExport(written.folder, written.files, written.verdict, files.code.operations)
+    return CExport(written.folder, written.files, written.verdict, files.code.operations, files.bounds)
 
 
 def _texts(files: Files) -> dict[str, str]:

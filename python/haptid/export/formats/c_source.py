@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import string
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import resources
 
@@ -17,6 +18,7 @@ from haptid.device.elastic import torsion_places
 from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.dialects import C
 from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.formats.single_precision import OutputBounds, single_precision_bounds, single_precision_lines
 from haptid.export.formats.worst_case import worst_case_lines
 from haptid.export.model.functions import Code, code_for
 from haptid.export.model.passive import start_pose, start_positions
@@ -63,18 +65,20 @@ class Files:
         code: its functions.
         dialect: double or single precision.
         name: prefix of all names in C.
+        settings: of the code.
     """
 
     source: Provenance
     code: Code
     dialect: C
     name: str
+    settings: CCode = field(default_factory=CCode)
 
     @staticmethod
     def of(source: Provenance, settings: CCode | None, dialect: C) -> Files:
         """The files of a model, by the settings of its code."""
         code, name = code_for(source, settings)
-        return Files(source, code, dialect, name)
+        return Files(source, code, dialect, name, settings or CCode())
 
     @property
     def model(self) -> DynamicModel:
@@ -83,6 +87,13 @@ class Files:
     @cached_property
     def generated(self) -> Emitted:
         return emitted(self.code.graph, self.code.functions, self.dialect)
+
+    @cached_property
+    def bounds(self) -> OutputBounds:
+        """Of the error in single precision; empty in double precision."""
+        if self.dialect.real == "double":
+            return {}
+        return single_precision_bounds(self.source, self.code, self.settings)
 
     @cached_property
     def common(self) -> Mapping[str, object]:
@@ -147,12 +158,20 @@ class Files:
             about=_commented(comment(line) for line in about(self.source)),
             coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.model)),
             worst_case=_commented(worst_case_lines(self.code.graph, self.code.functions)),
+            precision=self._precision(),
             parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
             prototypes=prototypes,
             handle=handle,
             loops=loops,
             elastic=self._elastic("elastic.h"),
         )
+
+    def _precision(self) -> str:
+        """Error bounds of single precision; empty in double precision."""
+        if not self.bounds:
+            return ""
+        lines = single_precision_lines(self.source, self.code, self.settings, self.bounds)
+        return _commented(["", *(line for long in lines for line in _folded(long))]) + "\n"
 
     def body(self) -> str:
         """Definitions."""
@@ -236,6 +255,12 @@ def _flowed(arguments: Sequence[str], start: str) -> list[str]:
 def _commented(lines: Iterable[str]) -> str:
     """Lines of a C comment."""
     return "\n".join(f" * {line}".rstrip() for line in lines)
+
+
+def _folded(line: str) -> list[str]:
+    """Lines of at most WIDTH, indented like the first."""
+    inner = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.wrap(line, _WIDTH, subsequent_indent=inner) if len(line) > _WIDTH else [line]
 
 
 def _about(function: Function) -> str:

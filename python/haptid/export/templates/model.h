@@ -9,7 +9,7 @@
  * own observer and differentiator. Where a function returns int, 0 is success; otherwise its outputs are zeros.
  *
 @{worst_case}
- */
+@{precision} */
 #ifndef @{NAME}_H
 #define @{NAME}_H
 
