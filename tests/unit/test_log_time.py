@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from haptid import errors
-from haptid.log import Channels, Log, Signal, read_log
+from haptid.log import Channels, Log, Signal, read_log, row_times
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -431,3 +432,19 @@ def test_gaps_are_judged_by_the_motion_and_not_by_what_trembles(tmp_path: Path, 
     log = read_log(path, channels)
     assert len(log.segments) == 1
     assert log.t.size == n
+
+
+@pytest.mark.parametrize(("wander", "jitter", "gap"), [(0.0, 1.0, 1), (0.0, 1.5, 10), (0.9, 0.7, 0), (0.9, 1.5, 0)])
+def test_lost_rows_are_counted_as_far_as_the_stamps_tell(wander: float, jitter: float, gap: int) -> None:
+    """Above 0.6 steps of jitter none were counted; of stamps that wander, hundreds that never were."""
+    rng, rows = np.random.default_rng(3), 6000
+    white = rng.normal(size=rows + 200) * np.sqrt(1 - wander**2)
+    late = jitter * signal.lfilter([1.0], [1.0, -wander], white)[200:]
+    kept = np.ones(rows, dtype=bool)
+    for start in rng.choice(np.arange(1, 60), 30 // max(gap, 1), replace=False) * 100 if gap else ():
+        kept[start : start + gap] = False
+    stamps = np.sort((np.arange(rows) + late)[kept])
+    slots = row_times._line(stamps, ((0, len(stamps)),))[0]
+    off = slots - np.flatnonzero(kept)
+    assert abs(int(slots[-1]) + 1 - rows) <= 0.2 * (~kept).sum()
+    assert np.std(off) < 1.5

@@ -13,7 +13,11 @@ from haptid._internal.arrays import Array
 from haptid._internal.signals import running_maximum
 
 # Standard error of a jump, steps, that the windows on either side are long enough for; their fewest and most rows.
-_KNOWN, _FEWEST, _MOST = 0.12, 8, 200
+_KNOWN, _FEWEST, _MOST = 0.12, 8, 400
+# Windows that are shorter than that error asks for by this factor do: longer ones have more than one gap in them.
+_ENOUGH = 2.0
+# Rows of the means from whose differences that error is estimated: wandering stamps average less than noise does.
+_MEAN = 32
 # Steps, over an ordinary one, from which on a gap is looked for, and the jump that is one.
 _LONGER, _JUMP = 0.0, 0.65
 # Passes: gaps near each other are counted apart, and the step is found again without them.
@@ -21,17 +25,41 @@ _PASSES = 10
 
 
 def lost_rows(seconds: Array, jitter: float) -> NDArray[np.intp]:
-    """Number of missing rows before each row but the first, (rows - 1,).
+    """Number of missing rows before each row but the first, (rows - 1,); none where the stamps are too rough to tell.
 
     Args:
         seconds: stamps of a segment, not decreasing, (rows,).
         jitter: of a stamp, standard deviation, steps.
     """
-    rows = seconds.size
+    none = np.zeros(seconds.size - 1, dtype=np.intp)
     m = int(np.clip(2 * (jitter / _KNOWN) ** 2, _FEWEST, _MOST))
+    if seconds.size < 4 * m:
+        return none
+    lost, offset = _counted(seconds, m)
+    for _ in range(2):  # rows that are lost, and those counted that are not, are in the first error
+        needed = _window(offset)
+        if needed <= _ENOUGH * m:
+            return lost
+        if needed > _MOST or seconds.size < 4 * needed:
+            return none
+        m = needed
+        lost, offset = _counted(seconds, m)
+    return lost if _window(offset) <= _ENOUGH * m else none
+
+
+def _window(offset: Array) -> int:
+    """Rows on either side of a row for which a jump is known well enough, from the offsets' means."""
+    count = offset.size // _MEAN
+    means = offset[: count * _MEAN].reshape(count, _MEAN).mean(axis=1)
+    apart = np.diff(means)
+    error = 1.4826 * float(np.median(np.abs(apart - np.median(apart)))) if count > 2 else 0.0
+    return int(np.ceil(_MEAN * (error / _KNOWN) ** 2))
+
+
+def _counted(seconds: Array, m: int) -> tuple[NDArray[np.intp], Array]:
+    """Missing rows by windows of m rows, (rows - 1,), and what the stamps differ from the grid by, steps, (rows,)."""
+    rows = seconds.size
     lost = np.zeros(rows - 1, dtype=np.intp)
-    if rows < 4 * m:
-        return lost
     step = float(np.median(seconds[m:] - seconds[:-m])) / m
     for _ in range(_PASSES):
         slots = np.append(0, np.cumsum(lost + 1))
@@ -49,7 +77,7 @@ def lost_rows(seconds: Array, jitter: float) -> NDArray[np.intp]:
         step = float(np.median((seconds[half:] - seconds[:-half]) / (slots[half:] - slots[:-half])))
         if not change.any():
             break
-    return lost
+    return lost, (seconds - seconds[0]) / step - slots
 
 
 def _jump(offset: Array, m: int) -> Array:

@@ -40,9 +40,8 @@ DRIFT = 2e-3
 _LASTS = 3
 # Rows after which late stamps, as of a recorder that was held up, are back in time.
 _LATE = 64
-# Jitter, in steps, up to which missing rows are counted by rounding each step, and by the means of many. Above it
-# stamps are no longer in the order of their samples, and jitter and gaps are alike.
-COUNTED, COUNTED_IN_MEAN = 0.12, 0.6
+# Jitter, in steps, up to which missing rows are counted by rounding each step; above it by the means of many.
+COUNTED = 0.12
 # Slope above which the stamps say when samples were taken, and the most rows that it is computed from.
 TELL, ROWS_OF_SLOPE = 0.5, 2**17
 # Standard errors from 0, or from 1, from which on that slope is clear.
@@ -354,7 +353,7 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
         own = np.ones(b - a - 1, dtype=np.intp)
         if spread < COUNTED:
             own = np.rint(np.diff(seconds[a:b]) / median).astype(np.intp)
-        elif spread < COUNTED_IN_MEAN:
+        else:
             own = 1 + lost_rows(seconds[a:b], spread)
         index = np.arange(1, b - a)  # no two rows are in one place
         slots[a + 1 : b] = index + np.maximum(np.maximum.accumulate(_lasting(np.cumsum(own) - index)), 0)
