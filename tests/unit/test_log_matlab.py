@@ -141,3 +141,35 @@ def test_arrays_of_trials(tmp_path: Path, name: str) -> None:
     assert channels["position"]["field"] == "angles[1]"
     assert channels["torque"]["field"] == "torques[1]"
     assert channels["torque"]["joints"] == [1, 2]
+
+
+def named(pairs: dict[str, tuple[np.ndarray, str]], key: str, unit: str) -> np.ndarray:
+    """An array of structs as dSPACE and Simulink write it, each with a name, samples and a unit."""
+    rows = [(name, data[None], text, 1.0) for name, (data, text) in pairs.items()]
+    return np.array(rows, dtype=[(key, object), ("Data", object), (unit, object), ("Raster", object)])
+
+
+def test_arrays_of_structs_that_say_their_names(tmp_path: Path) -> None:
+    """Signals of an experiment of dSPACE; the names by numbers stay readable."""
+    t, q, tau = DATA.T
+    pairs = {'"Plant"/"theta arm"/"Out1"': (q, "rad"), '"Plant"/"Motor torque"': (tau, "Nm"), "Gain": (t, "")}
+    path = tmp_path / "run.mat"
+    io.savemat(path, {"run": {"X": named({"Time": (t, "s")}, "Name", "Unit"), "Y": named(pairs, "Name", "Unit")}})
+    assert format_of(path).names(path) == [
+        "run.X.Time [s]", "run.Y.Plant/theta arm [rad]", "run.Y.Plant/Motor torque [Nm]", "run.Y.Gain",
+    ]  # fmt: skip
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["time"], channels["time_unit"]) == ("run.X.Time [s]", "s")
+    assert channels["position"] == {"channels": ["run.Y.Plant/theta arm [rad]"], "unit": "rad"}
+    assert channels["torque"] == {"channels": ["run.Y.Plant/Motor torque [Nm]"], "unit": "N m"}
+    found = read(path, [*format_of(path).names(path), "run.Y[2].Data"])
+    np.testing.assert_array_equal(found["run.Y.Plant/Motor torque [Nm]"], tau)
+    np.testing.assert_array_equal(found["run.Y[2].Data"], tau)
+
+
+@pytest.mark.parametrize("second", ["q", ""])
+def test_structs_without_names_of_their_own_are_numbered(tmp_path: Path, second: str) -> None:
+    path = tmp_path / "run.mat"
+    rows = [("q", DATA[:, 1]), (second, DATA[:, 2])]
+    io.savemat(path, {"signals": np.array(rows, dtype=[("label", object), ("values", object)])})
+    assert format_of(path).names(path) == ["signals[1].values", "signals[2].values"]

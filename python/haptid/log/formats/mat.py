@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 import warnings
 import zlib
@@ -51,7 +52,7 @@ def names(path: Path) -> list[str]:
     if kind != "MAT 5":
         found = hdf5.names(path)
     else:
-        leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
+        leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value, titled=True))
         found = [channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)]
     if not _has_objects(path):
         return found
@@ -103,7 +104,8 @@ def _has_objects(path: Path) -> bool:
 def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     """One variable after the other, so that only one is in memory in addition to the collected channels."""
     for variable in dict.fromkeys(name.split(".")[0].split("[")[0] for name in wanted):
-        leaves = (leaf for name, value in _load(path, [variable]).items() for leaf in _leaves(name, value))
+        loaded = _load(path, [variable]).items()
+        leaves = (leaf for name, value in loaded for titled in (True, False) for leaf in _leaves(name, value, titled))
         for name, array in leaves:
             found = addresses(name, array.shape) if numeric(array.dtype) else {}
             if name in wanted and not numeric(array.dtype):
@@ -122,29 +124,59 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
     return {name: value for name, value in loaded.items() if isinstance(name, str) and not name.startswith("__")}
 
 
-def _leaves(name: str, value: object) -> Iterator[tuple[str, RawChannel]]:
-    """Plain arrays with their full names, `out.signals[2].values` in an array of structs; objects are left out."""
+def _leaves(name: str, value: object, titled: bool) -> Iterator[tuple[str, RawChannel]]:
+    """Plain arrays with their full names, `out.signals[2].values` in an array of structs; objects are left out.
+
+    Args:
+        titled: whether those of structs that say a name of their array have it, `out.signals.q1 [rad]`.
+    """
     if type(value) is not np.ndarray:
         return
     if value.dtype == object:
         if value.size <= _MOST_STRUCTS:  # a cell array, as of trials
             for k, cell in enumerate(value.flat, 1):
-                yield from _leaves(f"{name}[{k}]", cell)
+                yield from _leaves(f"{name}[{k}]", cell, titled)
         elif (rows := _stacked(value.flat)) is not None:
             yield name, rows
     elif value.dtype.names is None:
         yield name, value
+    elif titled and (own := _titled(value)):
+        yield from ((f"{name}.{title}", array) for title, array in own.items())
     elif value.size == 1:
         for field in value.dtype.names:
-            yield from _leaves(f"{name}.{field}", value.flat[0][field])
+            yield from _leaves(f"{name}.{field}", value.flat[0][field], titled)
     elif value.size <= _MOST_STRUCTS:  # as the signals of a structure with time
         for k, one in enumerate(value.flat, 1):
             for field in value.dtype.names:
-                yield from _leaves(f"{name}[{k}].{field}", one[field])
+                yield from _leaves(f"{name}[{k}].{field}", one[field], titled)
     else:  # a struct for each sample
         for field in value.dtype.names:
             if (rows := _stacked(value[field].flat)) is not None:
                 yield f"{name}.{field}", rows
+
+
+def _titled(structs: np.ndarray) -> dict[str, RawChannel]:
+    """The array of each struct by the name that a field says, as dSPACE and Simulink write it, with its unit.
+
+    Empty where one has no such name of its own, or another number of arrays than one.
+    """
+    fields = {field.lower(): field for field in structs.dtype.names or ()}
+    key = next((fields[field] for field in _NAMES if field in fields), None)
+    made: dict[str, RawChannel] = {}
+    for one in structs.flat if key and structs.size <= _MOST_STRUCTS else ():
+        arrays = [one[field] for field in fields.values() if getattr(one[field], "size", 0) >= _SAMPLES]
+        arrays = [array for array in arrays if numeric(array.dtype)]
+        unit = next((_text(one[fields[field]]) for field in _UNITS if field in fields), "")
+        title = _PORT.sub("", _text(one[key]).replace('"', ""))
+        if len(arrays) != 1 or not title:
+            return {}
+        made[f"{title} [{unit}]" if unit else title] = arrays[0]
+    return made if len(made) == structs.size else {}
+
+
+def _text(value: object) -> str:
+    """A text of MATLAB; empty for anything else."""
+    return str(value.flat[0]).strip() if type(value) is np.ndarray and value.dtype.kind == "U" and value.size else ""
 
 
 def _stacked(cells: Iterable[object]) -> RawChannel | None:
@@ -158,6 +190,9 @@ def _stacked(cells: Iterable[object]) -> RawChannel | None:
 
 # Longest array of structs or cells whose content is channels.
 _MOST_STRUCTS = 200
+# Fields of the name and the unit of a struct's array, and samples that this has at least; the port of a Simulink block.
+_NAMES, _UNITS, _SAMPLES = ("name", "label", "signalname"), ("unit", "units"), 16
+_PORT = re.compile(r"/(?:Out|In)\d+$")
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
 _NESTED, _LAST_CLASS, _OPAQUE = (1, 2, 3, 16, 17), 18, 17
