@@ -71,14 +71,14 @@ STIFF, BOTH_SEEDS, SLIPS, SLIP_SEEDS = (300.0, 1000.0, 3000.0), range(8), (2e-4,
 
 
 def of_both_sides(model: haptid.DynamicModel, log: haptid.Log) -> tuple[dict[str, str], dict[str, float]] | None:
-    """Statuses of the findings by name, and their figures; None where the log is refused."""
+    """Statuses of the findings by name, and their figures; None where the log is refused, or has too few rows."""
     try:
         treatment = haptid.propose(model, log).treatment
         found = torsion_findings(haptid.estimate(haptid.observe(model, haptid.treat(log, treatment)), haptid.WLS()))
     except HaptidError:
         return None
     figures = {name: value for finding in found for name, value in finding.figures.items()}
-    return {finding.name: finding.status for finding in found}, figures
+    return ({finding.name: finding.status for finding in found}, figures) if found else None
 
 
 def both_sides() -> dict[str, float]:

@@ -18,11 +18,13 @@ from scipy import fft
 
 from haptid._internal.arrays import Array, freeze_fields
 from haptid.dynamics.counterparts import with_stiff_springs
+from haptid.dynamics.forward import ForwardDynamics
+from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IdentifiabilityError, LogTimeError
+from haptid.errors import HaptidError, IdentifiabilityError, LogTimeError
 from haptid.log import Log
-from haptid.motion.channels import coordinate_torque, position_map
-from haptid.motion.motion import treat
+from haptid.motion.channels import coordinate_torque, coordinates, position_map
+from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
 from haptid.uncertainty.distributions import f_quantile, t_quantile
 
@@ -231,6 +233,38 @@ def multisine_response(
     periods = tuple(C.shape[1] for C, _ in spectra)
     units = rigid.device.coordinate_units
     return FrequencyResponse(rigid.device.name, labels, units, f[excited], G, variance, dof, length * dt, periods)
+
+
+def response_of_motors(
+    model: DynamicModel, logs: Sequence[Log], torque_delay_s: float | Sequence[float] | None = None
+) -> FrequencyResponse | None:
+    """The frequency response of the motors, in their order; None where the logs do not repeat, or are too few."""
+    rigid = with_stiff_springs(model).device
+    if rigid.row_names != tuple(motor.name for motor in model.device.motors):
+        return None
+    try:
+        return multisine_response(model, logs, torque_delay_s=torque_delay_s)
+    except HaptidError:
+        return None
+
+
+def modelled_compliance(model: DynamicModel, beta: Array, motion: Motion, f: Array) -> np.ndarray:
+    """Position of each motor by the torque of each at the mean pose of a motion, (bins, motors, motors), complex.
+
+    Of small motion, without dry friction.
+
+    Args:
+        beta: base parameters, (p,).
+        f: frequencies, Hz, (bins,).
+    """
+    device = model.device
+    c = coordinates(device, motion, *motion.usable)[0].mean(axis=1, keepdims=True)
+    forward = ForwardDynamics(model, raw_parameters(model, beta)).without_dry()
+    still, s = np.zeros_like(c), 2j * np.pi * np.asarray(f)[:, None, None]
+    stiffness, damping = forward.gradients(c, still, still)
+    B, motors = np.asarray(device.row_map), [k for k, drive in enumerate(device.drives) if drive.motorised]
+    N = np.asarray(device.coupling)[motors]
+    return np.asarray(N @ np.linalg.solve(B.T @ (stiffness + s * damping + s**2 * forward.mass(c)) @ B, N.T + 0j))
 
 
 def _signals(model: DynamicModel, log: Log) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from haptid.estimation.methods.motor_side import with_noise_uncertainty
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.load_friction import fit_nonlinear_constants
 from haptid.executors import Executor
+from haptid.inference.frequency_response import FrequencyResponse, Spring, response_of_motors
 from haptid.inference.gimbal import GimbalEffect, gimbal_effect
 from haptid.log import Log, is_long, log_size, open_log, read_log
 from haptid.motion.motion import Motion, treat
@@ -86,6 +87,8 @@ class Identification:
         projection: the nonlinear constants as found by variable projection, None where the device has none.
         calibration: home offsets and the direction of gravity, to which the logs are corrected; None where the study
             takes them as exact.
+        response: frequency response of elastic motors whose links were not measured, from logs of a motion that
+            repeats; None where there are none.
     """
 
     study: Study
@@ -97,6 +100,7 @@ class Identification:
     projection: VariableProjection | None = None
     calibration: Calibration | None = None
     gimbal: GimbalEffect | None = None
+    response: FrequencyResponse | None = None
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
@@ -151,7 +155,7 @@ def identify(
     together = sum(log_size(path) for entry in study.logs if os.path.exists(path := folder / entry.path))
     logs = [read_entry(entry, folder, progress, together) for entry in study.logs]
     expect_fast_sampling(as_filed, logs)
-    study, logs = _completed(study, as_filed, logs, progress)
+    study, logs, response = _completed(study, as_filed, logs, progress)
     refuse_held_joints(as_filed, logs, study)
     progress("choosing a treatment", 0.0)
     with naming_still_joints(as_filed, logs, study):
@@ -175,7 +179,8 @@ def identify(
     runs = tuple(replace(run, motors=motor_shares(use.estimate, run.motion)) for run in runs)
     runs = validated(runs, study, as_filed, use.estimate)
     progress("estimating", 1.0)
-    return Identification(study, model, proposal, final, use, runs, projection, calibration, gimbal_effect(final))
+    gimbal = gimbal_effect(final)
+    return Identification(study, model, proposal, final, use, runs, projection, calibration, gimbal, response)
 
 
 def with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration: Calibration | None) -> Estimate:
@@ -259,13 +264,18 @@ def read_entry(entry: LogEntry, data: Path, progress: _Progress, together: int =
     return log
 
 
-def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Progress) -> tuple[Study, list[Log]]:
-    """Logs of elastic motors without their links, with simulated links, and the study with the method for them."""
+def _completed(
+    study: Study, model: DynamicModel, logs: list[Log], progress: _Progress
+) -> tuple[Study, list[Log], FrequencyResponse | None]:
+    """Logs of elastic motors without their links, with simulated links, the study with the method for them, and the
+    motors' frequency response where logs repeat."""
     if not any(lacks_links(model, log) for log in logs):
-        return study, logs
+        return study, logs, None
     progress("finding stiffness", 0.0)
     fitting = [entry.role == "identify" for entry in study.logs]
-    completed, stiffness_fit = complete_logs(model, logs, fitting, **study.treatment)
+    response = response_of_motors(model, study.of_fit(logs), study.treatment.get("torque_delay_s"))
+    measured = _link_frequencies(model, response)
+    completed, stiffness_fit = complete_logs(model, logs, fitting, measured, **study.treatment)
     # Simulated links hold no noise but the motors', and determine no delay but that they were simulated with.
     treatment_used = stiffness_fit.observation.motions[0].treatment
     names = ("cutoff_hz", "parallel_cutoff_hz", "decimation", "torque_delay_s")
@@ -274,7 +284,17 @@ def _completed(study: Study, model: DynamicModel, logs: list[Log], progress: _Pr
         weighting=study.method, initial=dict(zip(stiffness_fit.names, stiffness_fit.beta.tolist(), strict=True))
     )
     progress("finding stiffness", 1.0)
-    return replace(study, method=method, use="free", treatment=treatment), completed
+    return replace(study, method=method, use="free", treatment=treatment), completed, response
+
+
+def _link_frequencies(model: DynamicModel, response: FrequencyResponse | None) -> dict[str, float] | None:
+    """Of each elastic motor the frequency of its link on its spring, Hz; None where the response does not show all."""
+    if response is None:
+        return None
+    names = [motor.name for motor in model.device.motors]
+    springs = {drive.name: response.springs[names.index(drive.name)] for drive in model.device.elastic}
+    shown = {name: spring.antiresonance for name, spring in springs.items() if isinstance(spring, Spring)}
+    return shown if len(shown) == len(springs) else None
 
 
 def logs_to_propose_from(study: Study, logs: Sequence[Log]) -> list[Log]:

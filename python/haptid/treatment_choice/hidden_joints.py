@@ -63,7 +63,11 @@ def command_delay(log: Log) -> float:
 
 
 def complete_logs(
-    model: DynamicModel, logs: Sequence[Log], fitting: Sequence[bool], **given: Any
+    model: DynamicModel,
+    logs: Sequence[Log],
+    fitting: Sequence[bool],
+    measured: Mapping[str, float] | None = None,
+    **given: Any,
 ) -> tuple[list[Log], Estimate]:
     """The logs with positions of the joints that springs alone move, and the estimate that they are simulated with.
 
@@ -71,6 +75,8 @@ def complete_logs(
         model: the dynamic model, with elastic motors.
         logs: recordings without positions of these joints.
         fitting: which of them the parameters are estimated from.
+        measured: frequency of the link on the spring of each elastic motor by its frequency response, Hz, to begin
+            with; None where there is none.
         given: settings of `Treatment` that are fixed.
 
     Raises:
@@ -91,7 +97,8 @@ def complete_logs(
     frequencies = np.full(len(model.device.elastic), proposal.bandwidth_hz)
     try:
         motion = treat(_followed(model, part), treatment)
-        start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction)
+        known = np.array([measured[drive.name] for drive in model.device.elastic]) if measured else None
+        start = spring_start(rigid_fit, model, motion, proposal.bandwidth_hz, method.friction, known)
         frequencies = start.frequencies
         _expect_between_samples(part, frequencies)
         initial = _stable(observation, start)

@@ -26,6 +26,8 @@ from haptid.simulation.driven import DrivenJoints, SegmentCourses
 # at one misfit are enough.
 _TRIED = (1.0, 2.0, 4.0, 0.5)
 _SAME = 0.01
+# Logarithm of a fit's frequency over the measured one that it began with, up to which it has stayed there.
+_STAYS = 0.4
 # Damping ratio to begin with, and the rotors' inertia over that of the links.
 _DAMPING, _ROTOR = 0.03, 0.1
 # Least eigenvalue of the links' mass matrix, over the largest: that of a rigid fit need not be positive.
@@ -82,7 +84,12 @@ class _Fit:
 
 
 def spring_start(
-    rigid: Estimate, model: DynamicModel, motion: Motion, bandwidth: float, friction: float
+    rigid: Estimate,
+    model: DynamicModel,
+    motion: Motion,
+    bandwidth: float,
+    friction: float,
+    measured: Array | None = None,
 ) -> SpringStart:
     """Parameters of an elastic model to begin with.
 
@@ -92,6 +99,8 @@ def spring_start(
         motion: of the motors; links follow them as if rigid.
         bandwidth: of the motion, Hz.
         friction: dry friction is smoothed within this share of a joint's root mean square speed.
+        measured: frequencies of the links on their springs by a frequency response, (elastic motors,), Hz: they are
+            tried first, and are enough where the fit stays near them.
 
     Raises:
         SimulationError: the links cannot be simulated from any of the frequencies.
@@ -102,16 +111,17 @@ def spring_start(
     )
     best: SpringStart | None = None
     failed: SimulationError | None = None
-    for times in _TRIED:
+    starts = [np.full(len(model.device.elastic), times * bandwidth) for times in _TRIED]
+    for frequencies in starts if measured is None else [measured, *starts]:
         try:
-            fit = _fitted(joints, _rigid_links(joints, rigid, times * bandwidth))
+            fit = _fitted(joints, _rigid_links(joints, rigid, frequencies))
         except SimulationError as error:
             failed = error
             continue
         found = SpringStart(fit.beta, fit.misfit, _frequencies(joints, fit.beta))
         same = best is not None and abs(found.misfit - best.misfit) < _SAME * best.misfit
         best = found if best is None or found.misfit < best.misfit else best
-        if same:
+        if same or (frequencies is measured and bool((np.abs(np.log(found.frequencies / measured)) < _STAYS).all())):
             break
     if best is None:
         assert failed is not None
@@ -119,8 +129,8 @@ def spring_start(
     return best
 
 
-def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequency: float) -> Array:
-    """Base parameters with bodies of a rigid fit, springs of one frequency, and friction that is not negative."""
+def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequencies: Array) -> Array:
+    """Base parameters with bodies of a rigid fit, springs of these frequencies, and friction that is not negative."""
     model = joints.model
     parameters, names = model.device.parameters, rigid.model.device.parameters.names
     chi = np.zeros(len(parameters.names))
@@ -129,8 +139,8 @@ def _rigid_links(joints: DrivenJoints, rigid: Estimate, frequency: float) -> Arr
     for term in model.terms:
         if term.resists:
             chi[parameters.index[term.name]] = max(chi[parameters.index[term.name]], 0.0)
-    for name, inertia, own in _springs(joints, model.base.of(chi)):
-        w = 2 * np.pi * frequency
+    for (name, inertia, own), frequency in zip(_springs(joints, model.base.of(chi)), frequencies, strict=True):
+        w = 2 * np.pi * float(frequency)
         start = {"spring": inertia * w**2, "viscous": 2 * _DAMPING * inertia * w}
         for k, nature in own:
             chi[k] = start.get(nature, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,9 +10,22 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid._internal.signals import hann_window, welch
 from haptid.inference.diagnosis import FrequencyRange
-from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, chart_series, figure, packed, plot, quantised
+from haptid.inference.frequency_response import FrequencyResponse, modelled_compliance
+from haptid.report.chart import (
+    MEASURED,
+    PREDICTED,
+    RESIDUAL,
+    Chart,
+    axis,
+    chart_series,
+    figure,
+    packed,
+    plot,
+    quantised,
+)
 from haptid.report.section import Section
 from haptid.report.source import ReportSource, Track
+from haptid.study.identify import Identification
 
 # Points of a scatter plot, and bins for the mean.
 CLOUD, _BINS = 1200, 40
@@ -29,12 +42,14 @@ class ResidualSection(Section):
     Attributes:
         logs: for each log its name, which rows, and the indices of its charts.
         ranges: indices of the charts of measured over predicted torque by frequency.
+        responses: indices of the charts of compliance by frequency, of logs that repeat.
     """
 
     key: ClassVar[str] = "residual"
     title: ClassVar[str] = "Residuals"
     logs: list[dict[str, Any]]
     ranges: list[int]
+    responses: list[int] = field(default_factory=list)
 
     @classmethod
     def of(cls, source: ReportSource) -> ResidualSection:
@@ -50,7 +65,44 @@ class ResidualSection(Section):
         ]  # a curve
         ranges = list(range(len(charts), len(charts) + len(informative)))
         charts += [frequency_response(frequency_range) for frequency_range in informative]
-        return cls(charts=tuple(charts), logs=logs, ranges=ranges)
+        own = _compliances(source.identification)
+        responses = list(range(len(charts), len(charts) + len(own)))
+        return cls(charts=(*charts, *own), logs=logs, ranges=ranges, responses=responses)
+
+
+def _compliances(identification: Identification) -> list[Chart]:
+    """Measured and modelled compliance of every motor, where the logs repeat."""
+    response = identification.response
+    if response is None:
+        return []
+    estimate = identification.estimate
+    motion = estimate.observation.motions[0]
+    modelled = np.abs(modelled_compliance(estimate.model, estimate.beta, motion, response.f))
+    return [_compliance(response, modelled[:, k, k], k) for k in range(len(response.labels))]
+
+
+def _compliance(response: FrequencyResponse, modelled: Array, motor: int) -> Chart:
+    """Size of a motor's position by its torque, the other motors free, with its 95 % band, and that of the model."""
+    f, label, unit = response.f, response.labels[motor], response.unit(motor, motor)
+    size, radius = np.abs(response.G[:, motor, motor]), response.radius[:, motor, motor]
+    low, high = np.maximum(size - radius, 1e-3 * size), size + radius
+    curves = [
+        chart_series("95 % band", "band", "sky", x=packed(f), low=packed(low), high=packed(high)),
+        chart_series("measured", "line", MEASURED, x=packed(f), y=packed(size), width=2.2),
+        chart_series("model", "line", PREDICTED, x=packed(f), y=packed(modelled)),
+    ]
+    worst = int(np.argmax(np.abs(np.log(modelled / size))))
+    inside = 100 * float(np.mean((low <= modelled) & (modelled <= high)))
+    caption = (
+        f"The model is in the band at {inside:.0f} % of {len(f)} frequencies; its size is farthest off at "
+        f"{figure(float(f[worst]))} Hz, {figure(float(modelled[worst] / size[worst]))} times the measured one. The "
+        "model's is of small motion about the mean pose, without dry friction."
+    )
+    alt = f"Compliance of {label} against frequency, measured with its 95 % band, and of the model."
+    drawing = plot(
+        axis("frequency", "Hz", log=True, low=float(f[0])), axis("compliance", unit, log=True), curves, height=200
+    )
+    return Chart(f"compliance-{motor}", f"{label}: compliance", alt, caption, drawing)
 
 
 def _charts(track: Track, k: int, motor: int) -> tuple[Chart, Chart, Chart]:
