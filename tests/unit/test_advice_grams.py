@@ -3,6 +3,7 @@
 import numpy as np
 
 from haptid.advice.grams import Grams
+from haptid.advice.rows import TrialRows
 
 MOTORS, ROWS, SIZE = 3, 60, 7
 EDGES = np.array([0, 20, 45, 60])
@@ -56,3 +57,23 @@ def test_a_reversed_channel_is_that_of_rows_with_the_other_sign():
     made = Grams.of(W, y, used, EDGES)
     turned = Grams.of(W, y * [[1.0], [-1.0], [1.0]], used, EDGES)
     np.testing.assert_array_equal(made.reversed(1).values, turned.values)
+
+
+def test_matrices_with_another_torque_are_those_of_rows_with_it():
+    W, y, used = rows()
+    other = y[::-1] + 1.0
+    made, expected = Grams.of(W, y, used, EDGES).with_torque(W, other, used, EDGES), Grams.of(W, other, used, EDGES)
+    np.testing.assert_allclose(made.values, expected.values, rtol=1e-12, atol=1e-13)
+    np.testing.assert_array_equal(made.place, expected.place)
+
+
+def test_halves_are_sums_over_every_other_block():
+    W, y, used = rows()
+    block = np.repeat([0, 1, 2], np.diff(EDGES))
+    whole = TrialRows(W, y, used, block, np.arange(1.0 * ROWS), (), y, y, block, block)
+    half, order = whole.halves(4)
+    np.testing.assert_array_equal(half.y, y[:, order])
+    columns, grams = np.arange(4), whole.grams()
+    for k, blocks in enumerate(([0, 2], [1])):
+        expected = grams.over(np.array(blocks)).part(columns, columns)
+        np.testing.assert_allclose(half.grams()[k : k + 1].part(columns, columns)[0], expected, rtol=1e-12, atol=1e-13)

@@ -35,7 +35,7 @@ def with_common_delay(search: Trials) -> Trials:
         return search
     shifts = _shifts(motions)
     try:
-        halves = [_halves(search, shift) for shift in shifts]
+        halves = _halves(search, shifts)
     except HaptidError:  # the log is too short for such a shift
         return search
     every = np.arange(bench.blocks)
@@ -90,17 +90,22 @@ def _harms(gains: Array) -> bool:
     return bool((gains.sum(axis=0) < -LEAST_SE * spread).any())
 
 
-def _halves(search: Trials, shift: float) -> Grams:
-    """Gram matrices of the base columns, summed over each half of the blocks."""
-    grams = _grams(search, shift, search.bench.base)
-    return replace(grams, values=np.stack([grams.values[half::2].sum(axis=0) for half in (0, 1)]))
+def _halves(search: Trials, shifts: Array) -> list[Grams]:
+    """Gram matrices of the base columns for each shift, summed over each half of the blocks."""
+    rows, order = search.rows.halves(search.bench.base)
+    grams = rows.grams()
+    return [rows.grams_with_torque(grams, _torque(search, shift)[:, order]) for shift in shifts]
 
 
 def _grams(search: Trials, shift: float, columns: int | None = None) -> Grams:
     """Gram matrices with all torques of so much earlier, s, as acting: as `TrialRows.grams`."""
+    return replace(search.rows, y=_torque(search, shift)).grams(columns=columns)
+
+
+def _torque(search: Trials, shift: float) -> Array:
+    """Torque with that of so much earlier, s, as acting, (motors, rows)."""
     taus = [shifted(motion.tau, shift / motion.dt, CUBIC) for motion in search.motions]
-    y = np.where(_inside(search), search.rows.torque_of(taus), search.rows.y)
-    return replace(search.rows, y=y).grams(columns=columns)
+    return np.where(_inside(search), search.rows.torque_of(taus), search.rows.y)
 
 
 def _inside(search: Trials) -> np.ndarray:

@@ -46,6 +46,17 @@ class Grams:
                 np.matmul(rows[low:high].T, rows[low:high], out=made[k])
         return Grams(values, place)
 
+    def with_torque(self, W: Array, y: Array, used: np.ndarray, edges: np.ndarray) -> Grams:
+        """Of the same rows with another torque, whose products alone are computed; arguments as `of` has them."""
+        values, motors = self.values.copy(), len(W)
+        for k, place in enumerate(self.place):
+            columns, own = np.flatnonzero(place), y.T * used[k][:, None]
+            for made, low, high in zip(values[:, k], edges[:-1], edges[1:], strict=True):
+                right = (W[k, low:high].T @ own[low:high])[columns]
+                made[place[columns], -motors:], made[-motors:, place[columns]] = right, right.T
+                made[-motors:, -motors:] = own[low:high].T @ own[low:high]
+        return replace(self, values=values)
+
     def __len__(self) -> int:
         return len(self.values)
 

@@ -99,7 +99,23 @@ class TrialRows:
             columns: number of W's columns, from the first on; all where None.
         """
         used = self.used if mask is None else self.used & mask
-        return Grams.of(self.W[:, :, :columns], self.y, used, np.searchsorted(self.block, np.arange(self.blocks + 1)))
+        return Grams.of(self.W[:, :, :columns], self.y, used, self._edges)
+
+    def grams_with_torque(self, grams: Grams, y: Array) -> Grams:
+        """`grams()` of these rows with another torque, (motors, rows)."""
+        return grams.with_torque(self.W, y, self.used, self._edges)
+
+    @property
+    def _edges(self) -> np.ndarray:
+        """First row of each block, and one past the last, (blocks + 1,)."""
+        return np.searchsorted(self.block, np.arange(self.blocks + 1))
+
+    def halves(self, columns: int) -> tuple[TrialRows, np.ndarray]:
+        """The rows of every other block as one block each, with W's first columns; and where each row was, (rows,)."""
+        order = np.argsort(self.block % 2, kind="stable")
+        names = ("y", "used", "t", "position", "velocity", "sample", "log")
+        moved = {name: getattr(self, name)[..., order] for name in names}
+        return replace(self, W=self.W[:, order, :columns], block=self.block[order] % 2, chunks=(), **moved), order
 
 
 def trial_rows(
