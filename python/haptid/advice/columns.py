@@ -17,7 +17,6 @@ from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.lack_of_fit import FrictionCoordinate
-from haptid.motion.channels import state
 from haptid.observation.augmented import ResidualContext
 from haptid.observation.geometry_slopes import (
     SLOPE_STEP,
@@ -32,8 +31,6 @@ from haptid.observation.geometry_slopes import (
 VELOCITIES = (0.1, 0.2, 0.4)
 # Presliding distances that are tried, as shares of the range of positions.
 DISTANCES = (0.001, 0.01, 0.1)
-# Samples before those of a chunk from which a column with history is computed.
-_BEFORE = 1 << 15
 # Legendre polynomials of position beyond the first degree.
 POWERS_OF_POSITION = (2, 3, 4)
 # Step by which a length is changed for a derivative, m.
@@ -153,10 +150,8 @@ def _presliding(place: FrictionCoordinate, distance: float) -> Callable[[Residua
     shape = Presliding("dahl", distance)
 
     def values(context: ResidualContext) -> Array:
-        motion = context.plan.motion
-        low = max(motion.usable[0], context.low - _BEFORE)
-        x, v = (place.weights @ signal for signal in state(context.model.device, motion, low, context.high))
-        return np.asarray((shape.along(x, v) - shape.sliding(v))[None, context.low - low :])
+        x, v = (place.weights @ signal for signal in context.approach)
+        return np.asarray((shape.along(x, v) - shape.sliding(v))[None, context.low - context.high :])
 
     return values
 

@@ -18,10 +18,13 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.motion.channels import channel_shares, channel_torque
+from haptid.motion.channels import channel_shares, channel_torque, state
 from haptid.motion.motion import Motion
 from haptid.observation.observation import MotorRows, rows_by_motor
 from haptid.observation.plan import Plan, Signals
+
+# Samples before those of a chunk from which a column with history is computed.
+_APPROACH = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,12 @@ class ResidualContext:
     @cached_property
     def _signals(self) -> Signals:
         return self.signals or self.plan.signals(self.low, self.high)
+
+    @cached_property
+    def approach(self) -> tuple[Array, Array]:
+        """Positions and velocities of the samples and of those before, where a history begins, (coordinates, ...)."""
+        motion = self.plan.motion
+        return state(self.model.device, motion, max(motion.usable[0], self.low - _APPROACH), self.high)
 
     @cached_property
     def channel_shares(self) -> Array:
