@@ -34,7 +34,7 @@ STAGES = {
     ),
     "treatment": ("haptid.study.identify:propose",),
     "observation": ("haptid.study.identify:observe_all", "haptid.study.identify:_treat"),
-    "estimation": ("haptid.study.identify:estimate", "haptid.study.identify:with_treatment_uncertainty"),
+    "estimation": ("haptid.study.identify:told_estimate", "haptid.study.identify:with_treatment_uncertainty"),
     "model for use": ("haptid.study.identify:model_for_use",),
     "validation": ("haptid.study.identify:held_out", "haptid.study.identify:validate"),
     "diagnosis": ("haptid.inference.diagnosis:diagnose",),

@@ -3,10 +3,13 @@
 import pkgutil
 import subprocess
 import sys
+from importlib import import_module
+from operator import attrgetter
 
 import pytest
 import typer
 
+import command_time
 import haptid
 
 # Together they take a second or more to load.
@@ -71,6 +74,12 @@ def test_an_identification_loads_only_what_it_calls(rooms: str, absent: str) -> 
     program = f"import haptid.cli.work, haptid.report.source, {rooms}\nimport sys\nprint('loaded', *sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not set(absent.split()) & set(run.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("name", [name for stage in command_time.STAGES.values() for name in stage])
+def test_every_stage_of_a_command_is_a_function_of_the_package(name: str) -> None:
+    module, path = name.split(":")
+    assert callable(attrgetter(path)(import_module(module)))
 
 
 # The namespace of `import haptid`: a further name belongs in its room, or here after some thought.
