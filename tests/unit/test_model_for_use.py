@@ -11,6 +11,7 @@ from haptid.cli import app
 from haptid.errors import StudyFileError
 from haptid.estimation import GLS, WLS, PhysicallyConsistent, Ridge, feasible_parameters
 from haptid.estimation.methods.regularised import ENTROPIC_STRENGTHS, Entropic
+from haptid.observation.observation import concatenated
 from haptid.results.result import Result
 from haptid.study import read_study
 from haptid.study.identify import identify
@@ -223,3 +224,19 @@ def test_a_study_may_name_the_fit(tmp_path):
     with pytest.raises(StudyFileError) as raised:
         read_study(study)
     assert raised.value.where == "estimate.use"
+
+
+def test_reference_rows_are_put_together_only_for_a_comparison(tmp_path, monkeypatch):
+    """Of many logs they take more memory than all else, and each run holds its own."""
+    together = []
+
+    def noted(observations):
+        together.extend(observations := tuple(observations))
+        return concatenated(observations)
+
+    monkeypatch.setattr("haptid.study.identify.concatenated", noted)
+    found = haptid.identify(haptid.read_study(write_study(tmp_path)))
+    assert not found.use.candidates
+    assert together
+    assert all(run.reference is not None for run in found.runs)
+    assert not any(one is run.reference for one in together for run in found.runs)

@@ -14,7 +14,7 @@ import numpy as np
 from haptid.advice.action import CHANGES, Action
 from haptid.advice.edits import Edit
 from haptid.estimation import estimate
-from haptid.observation import Observation, concatenated, observe
+from haptid.observation import Observation, observe
 from haptid.study.identify import Identification
 from haptid.validation.model_for_use import CLASH, CONSISTENT, FREE, ModelForUse, model_for_use
 
@@ -45,7 +45,7 @@ def whole_reversed(found: Identification) -> Action | None:
     made = []
     for kind, places, change, edits, changed in ways[: 1 + any(up)]:
         fitted = estimate(changed(own), found.estimate.method, found.estimate.intervals)
-        use = model_for_use(fitted, concatenated([changed(one) for one in seen]) if seen else None)
+        use = model_for_use(fitted, [changed(one) for one in seen])
         # Without candidates the free fit is consistent by itself, and its error is that of the log's.
         then = _error(use, CONSISTENT) if use.candidates else free
         if use.name in (CONSISTENT, FREE) and then <= now / CLASH:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid.advice.search import LEAST_GAIN, LEAST_SE
-from haptid.observation import concatenated
 from haptid.study.identify import Identification
 from haptid.validation.model_for_use import NAMES, model_for_use
 
@@ -39,7 +38,7 @@ def other_use(found: Identification) -> OtherUse | None:
     if found.study.use == "auto" or found.use.name == "given":
         return None
     seen = [run.reference for run in found.runs if run.entry.role == "identify" and run.reference is not None]
-    chosen = model_for_use(found.estimate, concatenated(seen) if seen else None)
+    chosen = model_for_use(found.estimate, seen)
     by_name = {one.name: one for one in chosen.candidates}
     if chosen.name == found.use.name or not {chosen.name, found.use.name} <= set(by_name):
         return None

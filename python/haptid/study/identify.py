@@ -174,7 +174,7 @@ def identify(
         study, conditional = told_estimate(study, model, logs, concatenated(study.of_fit(observations)), intervals)
     final = with_all_uncertainty(conditional, proposal, calibration)
     all_rows = _reference_rows(model, logs, proposal.reference, workers, cache)
-    use = model_for_use(final, concatenated(study.of_fit(all_rows)), study.use)
+    use = model_for_use(final, study.of_fit(all_rows), study.use)
     runs = tuple(map(Run, study.logs, observations, all_rows))
     runs = tuple(replace(run, motors=motor_shares(use.estimate, run.motion)) for run in runs)
     runs = validated(runs, study, as_filed, use.estimate)

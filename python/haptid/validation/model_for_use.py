@@ -35,7 +35,7 @@ from haptid.estimation.methods.regularised import (
     prior_links,
     strengthened,
 )
-from haptid.observation.observation import Observation
+from haptid.observation.observation import Observation, concatenated
 from haptid.observation.r_factor import r_factor
 from haptid.validation.validation import of_all_motors
 
@@ -122,7 +122,9 @@ class ModelForUse:
         return self.estimate.method
 
 
-def model_for_use(fitted: Estimate, reference: Observation | None = None, wanted: str = "auto") -> ModelForUse:
+def model_for_use(
+    fitted: Estimate, reference: Sequence[Observation] | None = None, wanted: str = "auto"
+) -> ModelForUse:
     """The model for use, chosen on the rows of an estimate alone.
 
     The physically consistent fit is replaced by the free one, or by one with a prior where the device has prior values,
@@ -134,7 +136,7 @@ def model_for_use(fitted: Estimate, reference: Observation | None = None, wanted
     Args:
         fitted: the free fit.
         reference: all rows of its logs behind the reference filter, on which errors are compared; its own rows where
-            None.
+            None. They are put together only for a comparison: of many logs they take more memory than all else.
         wanted: "auto", or the name of the fit to use without a comparison.
 
     """
@@ -143,12 +145,12 @@ def model_for_use(fitted: Estimate, reference: Observation | None = None, wanted
     if wanted == FREE:
         return ModelForUse(FREE, fitted, "The model for use is the free fit, as the study says.")
     try:
-        return _chosen(fitted, reference or fitted.observation, wanted)
+        return _chosen(fitted, reference or (fitted.observation,), wanted)
     except (PhysicalConsistencyError, ConvergenceError) as error:
         return ModelForUse(FREE, fitted, f"The model for use is the free fit: no consistent one was found ({error})")
 
 
-def _chosen(fitted: Estimate, reference: Observation, wanted: str) -> ModelForUse:
+def _chosen(fitted: Estimate, reference: Sequence[Observation], wanted: str) -> ModelForUse:
     """The consistent fit, or one that is better on held-out blocks."""
     left = _open(fitted) if wanted == "auto" else ()
     if left:
@@ -162,7 +164,7 @@ def _chosen(fitted: Estimate, reference: Observation, wanted: str) -> ModelForUs
     if not consistent.constrained and not priors:
         why = "The free fit is physically consistent: it is the model for use."
         return ModelForUse(CONSISTENT, consistent, why + because, open=left)
-    trial = _trial(fitted, reference, (CONSISTENT, FREE, *priors))
+    trial = _trial(fitted, concatenated(reference), (CONSISTENT, FREE, *priors))
     if trial is None:
         why = "the log is too short, or too poorly excited, to compare it with others on held-out rows"
         reason = f"The model for use is {NAMES[CONSISTENT]}: {why}.{because}"
@@ -285,7 +287,7 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
     folds = min(_FOLDS, count // _IN_FOLD)
     fold_of = np.arange(count) % folds
     held = _folds(rows, fold_of, reference)
-    trial_rows = reference.pick(np.flatnonzero(held >= 0))
+    trial_rows = reference if (held >= 0).all() else reference.pick(np.flatnonzero(held >= 0))
     held = held[held >= 0]
     factors = of_all_motors(
         np.array([motor.norm**2 for motor in trial_rows.motors]), [motor.unit for motor in trial_rows.motors]
