@@ -51,6 +51,15 @@ METHODS = {
 # Per cent.
 SMALL = 1e-3
 SORTS = ("torque", "parameters", "Coulomb", "viscous")
+# Figures of one task of a data set.
+_OF_A_FILE = (
+    "samples of a file",
+    "bytes of a file",
+    "bytes of its R factors",
+    "processor time of a file, s",
+    "slowest file over the mean",
+    "scheduler, s a task",
+)
 
 
 def main() -> None:
@@ -246,6 +255,42 @@ def _bullets(paragraphs: list[str]) -> Iterator[str]:
         )
 
 
+def by_size(figures: Figures) -> str:
+    """A line for each size of a data set that was identified on one machine."""
+    heads = {
+        "files": ("files", ".0f"),
+        "processor time, s": ("command, processor time, s", ".3g"),
+        "of the files, s": ("its files, s", ".3g"),
+        "peak memory, GiB": ("peak memory, GiB", ".2f"),
+    }
+    sizes = [name.partition(" samples: ")[0] for name in figures if name.endswith("samples: files")]
+    lines = []
+    for size in sizes:
+        own = {what: figures[f"{size} samples: {what}"] for what in heads}
+        each = f"{1e6 * own['of the files, s'] / float(size):.2g}"
+        lines.append((size, *(format(own[what], form) for what, (_, form) in heads.items()), each))
+    return aligned([("samples", *(head for head, _ in heads.values()), "of a sample, us"), *lines])
+
+
+def on_workers(figures: Figures) -> str:
+    """What was measured on a cluster of this machine, with the model's times beside those of the clock."""
+    lines = [
+        (name, f"{figures[name]:.3g}")
+        for name in figures
+        if ("worker" in name and "samples on" not in name and "assumed" not in name) or name in _OF_A_FILE
+    ]
+    return aligned([("measured", "figure"), *lines])
+
+
+def of_more_samples(figures: Figures) -> str:
+    """What 10^9 samples cost by the model: a line for each part, a column for each number of workers."""
+    found = [name.partition(": ") for name in figures if " samples on " in name]
+    columns = list(dict.fromkeys(of for of, _, _ in found))
+    parts = list(dict.fromkeys(what for _, _, what in found))
+    lines = [(what, *(f"{figures[f'{of}: {what}']:.3g}" for of in columns)) for what in parts]
+    return aligned([("extrapolated", *columns), *lines])
+
+
 # By their titles: the study and what is made of its figures.
 PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Every estimator on one arm": ("estimator-benchmark", estimators),
@@ -258,6 +303,9 @@ PARTS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "Workbench": ("workbench", workbench_figures),
     "Live": ("live", workbench_figures),
     "Beside NiceGUI": ("beside-nicegui", beside_nicegui),
+    "Data sets by size": ("past-one-machine", by_size),
+    "Two workers of one machine": ("past-one-machine", on_workers),
+    "A thousand million samples": ("past-one-machine", of_more_samples),
 }
 
 if __name__ == "__main__":

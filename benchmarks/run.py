@@ -34,6 +34,7 @@ import medical_study
 import motion_quality
 import next_motion
 import noisy_columns
+import past_one_machine
 import payloads
 import phantom_study
 import simulated_coverage
@@ -52,6 +53,7 @@ STUDIES = {
     "start-up": start_up.run,
     "command-time": command_time.run,
     "long-log": long_log.run,
+    "past-one-machine": past_one_machine.run,
     "file-to-result": file_to_result.run,
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
