@@ -12,6 +12,7 @@ from scipy import signal
 
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log, row_times
+from haptid.log.spectrum import spectra
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -448,3 +449,21 @@ def test_lost_rows_are_counted_as_far_as_the_stamps_tell(wander: float, jitter: 
     off = slots - np.flatnonzero(kept)
     assert abs(int(slots[-1]) + 1 - rows) <= 0.2 * (~kept).sum()
     assert np.std(off) < 1.5
+
+
+def test_resampled_positions_keep_the_steps_of_their_encoder(tmp_path: Path) -> None:
+    """Ripple of two steps was taken for motion at twenty times the bandwidth, as what is resampled has no steps."""
+    step, rng = 2 * np.pi / 2048, np.random.default_rng(5)
+    t = (np.arange(8000) + 0.3 * rng.uniform(-1, 1, 8000)) / 100
+    q = 0.3 * np.sin(2 * np.pi * 0.1 * t)
+    q = step * np.round((q + 2 * step * np.sin(2 * np.pi * q / (8 * step))) / step)
+    path = tmp_path / "log.npz"
+    np.savez(path, t=t, q=1e3 * q, tau=np.cos(t) + 0.01 * rng.normal(size=t.size))
+    channels = Channels(Signal("q", "rad", gain=1e-3), Signal("tau", "N m"), time="t")
+    log = read_log(path, channels)
+    assert log.position_steps == pytest.approx((step,), rel=1e-6)
+    (found,) = spectra(log.between(0, 7000))
+    assert found.bandwidth > 1.0
+    assert found.narrowed().bandwidth < 0.2
+    np.savez(path, t=np.arange(8000) / 100, q=1e3 * q, tau=np.cos(t))
+    assert read_log(path, channels).position_steps == ()

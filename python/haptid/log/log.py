@@ -222,6 +222,8 @@ class Log:
         segments: first sample and one past the last of each part without a gap; one part where left out. Nothing is
             filtered or differentiated across their ends.
         time_base: what was found in the stamps; None for a log that was not read.
+        position_steps: of each position as it was recorded, rad or m, 0 where it has none; empty where positions are as
+            they were recorded.
     """
 
     path: Path
@@ -233,6 +235,7 @@ class Log:
     notes: tuple[str, ...] = field(default=())
     segments: Spans = ()
     time_base: TimeBaseReport | None = None
+    position_steps: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))

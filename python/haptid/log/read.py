@@ -26,9 +26,12 @@ from haptid.log.log import Channels, Log, Signal
 from haptid.log.merging import common_rows
 from haptid.log.request import Request
 from haptid.log.resampling import SAMPLES_RESAMPLED, Resampling
+from haptid.log.spectrum import quantum
 from haptid.log.time_base import TimeBaseReport
 from haptid.log.velocities import with_velocities
 
+# Rows from which the resolution of a position is found, at most.
+_ENOUGH = 2**18
 # A file of more bytes is opened rather than read, and of several that together have more bytes each of more.
 _LARGE, _LARGE_TOGETHER, _LARGE_AMONG_MANY = 2**26, 2**28, 2**20
 # `checks.find_wraps` of a channel that is not unwrapped.
@@ -101,6 +104,7 @@ def read_log(
             columns[name] = inspection.column(name, columns[name], signal, what, scale * gain)  # type: ignore[arg-type]
     found = times.base(inspection, lambda signal: (columns[name] for name in signal.channels), channels)
     notes.extend(found.report.sentences)
+    steps = () if found.position.unchanged else _steps(columns, channels.position)
     position = _block(found.position, columns, channels.position, "position", blocks["position"])
     torque = _block(found.torque, columns, channels.torque, "torque", blocks["torque"])
     if (rates := channels.velocity) is not None:
@@ -112,7 +116,16 @@ def read_log(
         position = freeze(np.ascontiguousarray(better.T))
         notes.append(sentence)
     log = Log(
-        path, sha256_of(path), found.t, position.T, torque.T, channels, tuple(notes), found.segments, found.report
+        path,
+        sha256_of(path),
+        found.t,
+        position.T,
+        torque.T,
+        channels,
+        tuple(notes),
+        found.segments,
+        found.report,
+        steps,
     )
     return _with_drift(log, found.report).without(exclude)
 
@@ -127,6 +140,12 @@ def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
         limit=tuple(names),
         advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {channel_list(names)}.",
     )
+
+
+def _steps(columns: dict[str, Array], signal: Signal) -> tuple[float, ...]:
+    """Resolution of each position as it was recorded, rad or m; resampled ones lie on no lattice."""
+    scales = zip(signal.channels, signal.scales("position"), signal.gain, strict=True)
+    return tuple(abs(scale * gain) * quantum(columns[name][:_ENOUGH]) for name, scale, gain in scales)
 
 
 def _block(

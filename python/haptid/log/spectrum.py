@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -61,6 +61,7 @@ class Spectrum:
         f: frequencies, (bins,), Hz.
         motion, noise: power densities, (bins,), rad^2/Hz or m^2/Hz.
         step: resolution of the encoder, rad or m; 0 where the values lie on no lattice.
+        recorded: the same of the positions as they were recorded, where they were resampled since; 0 elsewhere.
         bandwidth: below it lies a share _SHARE of the velocity's power, Hz; 0 where nothing exceeds the noise.
     """
 
@@ -69,6 +70,7 @@ class Spectrum:
     noise: Array
     step: float
     bandwidth: float
+    recorded: float = 0.0
 
     @staticmethod
     def of(channel: Array, dt: float, highest: float | None = None) -> Spectrum:
@@ -105,16 +107,16 @@ class Spectrum:
         if not self.bandwidth:
             return self
         df, total = self.f[1] - self.f[0], np.cumsum(self.motion)
-        least = (_STEPS * self.step) ** 2 / df if self.step else _SMALL**2 * total[-1]
+        step = self.step or self.recorded
+        least = (_STEPS * step) ** 2 / df if step else _SMALL**2 * total[-1]
         end = float(self.f[np.searchsorted(total, total[-1] - min(least, _BULK * total[-1]))])
         motion, power = np.where(self.f <= end, self.motion, 0.0), self.motion + self.noise
         above = (self.f > end) & (self.f <= 2 * end)
         flat = float(np.median(power[above])) if above.any() else float(power[-1])
         noise = np.where(self.f > end, power, np.maximum(self.noise, flat))
         velocity = np.cumsum(motion * self.f**2)
-        return Spectrum(
-            self.f, motion, noise, self.step, float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])])
-        )
+        edge = float(self.f[np.searchsorted(velocity, _SHARE * velocity[-1])])
+        return replace(self, motion=motion, noise=noise, bandwidth=edge)
 
     def balanced_cutoff(self, parallel_hz: float, lowest: float, highest: float) -> float:
         """Cut-off of the position filter, Hz, that leaves least squares on the filtered acceleration without bias.
@@ -167,7 +169,9 @@ def spectra(log: Log) -> tuple[Spectrum, ...]:
     """Of each position channel of a log."""
     if log not in _SPECTRA:
         highest = log.usable_bandwidth_hz
-        _SPECTRA[log] = tuple(Spectrum.of(np.asarray(y), float(log.dt), highest) for y in log.position.T)
+        found = [Spectrum.of(np.asarray(y), float(log.dt), highest) for y in log.position.T]
+        steps = log.position_steps or (0.0,) * len(found)
+        _SPECTRA[log] = tuple(replace(one, recorded=step) for one, step in zip(found, steps, strict=True))
     return _SPECTRA[log]
 
 
