@@ -300,3 +300,20 @@ def test_sampling_too_slow_for_a_spring_is_refused():
     with pytest.raises(LogTimeError, match="too few to see a spring"):
         expect_fast_sampling(axis(), [slow])
     expect_fast_sampling(axis(), [fast])
+
+
+def test_structural_stiffness_that_no_encoder_sees_is_refused_with_what_shows_it():
+    """A mount that gives under a motor: one motor, two joints, and the motor's position alone."""
+    terms = [{"kind": "spring", "joints": ["mount"]}, {"kind": "viscous", "joints": "all"}]
+    motors = [{"name": "a", "drives": {"1": 1.0}}]
+    model = axis(joints=[{"name": "mount"}, {"name": "1", "d": 0.3}], motors=motors, terms=terms)
+    both = recorded(seconds=3.0)
+    signals = haptid.Signal(("theta",), "rad"), haptid.Signal(("u",), "N m", side="motor")
+    log = haptid.Log(Path("made"), "", both.t, both.position[:, 1:], both.torque, haptid.Channels(*signals, "t"))
+    with pytest.raises(LogMismatchError, match="position of mount, which a spring holds") as caught:
+        haptid.propose(model, log)
+    assert "elastic term" in caught.value.advice
+    assert "gyroscope" in caught.value.advice
+    without = axis(joints=[{"name": "mount"}, {"name": "1", "d": 0.3}], motors=motors, terms=terms[1:])
+    with pytest.raises(LogMismatchError, match="1 position channels"):
+        haptid.propose(without, log)

@@ -21,6 +21,7 @@ def check_log(device: Device, log: Log) -> tuple[str, ...]:
         LogMismatchError: more or fewer channels than the device has coordinates or motors, or positions that do not fit
             the joints.
     """
+    _expect_seen(device, log)
     for kind, count, names in (
         ("position", log.position.shape[1], position_channels(device, log.channels.position.side)),
         ("torque", log.torque.shape[1], torque_channels(device, log.channels.torque.side)),
@@ -208,6 +209,33 @@ def torque_map(device: Device, log: Log) -> Array:
         if unit != wanted:
             raise _wrong_unit(device.joints[j].name, unit, wanted, "joint")
     return np.asarray(np.linalg.inv(device.row_map).T[:, _joint_measured(device)])
+
+
+def _expect_seen(device: Device, log: Log) -> None:
+    """Raise LogMismatchError where joints that springs hold and no motor moves have no position in the log."""
+    names = position_channels(device, log.channels.position.side)
+    active = [device.joints[k].name for k in device.active]
+    held = {
+        name
+        for term in device.tables.terms
+        if term.kind == "spring"
+        for name in (active if term.joints == "all" else term.joints or ())
+    }
+    moved = (device.drive_rows[[drive.motorised for drive in device.drives]] != 0).any(axis=0)
+    unseen = [name for k, name in zip(device.active, active, strict=True) if name in held and not moved[k]]
+    if not unseen or len(names) - log.position.shape[1] != len(unseen):
+        return
+    raise LogMismatchError(
+        f"no channel has the position of {', '.join(unseen)}, which a spring holds and no motor moves: how far it "
+        "gives is nowhere in the log, and its stiffness cannot be told from the inertia that it carries.",
+        where="position",
+        found=log.position.shape[1],
+        limit=len(names),
+        advice=f"Record its position ({', '.join(names)}) with an encoder, a gyroscope or a camera on what it carries. "
+        "Where it gives in line with a motor's joint, leave the joint out and write an elastic term for that motor: "
+        "stiffness is then found from the motor alone, by motion up to the resonance. Or leave it out as rigid: "
+        "the diagnosis says up to which frequency that holds.",
+    )
 
 
 def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
