@@ -51,6 +51,8 @@ _METRES = 5.0
 _DRIVE = ("duty", "voltage", "current", "")
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
+# What is desired of a measured signal beside it: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`.
+_DESIRED = re.compile(r"_d(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | _WANTED | _MEASURED | _TREATED
 _SEPARATOR = re.compile(r"([./ _])")
@@ -166,10 +168,13 @@ def _families(
     found: list[_Family] = []
     for topic in topics:
         arrays: dict[str, list[ChannelSurvey]] = {}
+        all_names = {channel.name for channel in topic.channels}
         for channel in topic.channels:
             if channel.quantity == quantity and channel.rows > A_PART * topic.count:
                 element = element_of(channel.name)
                 array = element["array"] if element else _pattern(_without(unit_apart(channel.name)[0], own))
+                if _DESIRED.search(channel.name) and _DESIRED.sub("", channel.name) in all_names:
+                    array += " desired"
                 arrays.setdefault(array, []).append(channel)
         groups = _joined(arrays)
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
@@ -206,7 +211,7 @@ def _joined(arrays: dict[str, list[ChannelSurvey]]) -> dict[str, list[ChannelSur
     """Families; channels whose names differ in a joint's name only are put together: `hip_pos`, `hip[1]`, `knee[1]`."""
     made: dict[str, list[ChannelSurvey]] = {}
     for array, channels in arrays.items():
-        kind = words_of(base_of(channels[0].name)) & (_KIND | {"motor", "joint"})
+        kind = words_of(f"{base_of(channels[0].name)} {array}") & (_KIND | {"motor", "joint"})
         alone = len(channels) == 1 and "/" not in array
         element = element_of(channels[0].name)
         place = f"[{element['element']}]" if element else ""
@@ -224,7 +229,9 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
     for array, channels in groups.items():
         words = [words_of(base_of(c.name)) for c in channels]
         if not any("/" in c.name or element_of(c.name) for c in channels) and all(own - _KIND for own in words):
-            other = frozenset.union(*words) & (_WANTED | _MEASURED | _TREATED | {"motor", "joint", "rotor"})
+            other = frozenset.union(*words, words_of(array)) & (
+                _WANTED | _MEASURED | _TREATED | {"motor", "joint", "rotor"}
+            )
             alike.setdefault((other, drive_unit(words_of(array)), channels[0].rows), []).append(channels)
     for members in alike.values():
         names = [frozenset.union(*(words_of(base_of(c.name)) - _KIND for c in channels)) for channels in members]

@@ -71,14 +71,16 @@ _FOREIGN_WORD = re.compile("|".join(own for own, _ in _BY_LENGTH), re.I)
 _TOKEN = re.compile(r"[^\W\d_a-z]+(?![a-z])|[^\W\d_a-z]?[^\W\d_A-Z]+")
 # Words that are written together in lower case or in capitals: `posact`, `tauest`, `jpos`.
 _GLUED = re.compile(
-    r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|[jqm])?"
+    r"(?P<before>act|ist|soll|set|meas|msr|des|ref|cmd|joint|motor|gelenk|achs|[jqm])?"
     r"(?P<word>pos|position|vel|velo|velocity|tau|trq|tor|torque|cur|current|angle|ang|winkel|lage|drehmoment|moment|strom"
-    r"|geschwindigkeit|drehzahl)"
+    r"|geschwindigkeit|drehzahl)s?"
     r"(?P<after>act|actual|ist|soll|set|meas|msr|des|ref|cmd|est|fb|fbk|real)?"
 )
 # Currents and voltages of a motor's field-oriented control: `i_q`, `Vq` act, those of the direct axis or in the frame
 # of the stator do not; a capital V of a motor is no velocity.
 _FIELD = re.compile(r"(?<![A-Za-z])(?P<kind>[iIuUvV])_?(?P<axis>[qQ]|[dD]|alpha|beta)(?![A-Za-z])")
+# The number of a servo on a bus beside a quantity, `ID1_Present_Position`; alone `id1` is a current.
+_IDENTITY = re.compile(r"(?i:(?<![a-z])id[_ ]?\d+(?=[^a-z\d]+[a-z]))|(?i:(?<=[a-z][_ ./])id[_ ]?\d+(?![a-z\d]))")
 # The measured coordinate of a numbered axis, `X1_meas`; a state of a controller is called `x1` too.
 _AXIS = re.compile(r"(?<![A-Za-z])[xX](?=_?\d+_(?:meas|measured|msr|act|actual|ist|fb|fbk)(?![a-z]))")
 _VOLTS = re.compile(r"(?<![A-Za-z])V(?=_?(?:motor|mot|m|in|arm|cmd|act)(?![a-z]))")
@@ -143,7 +145,7 @@ def english(name: str) -> str:
 def words_of(name: str) -> frozenset[str]:
     """Words of a name in lower case, also of those that are written together."""
     words: set[str] = set()
-    name = english(name)
+    name = _IDENTITY.sub(" ", english(name))
     name = _AXIS.sub("pos", _VOLTS.sub("voltage_", _FIELD.sub(_of_field, name)))
     for token in _TOKEN.findall(name):
         glued = _GLUED.fullmatch(token.lower())
