@@ -25,7 +25,7 @@ from motions import motion, truth
 
 LOOKS = {
     *("excitation", "collinearity", "whiteness", "normality", "even spread", "time delay", "errors in W"),
-    *("units and signs", "ripple", "rigid range", "influence", "drift", "torque channels", "play"),
+    *("units and signs", "ripple", "rigid range", "influence", "drift", "torque channels", "play", "limit cycle"),
     *(term.name for term in CANDIDATES),
 }
 

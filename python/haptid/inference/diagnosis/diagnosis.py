@@ -17,6 +17,7 @@ from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import ORDER, Finding, Status, worst
 from haptid.inference.diagnosis.influence import influence, parameter_drift
+from haptid.inference.diagnosis.limit_cycle import limit_cycle
 from haptid.inference.diagnosis.play import transmission_play
 from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
 from haptid.inference.diagnosis.rigid_range import FrequencyRange, frequency_ranges, rigid_range
@@ -109,7 +110,8 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     ranges = frequency_ranges(part, left)
     on_rows = (*_on_rows(part, instruments, left), rigid_range(ranges))
     loose = transmission_play(estimate)
-    on_rows = (*on_rows, *((loose,) if loose else torsion_findings(estimate)))
+    swinging = limit_cycle(estimate)
+    on_rows = (*on_rows, *((loose,) if loose else torsion_findings(estimate)), *((swinging,) if swinging else ()))
     findings = (*motion, torque_faults(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
     return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, instruments)), ranges)
