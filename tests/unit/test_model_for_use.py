@@ -1,6 +1,8 @@
 """The model for use: consistent where the log says nothing else, another where held-out rows prefer it."""
 
 import json
+import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -240,3 +242,24 @@ def test_reference_rows_are_put_together_only_for_a_comparison(tmp_path, monkeyp
     assert together
     assert all(run.reference is not None for run in found.runs)
     assert not any(one is run.reference for one in together for run in found.runs)
+
+
+def test_reference_rows_are_copied_once_for_a_comparison(bare):
+    motions = [motion(bare, truth(bare, -0.5), seconds=40.0, dt=1e-2, seed=k, noise=0.1) for k in range(8)]
+    rows = haptid.observe(bare, *motions)
+    made = haptid.estimate(rows.pick(np.arange(1, len(rows.blocks))), WLS())  # of the first block no row is picked
+    fine = [replace(one, treatment=replace(one.treatment, block_s=0.08)) for one in motions]
+    names = {one.name: own.name for one, own in zip(fine, motions, strict=True)}
+    reference = [
+        replace(rows, blocks=tuple(replace(block, log=names[block.log]) for block in rows.blocks))
+        for rows in [haptid.observe(bare, one) for one in fine]
+    ]
+    size = sum(motor.r_factors.nbytes for rows in reference for motor in rows.motors)
+    tracemalloc.start()
+    try:
+        use = model_for_use(made, reference)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert use.candidates
+    assert peak < 1.7 * size, peak / size

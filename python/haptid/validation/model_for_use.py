@@ -9,11 +9,11 @@ physically consistent, unless held-out rows say otherwise.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ConvergenceError, PhysicalConsistencyError
 from haptid.estimation import Estimate, Method, estimate
@@ -35,7 +35,7 @@ from haptid.estimation.methods.regularised import (
     prior_links,
     strengthened,
 )
-from haptid.observation.observation import Observation, concatenated
+from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.r_factor import r_factor
 from haptid.validation.validation import of_all_motors
 
@@ -164,7 +164,7 @@ def _chosen(fitted: Estimate, reference: Sequence[Observation], wanted: str) -> 
     if not consistent.constrained and not priors:
         why = "The free fit is physically consistent: it is the model for use."
         return ModelForUse(CONSISTENT, consistent, why + because, open=left)
-    trial = _trial(fitted, concatenated(reference), (CONSISTENT, FREE, *priors))
+    trial = _trial(fitted, reference, (CONSISTENT, FREE, *priors))
     if trial is None:
         why = "the log is too short, or too poorly excited, to compare it with others on held-out rows"
         reason = f"The model for use is {NAMES[CONSISTENT]}: {why}.{because}"
@@ -277,7 +277,7 @@ def se_of_sum(values: Array) -> float:
     return float(np.sqrt((own + max(serial, 0.0)) * n / (n - 1)))
 
 
-def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _Trial | None:
+def _trial(fitted: Estimate, reference: Sequence[Observation], names: Sequence[str]) -> _Trial | None:
     """Fits without each fold and their errors on it; None where there are too few blocks to leave some out."""
     rows, model = fitted.fit.observation, fitted.model
     count = len(rows.blocks)
@@ -286,12 +286,10 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
     scale = 1.0 if fitted.fit.unit_residual else fitted.fit.solution.rest / np.sqrt(fitted.fit.solution.dof)
     folds = min(_FOLDS, count // _IN_FOLD)
     fold_of = np.arange(count) % folds
-    held = _folds(rows, fold_of, reference)
-    trial_rows = reference if (held >= 0).all() else reference.pick(np.flatnonzero(held >= 0))
-    held = held[held >= 0]
-    factors = of_all_motors(
-        np.array([motor.norm**2 for motor in trial_rows.motors]), [motor.unit for motor in trial_rows.motors]
-    )
+    held = [_folds(rows, fold_of, one) for one in reference]
+    motors = _picked(reference, [np.flatnonzero(one >= 0) for one in held])
+    held_folds = np.concatenate([one[one >= 0] for one in held])
+    factors = of_all_motors(np.array([motor.norm**2 for motor in motors]), [motor.unit for motor in motors])
     prior = fitted.method.knowledge(rows).rows if isinstance(fitted.method, Anchored) else None
     errors: dict[str, list[Array]] = {name: [] for name in names}
     order = []
@@ -299,7 +297,7 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
         T = rows.pick(np.flatnonzero(fold_of != fold)).stack(fitted.fit.weights / scale)
         if prior is not None:
             T = r_factor(np.concatenate([T, prior]))
-        mine = np.flatnonzero(held == fold)
+        mine = np.flatnonzero(held_folds == fold)
         if weakest_direction(T[:-1, :-1])[1] < EXCITED or not len(mine):
             return None
         order.append(mine)
@@ -311,9 +309,21 @@ def _trial(fitted: Estimate, reference: Observation, names: Sequence[str]) -> _T
                     raise
                 del errors[name]  # such a fit is no candidate
             else:
-                errors[name].append(_squares(factors, trial_rows, mine, betas))
+                errors[name].append(_squares(factors, motors, mine, betas))
     back = np.argsort(np.concatenate(order))
     return _Trial({name: np.concatenate(parts, axis=1)[:, back] for name, parts in errors.items()})
+
+
+def _picked(observations: Sequence[Observation], blocks: Sequence[np.ndarray]) -> list[MotorRows]:
+    """Rows of each motor in some blocks of several observations; they are copied once, motor by motor."""
+    return [
+        replace(
+            own[0],
+            r_factors=freeze(np.concatenate([motor.r_factors[k] for motor, k in zip(own, blocks, strict=True)])),
+            rows=np.concatenate([motor.rows[k] for motor, k in zip(own, blocks, strict=True)]),
+        )
+        for own in zip(*(one.motors for one in observations), strict=True)
+    ]
 
 
 def _folds(rows: Observation, fold_of: np.ndarray, reference: Observation) -> np.ndarray:
@@ -330,14 +340,14 @@ def _folds(rows: Observation, fold_of: np.ndarray, reference: Observation) -> np
     return found
 
 
-def _squares(factors: Array, rows: Observation, blocks: np.ndarray, betas: Array) -> Array:
+def _squares(factors: Array, motors: Sequence[MotorRows], blocks: np.ndarray, betas: Array) -> Array:
     """Squared errors of base parameters, (strengths, p), block by block, (strengths, blocks).
 
     Args:
         factors: of the motors' squared residuals, as of `of_all_motors`.
     """
     total = np.zeros((len(betas), len(blocks)))
-    for factor, motor in zip(factors, rows.motors, strict=True):
+    for factor, motor in zip(factors, motors, strict=True):
         v = np.column_stack([-betas[:, motor.columns], np.ones(len(betas))])
         total += factor * np.einsum("bis,bis->sb", *[motor.r_factors[blocks] @ v.T] * 2)
     return total
