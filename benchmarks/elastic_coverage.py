@@ -3,7 +3,8 @@
 An axis in closed form, without dry friction; the arm with three joints, the PHANToM with cables that stretch and a CEA
 branch on the virtual bench, with dry friction of the motors: 15 s of multisine at 1 kHz, torque noise, encoders of 12
 bits on both sides or of 4000 counts on geared shafts, a new motion in each run, treated as proposed. A run that haptid
-refuses counts as refused. With `--motors-alone` the links' positions are left out, and nothing else is given.
+refuses counts as refused. With `--motors-alone` the links' positions are left out, and nothing else is given. With
+`--minutes M` no run begins later than that; those that were done are counted, and the next call goes on behind them.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +37,7 @@ from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
 from true_parameters import true_parameters
 
 RESULT = Path(__file__).parent / "results/elastic-coverage.json"
-SECONDS, RUNS = 15.0, {"axis": 100, "arm3": 60, "phantom_premium_15": 8, "cea_medical_branch": 8}
+SECONDS, RUNS = 15.0, 200
 ENCODERS, ALONE = ("12 bits", "4000 counts"), ", motors alone"
 # Tables of device files that name parameters which the elastic device does not have.
 _LEFT_OUT = ("prior", "targets", "symmetry", "base_parameters", "published", "counterweights")
@@ -276,17 +279,20 @@ def summary(lines: Sequence[tuple[tuple[str, str, int], dict[str, list[float]] |
 
 def main() -> None:
     """Measure, print, store; runs are kept in the file of the first argument, from which a study goes on."""
-    kept = Path(sys.argv[1])
-    encoders = [name + ALONE * ("--motors-alone" in sys.argv) for name in ENCODERS]
+    kept, options = Path(sys.argv[1]), sys.argv[2:]
+    encoders = [name + ALONE * ("--motors-alone" in options) for name in ENCODERS]
+    minutes = float(options[options.index("--minutes") + 1]) if "--minutes" in options else np.inf
+    end = time.monotonic() + 60 * minutes
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {tuple(line[0]) for line in lines}
-    runs = [(n, e, k) for k in range(max(RUNS.values())) for n in RUNS for e in encoders if k < RUNS[n]]
-    left = [run for run in runs if run not in done]
-    with kept.open("a") as out, ProcessPoolExecutor(int(os.environ.get("PROCESSES", "1"))) as pool:
-        for run, found in zip(left, pool.map(reading, left), strict=True):
-            lines.append((run, found))
-            out.write(json.dumps([run, found]) + "\n")
-            out.flush()
+    runs = [(n, e, k) for k in range(RUNS) for n in PLANTS for e in encoders]
+    left = iter([run for run in runs if run not in done])
+    with kept.open("a") as out, ProcessPoolExecutor(processes := int(os.environ.get("PROCESSES", "1"))) as pool:
+        while time.monotonic() < end and (some := list(islice(left, processes))):
+            for run, found in zip(some, pool.map(reading, some), strict=True):
+                lines.append((run, found))
+                out.write(json.dumps([run, found]) + "\n")
+                out.flush()
     figures = (json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}) | summary(lines)
     for name, value in figures.items():
         print(f"{name}: {value:.3g}")
