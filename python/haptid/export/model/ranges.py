@@ -53,7 +53,7 @@ class Ranges:
     @property
     def inputs(self) -> dict[str, Interval]:
         """By the names of the code's inputs."""
-        made = {}
+        made: dict[str, Interval] = {}
         for name, ends in (
             ("q", self.position),
             ("z", self.passive),

@@ -179,7 +179,8 @@ def _steps(motor: _Torsion) -> list[int]:
 
 def _clear(rows: np.ndarray, at: list[int]) -> np.ndarray:
     """Rows that are not near slips: there the filters take slip for acceleration."""
-    return rows[(np.abs(rows[:, None] - np.array(at, dtype=int)) > _NEAR).all(axis=1)]
+    clear: np.ndarray = rows[(np.abs(rows[:, None] - np.array(at, dtype=int)) > _NEAR).all(axis=1)]
+    return clear
 
 
 def _significant(column: Array, e: Array, tests: int) -> bool:
@@ -289,7 +290,8 @@ def _fitted_zone(
         freely = np.column_stack([motor.X, held])
         beta, _ = _fit(freely, motor.y)
         K = float(beta[-2])
-        by_play, by_middle = motor.filtered(-0.5 * np.sign(x) * ~inside), motor.filtered(inside * 1.0)
+        by_play = motor.filtered(np.where(inside, 0.0, -0.5 * np.sign(x)))
+        by_middle = motor.filtered(inside.astype(float))
         X = np.column_stack([motor.X[:, :-1], motor.X[:, -1] - held, K * by_play, K * by_middle])
         made, covariance = _fit(X, motor.y)
         change = np.clip(made[-2:], -0.3 * play, 0.3 * play)

@@ -116,7 +116,7 @@ def unit_apart(name: str) -> tuple[str, str]:
     return (name[: match.start()].rstrip(), unit) if match and known_unit(unit) else (name, "")
 
 
-def only_unit(name: str) -> tuple[str, str] | None:
+def only_unit(name: str) -> tuple[Quantity, str] | None:
     """Quantity and unit of a channel that is called as its unit, with a number: `rad1`, `nm_2`, `rad_s_1`."""
     match = _UNIT_AND_NUMBER.fullmatch(name)
     known = (
