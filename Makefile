@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Some tests start many processes; each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-fast test-lowest check bench bench-quick fuzz sbom hashes install-hashed docs wheel wheel-linux clean
+.PHONY: demo test test-fast test-lowest check miri bench bench-quick fuzz sbom hashes install-hashed docs wheel wheel-linux clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -50,6 +50,14 @@ check: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(MAKE) --no-print-directory docs
+
+# Undefined behaviour of the core, as far as one process without vector instructions shows it: Miri runs the laws and the
+# tests of buffers on the portable back end. It needs a nightly toolchain: `rustup toolchain install nightly` and
+# `rustup component add --toolchain nightly miri rust-src`.
+MIRI := MIRIFLAGS="-Zmiri-disable-isolation -Zmiri-tree-borrows" PROPTEST_CASES=1 cargo +nightly miri test --locked -p haptid-core
+miri:
+	$(MIRI) --test laws
+	$(MIRI) --lib -- no_pointer merging least_squares orientation
 
 bench: $(VENV)/.test $(VENV)-bench/.made
 	$(BIN)/python benchmarks/run.py

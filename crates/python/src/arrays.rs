@@ -75,8 +75,9 @@ pub fn output<'py>(
         None => {
             let numbers: usize = shape.iter().product();
             let mut room = reserved(numbers + LINE - 1)?;
-            // SAFETY: the capacity has been reserved, any bit pattern is an f64, and the caller of `output` writes every
-            // number before it is read.
+            // SAFETY: the capacity has been reserved, and the numbers are read by nobody before they are written: the
+            // callers of `output` pass them to a kernel that writes every number and reads none, and drop the array
+            // where the kernel fails.
             unsafe { room.set_len(numbers + LINE - 1) };
             let first = room.as_ptr().align_offset(LINE * size_of::<f64>());
             let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);

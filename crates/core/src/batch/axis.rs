@@ -6,6 +6,7 @@ use crate::mechanism::Link;
 use crate::mechanism::transform::{JointTransform, TransformSlots};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Angular and linear part of an axis.
 pub(crate) type AxisSlots = [Slot; 6];
@@ -16,9 +17,9 @@ pub(crate) type AxisSlots = [Slot; 6];
 ///
 /// `slots` points to the six slots of an axis, and `k + T::WIDTH <= BATCH`.
 #[inline(always)]
-pub(crate) unsafe fn load_axis<T: Lane>(slots: *const Slot, k: usize) -> (Vector<T>, Vector<T>) {
+pub(crate) unsafe fn load_axis<T: Lane>(simd: Simd<T>, slots: *const Slot, k: usize) -> (Vector<T>, Vector<T>) {
     // SAFETY: the caller promises six slots and room for a lane.
-    let s: [T; 6] = unsafe { load(slots, k) };
+    let s: [T; 6] = unsafe { load(simd, slots, k) };
     ([s[0], s[1], s[2]], [s[3], s[4], s[5]])
 }
 
@@ -40,14 +41,15 @@ pub(crate) unsafe fn store_axis<T: Lane>(slots: *mut Slot, k: usize, (x, u): (Ve
 /// See [`crate::batch`].
 #[inline(always)]
 pub(crate) unsafe fn store_transform<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     link: &Link,
     followed: JointChannels,
     slots: &mut TransformSlots,
 ) {
-    let joint = JointTransform::<T>::at_zero(link.shape, link);
-    for k in batch.lanes::<T>() {
+    let joint = JointTransform::at_zero(simd, link.shape, link);
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in the three slots.
-        unsafe { joint.at(followed.at(k)[0]).store(slots.as_mut_ptr(), k) };
+        unsafe { joint.at(followed.at(simd, k)[0]).store(slots.as_mut_ptr(), k) };
     }
 }

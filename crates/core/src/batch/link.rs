@@ -11,6 +11,7 @@ use crate::mechanism::closure::Rate;
 use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Layout of a link's motion, in its own frame: angular velocity and acceleration,
 pub(crate) const LINK_NUMBERS: usize = 24;
@@ -35,9 +36,9 @@ pub(crate) struct LinkMotions(pub(crate) *mut Slot);
 /// T::WIDTH <= BATCH`, or the batch is as in [`crate::batch`].
 impl LinkMotions {
     #[inline(always)]
-    pub(crate) unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+    pub(crate) unsafe fn part<T: Lane, const N: usize>(&self, simd: Simd<T>, part: usize, k: usize) -> [T; N] {
         // SAFETY: parts lie inside the slots that the caller promises.
-        unsafe { load(self.0.add(part), k) }
+        unsafe { load(simd, self.0.add(part), k) }
     }
 
     /// Forward recursion of Newton and Euler in the link's frame (Khalil and Dombre 2002, section 9.5), from the
@@ -45,6 +46,7 @@ impl LinkMotions {
     #[inline(always)]
     pub(crate) unsafe fn propagate<T: Lane>(
         &self,
+        simd: Simd<T>,
         parent: LinkMotions,
         joint: &JointTransform<T>,
         (v, acceleration): (T, T),
@@ -52,8 +54,8 @@ impl LinkMotions {
     ) {
         // SAFETY: the caller's promise about both links.
         unsafe {
-            let (w, wd) = (joint.rotate(parent.part(W, k)), joint.rotate(parent.part(WD, k)));
-            let a = joint.transform_field(parent.part(A, k), || parent.part(B, k));
+            let (w, wd) = (joint.rotate(parent.part(simd, W, k)), joint.rotate(parent.part(simd, WD, k)));
+            let a = joint.transform_field(parent.part(simd, A, k), || parent.part(simd, B, k));
             self.set(joint, (w, wd, a), (v, acceleration), k);
         }
     }
@@ -62,14 +64,15 @@ impl LinkMotions {
     #[inline(always)]
     pub(crate) unsafe fn begin_at_base<T: Lane>(
         &self,
+        simd: Simd<T>,
         gravity: [f64; 3],
         joint: &JointTransform<T>,
         (v, acceleration): (T, T),
         k: usize,
     ) {
-        let a = joint.rotate(gravity.map(|g| T::splat(-g)));
+        let a = joint.rotate(gravity.map(|g| simd.splat(-g)));
         // SAFETY: the caller's promise.
-        unsafe { self.set(joint, (zero(), zero(), a), (v, acceleration), k) }
+        unsafe { self.set(joint, (zero(simd), zero(simd), a), (v, acceleration), k) }
     }
 
     /// Add the joint's own motion, and store the motion with its products.
@@ -114,13 +117,19 @@ impl LinkMotions {
 
     /// Requested entries of an axis along the z of a revolute link.
     #[inline(always)]
-    pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
+    pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(
+        &self,
+        simd: Simd<T>,
+        batch: Batch,
+        rate: Rate,
+        sink: &EntrySink,
+    ) {
         let sink = sink.of::<SET>();
-        for k in batch.lanes::<T>() {
+        for k in batch.lanes(simd) {
             // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
             unsafe {
-                let rate: T = batch.rate(rate, k);
-                let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
+                let rate: T = batch.rate(simd, rate, k);
+                let n = |number: usize| -> T { self.part::<T, 1>(simd, number, k)[0] };
                 let back = rate.neg();
                 sink.put(0, k, n(P + 2).mul(back));
                 sink.put(1, k, n(D + 2).mul(rate));
@@ -130,23 +139,29 @@ impl LinkMotions {
                 sink.put(5, k, n(WD + 2).mul(rate));
                 sink.put(6, k, n(A + 1).mul(rate));
                 sink.put(7, k, n(A).mul(back));
-                sink.put(8, k, T::splat(0.0));
-                sink.put(9, k, T::splat(0.0));
+                sink.put(8, k, simd.splat(0.0));
+                sink.put(9, k, simd.splat(0.0));
             }
         }
     }
 
     /// Requested entries of an axis along the z of a prismatic link.
     #[inline(always)]
-    pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
+    pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(
+        &self,
+        simd: Simd<T>,
+        batch: Batch,
+        rate: Rate,
+        sink: &EntrySink,
+    ) {
         let sink = sink.of::<SET>();
-        for k in batch.lanes::<T>() {
+        for k in batch.lanes(simd) {
             // SAFETY: as in `contract_turn`.
             unsafe {
-                let rate: T = batch.rate(rate, k);
-                let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
+                let rate: T = batch.rate(simd, rate, k);
+                let n = |number: usize| -> T { self.part::<T, 1>(simd, number, k)[0] };
                 for p in 0..6 {
-                    sink.put(p, k, T::splat(0.0));
+                    sink.put(p, k, simd.splat(0.0));
                 }
                 for e in 0..3 {
                     sink.put(6 + e, k, n(B + 6 + e).mul(rate));
@@ -160,56 +175,57 @@ impl LinkMotions {
     #[inline(always)]
     pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
         &self,
+        simd: Simd<T>,
         (x, u): (Vector<T>, Vector<T>),
         sink: &ConstSink<SET>,
         k: usize,
     ) {
         // SAFETY: the caller's promise, for the slots and for the output runs.
         unsafe {
-            sink.put(0, k, self.square(0, x, k));
-            sink.put(1, k, self.mixed(2, x, k));
-            sink.put(2, k, self.mixed(1, x, k));
-            sink.put(3, k, self.square(1, x, k));
-            sink.put(4, k, self.mixed(0, x, k));
-            sink.put(5, k, self.square(2, x, k));
+            sink.put(0, k, self.square(simd, 0, x, k));
+            sink.put(1, k, self.mixed(simd, 2, x, k));
+            sink.put(2, k, self.mixed(simd, 1, x, k));
+            sink.put(3, k, self.square(simd, 1, x, k));
+            sink.put(4, k, self.mixed(simd, 0, x, k));
+            sink.put(5, k, self.square(simd, 2, x, k));
             for i in 0..3 {
-                sink.put(6 + i, k, self.moment(i, (x, u), k));
+                sink.put(6 + i, k, self.moment(simd, i, (x, u), k));
             }
-            sink.put(9, k, dot(u, self.part(A, k)));
+            sink.put(9, k, dot(u, self.part(simd, A, k)));
         }
     }
 
     /// Entry of the diagonal tensor component i.
     #[inline(always)]
-    unsafe fn square<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+    unsafe fn square<T: Lane>(&self, simd: Simd<T>, i: usize, x: Vector<T>, k: usize) -> T {
         // SAFETY: the caller's promise; `number` stays inside the slots.
-        let ([_, j, l], p) = (cycle(i), |e: usize| unsafe { self.number::<T>(P + e, k) });
+        let ([_, j, l], p) = (cycle(i), |e: usize| unsafe { self.number(simd, P + e, k) });
         // SAFETY: as above.
-        x[l].fnma(p(l), x[j].fma(p(j), x[i].mul(unsafe { self.number(WD + i, k) })))
+        x[l].fnma(p(l), x[j].fma(p(j), x[i].mul(unsafe { self.number(simd, WD + i, k) })))
     }
 
     /// Entry of the off-diagonal tensor component of the two indices other than i.
     #[inline(always)]
-    unsafe fn mixed<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+    unsafe fn mixed<T: Lane>(&self, simd: Simd<T>, i: usize, x: Vector<T>, k: usize) -> T {
         // SAFETY: the caller's promise; `number` stays inside the slots.
-        let ([_, j, l], b) = (cycle(i), |e: usize| unsafe { self.number::<T>(B + 3 * i + e, k) });
+        let ([_, j, l], b) = (cycle(i), |e: usize| unsafe { self.number(simd, B + 3 * i + e, k) });
         // SAFETY: as above.
-        x[j].fnma(b(j), x[l].fma(b(l), x[i].mul(unsafe { self.number(D + i, k) })))
+        x[j].fnma(b(j), x[l].fma(b(l), x[i].mul(unsafe { self.number(simd, D + i, k) })))
     }
 
     /// Entry of component i of the first moments.
     #[inline(always)]
-    unsafe fn moment<T: Lane>(&self, i: usize, (x, u): (Vector<T>, Vector<T>), k: usize) -> T {
+    unsafe fn moment<T: Lane>(&self, simd: Simd<T>, i: usize, (x, u): (Vector<T>, Vector<T>), k: usize) -> T {
         // SAFETY: the caller's promise; `number` stays inside the slots.
-        let ([_, j, l], n) = (cycle(i), |e: usize| unsafe { self.number::<T>(e, k) });
+        let ([_, j, l], n) = (cycle(i), |e: usize| unsafe { self.number(simd, e, k) });
         let moved = u[2].fma(n(B + 6 + i), u[1].fma(n(B + 3 + i), u[0].mul(n(B + i))));
         x[j].fnma(n(A + l), x[l].fma(n(A + j), moved))
     }
 
     /// One number of the motion.
     #[inline(always)]
-    unsafe fn number<T: Lane>(&self, number: usize, k: usize) -> T {
+    unsafe fn number<T: Lane>(&self, simd: Simd<T>, number: usize, k: usize) -> T {
         // SAFETY: the caller's promise.
-        unsafe { self.part::<T, 1>(number, k)[0] }
+        unsafe { self.part::<T, 1>(simd, number, k)[0] }
     }
 }

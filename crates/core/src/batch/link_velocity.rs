@@ -14,6 +14,7 @@ use crate::mechanism::LINK_PARAMETERS;
 use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Layout of a link's velocity, in its own frame: angular velocity, velocity of the origin,
 pub(crate) const VELOCITY_NUMBERS: usize = 9;
@@ -33,16 +34,16 @@ pub(crate) struct LinkVelocities(pub(crate) *mut Slot);
 /// `k + T::WIDTH <= BATCH`, or the batch, axes and output runs are as in [`crate::batch`].
 impl LinkVelocities {
     #[inline(always)]
-    unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+    unsafe fn part<T: Lane, const N: usize>(&self, simd: Simd<T>, part: usize, k: usize) -> [T; N] {
         // SAFETY: parts lie inside the slots that the caller promises.
-        unsafe { load(self.0.add(part), k) }
+        unsafe { load(simd, self.0.add(part), k) }
     }
 
     /// Angular velocity, velocity of the origin, and minus gravity.
     #[inline(always)]
-    pub(crate) unsafe fn get<T: Lane>(&self, k: usize) -> [Vector<T>; 3] {
+    pub(crate) unsafe fn get<T: Lane>(&self, simd: Simd<T>, k: usize) -> [Vector<T>; 3] {
         // SAFETY: the caller's promise.
-        unsafe { [self.part(W, k), self.part(V, k), self.part(A, k)] }
+        unsafe { [self.part(simd, W, k), self.part(simd, V, k), self.part(simd, A, k)] }
     }
 
     #[inline(always)]
@@ -59,6 +60,7 @@ impl LinkVelocities {
     #[inline(always)]
     pub(crate) unsafe fn propagate<T: Lane>(
         &self,
+        simd: Simd<T>,
         parent: LinkVelocities,
         joint: &JointTransform<T>,
         rate: T,
@@ -66,8 +68,9 @@ impl LinkVelocities {
     ) {
         // SAFETY: the caller's promise about both links.
         unsafe {
-            let (w, v) = joint.add_joint_rate(joint.transform_axis((parent.part(W, k), parent.part(V, k))), rate);
-            self.set((w, v, joint.rotate(parent.part(A, k))), k)
+            let (w, v) =
+                joint.add_joint_rate(joint.transform_axis((parent.part(simd, W, k), parent.part(simd, V, k))), rate);
+            self.set((w, v, joint.rotate(parent.part(simd, A, k))), k)
         }
     }
 
@@ -75,6 +78,7 @@ impl LinkVelocities {
     #[inline(always)]
     pub(crate) unsafe fn begin_at_base<T: Lane>(
         &self,
+        simd: Simd<T>,
         gravity: [f64; 3],
         joint: &JointTransform<T>,
         rate: T,
@@ -82,7 +86,7 @@ impl LinkVelocities {
     ) {
         let (w, v) = joint.joint_axis(rate);
         // SAFETY: the caller's promise.
-        unsafe { self.set((w, v, joint.rotate(gravity.map(|g| T::splat(-g)))), k) }
+        unsafe { self.set((w, v, joint.rotate(gravity.map(|g| simd.splat(-g)))), k) }
     }
 
     /// Rate of change of an axis due to the link's velocity, where the joint moves with the coordinate at `rate`; for a
@@ -90,13 +94,14 @@ impl LinkVelocities {
     #[inline(always)]
     pub(crate) unsafe fn turn_axis<T: Lane>(
         &self,
+        simd: Simd<T>,
         prismatic: bool,
         (x, u): (Vector<T>, Vector<T>),
         rate: T,
         k: usize,
     ) -> (Vector<T>, Vector<T>) {
         // SAFETY: the caller's promise.
-        let (w, v) = unsafe { (self.part(W, k), self.part(V, k)) };
+        let (w, v) = unsafe { (self.part(simd, W, k), self.part(simd, V, k)) };
         match prismatic {
             true => (x, about_z(w, rate, u)),
             false => (about_z(w, rate, x), about_z(v, rate, u)),
@@ -105,13 +110,19 @@ impl LinkVelocities {
 
     /// Contraction of the momentum of unit inertial parameters with an axis, requested entries only.
     #[inline(always)]
-    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &EntrySink) {
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
+        &self,
+        simd: Simd<T>,
+        batch: Batch,
+        axis: *const Slot,
+        sink: &EntrySink,
+    ) {
         let sink = sink.of::<SET>();
-        for k in batch.lanes::<T>() {
+        for k in batch.lanes(simd) {
             // SAFETY: `lanes` leaves room for a lane in slots, axes and output runs.
             unsafe {
-                let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
-                let velocity: (Vector<T>, Vector<T>) = (self.part(W, k), self.part(V, k));
+                let (x, u): (Vector<T>, Vector<T>) = load_axis(simd, axis, k);
+                let velocity: (Vector<T>, Vector<T>) = (self.part(simd, W, k), self.part(simd, V, k));
                 for (p, entry) in contract_momentum(velocity, (x, u)).into_iter().enumerate() {
                     sink.put(p, k, entry);
                 }
@@ -124,17 +135,19 @@ impl LinkVelocities {
     #[inline(always)]
     pub(crate) unsafe fn contract_rest<T: Lane, const SET: u32>(
         &self,
+        simd: Simd<T>,
         batch: Batch,
         (axis, rate): (*const Slot, *const Slot),
         sink: &EntrySink,
     ) {
         let sink = sink.of::<SET>();
-        for k in batch.lanes::<T>() {
+        for k in batch.lanes(simd) {
             // SAFETY: as in `contract`.
             unsafe {
-                let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
-                let (xd, ud) = load_axis(rate, k);
-                let (velocity, a): (_, Vector<T>) = ((self.part(W, k), self.part(V, k)), self.part(A, k));
+                let (x, u): (Vector<T>, Vector<T>) = load_axis(simd, axis, k);
+                let (xd, ud) = load_axis(simd, rate, k);
+                let (velocity, a): (_, Vector<T>) =
+                    ((self.part(simd, W, k), self.part(simd, V, k)), self.part(simd, A, k));
                 let mut left = contract_momentum(velocity, (xd.map(T::neg), ud.map(T::neg)));
                 for i in 0..3 {
                     let [_, j, l] = cycle(i);

@@ -9,6 +9,10 @@
 //! lanes up to `samples`, at most [`BATCH`], and [`Batch::lanes`] gives samples k with `k + T::WIDTH <= BATCH`. Unsafe
 //! functions that take a batch rely on this, and on slots being those of a workspace that has grown to the batch's
 //! mechanism.
+//!
+//! No pointer outlives a call. What a thread keeps between calls are workspaces; the only pointers in them are those of
+//! [`Channels`], which [`Channels::release`] forgets at the end of each call, and [`no_pointers`] checks the rest. All
+//! other types that hold pointers are arguments on the stack, or borrow what they point to.
 
 pub(crate) mod axis;
 pub(crate) mod link;
@@ -21,6 +25,10 @@ use crate::mechanism::closure::{JointMap, Rate};
 use crate::mechanism::motion::Motion;
 use crate::memory::slot::{BATCH, Slot, grow, store};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
+
+/// Fails to compile where a type holds a raw pointer: such types are not `Send`.
+pub(crate) const fn no_pointers<T: Send>() {}
 
 /// Channels of a motion: positions, velocities and accelerations of the coordinates, external columns, then loops.
 /// Samples that are no whole lanes, and absent channels, are staged as copies.
@@ -63,6 +71,16 @@ impl Channels {
         }
     }
 
+    /// Forget the motion: no pointer to it outlives the call that borrows it.
+    pub(crate) fn release(&mut self) {
+        self.first.clear();
+    }
+
+    #[cfg(test)]
+    pub(crate) fn is_released(&self) -> bool {
+        self.first.is_empty()
+    }
+
     /// The samples of a channel, readable for whole lanes until the next call of `advance_to`.
     #[inline(always)]
     pub(crate) fn channel(&self, channel: usize) -> *const f64 {
@@ -81,9 +99,9 @@ impl JointChannels {
     ///
     /// `k` is one of the batch's lanes.
     #[inline(always)]
-    pub(crate) unsafe fn at<T: Lane>(&self, k: usize) -> [T; 3] {
+    pub(crate) unsafe fn at<T: Lane>(&self, simd: Simd<T>, k: usize) -> [T; 3] {
         // SAFETY: the channels are readable at every lane of the batch.
-        self.0.map(|first| unsafe { T::load(first.add(k)) })
+        self.0.map(|first| unsafe { simd.load(first.add(k)) })
     }
 }
 
@@ -98,7 +116,7 @@ pub(crate) struct Batch<'a> {
 impl Batch<'_> {
     /// First samples of the lanes.
     #[inline(always)]
-    pub(crate) fn lanes<T: Lane>(&self) -> impl Iterator<Item = usize> {
+    pub(crate) fn lanes<T: Lane>(&self, _: Simd<T>) -> impl Iterator<Item = usize> {
         // A plain range is unrolled better than `step_by`.
         (0..self.samples.div_ceil(T::WIDTH)).map(|lane| lane * T::WIDTH)
     }
@@ -109,11 +127,11 @@ impl Batch<'_> {
     ///
     /// `k` is one of the batch's lanes.
     #[inline(always)]
-    pub(crate) unsafe fn rate<T: Lane>(&self, rate: Rate, k: usize) -> T {
+    pub(crate) unsafe fn rate<T: Lane>(&self, simd: Simd<T>, rate: Rate, k: usize) -> T {
         match rate {
-            Rate::Constant(rate) => T::splat(rate),
+            Rate::Constant(rate) => simd.splat(rate),
             // SAFETY: channels are readable at every lane of the batch.
-            Rate::Varying { rate, .. } => unsafe { T::load(self.channels.channel(rate).add(k)) },
+            Rate::Varying { rate, .. } => unsafe { simd.load(self.channels.channel(rate).add(k)) },
         }
     }
 
@@ -123,11 +141,11 @@ impl Batch<'_> {
     ///
     /// As for [`Batch::rate`].
     #[inline(always)]
-    pub(crate) unsafe fn rate_derivative<T: Lane>(&self, rate: Rate, k: usize) -> Option<T> {
+    pub(crate) unsafe fn rate_derivative<T: Lane>(&self, simd: Simd<T>, rate: Rate, k: usize) -> Option<T> {
         match rate {
             Rate::Constant(_) => None,
             // SAFETY: channels are readable at every lane of the batch.
-            Rate::Varying { derivative, .. } => Some(unsafe { T::load(self.channels.channel(derivative).add(k)) }),
+            Rate::Varying { derivative, .. } => Some(unsafe { simd.load(self.channels.channel(derivative).add(k)) }),
         }
     }
 
@@ -137,29 +155,34 @@ impl Batch<'_> {
     ///
     /// The channels are readable at every lane, and nobody else uses `slots`.
     #[inline(always)]
-    pub(crate) unsafe fn follow<T: Lane>(&self, joint_map: &JointMap, slots: &mut [Slot; 3]) -> JointChannels {
+    pub(crate) unsafe fn follow<T: Lane>(
+        &self,
+        simd: Simd<T>,
+        joint_map: &JointMap,
+        slots: &mut [Slot; 3],
+    ) -> JointChannels {
         let na = self.mechanism.coordinates;
         if let (None, 0.0, [(a, Rate::Constant(1.0))]) = (joint_map.given, joint_map.offset, &joint_map.rates[..]) {
             return JointChannels([0, 1, 2].map(|order| self.channels.channel(order * na + a)));
         }
-        for k in self.lanes::<T>() {
-            let mut x = [T::splat(joint_map.offset), T::splat(0.0), T::splat(0.0)];
+        for k in self.lanes(simd) {
+            let mut x = [simd.splat(joint_map.offset), simd.splat(0.0), simd.splat(0.0)];
             for &(a, rate) in &joint_map.rates {
                 // SAFETY: k is one of the batch's lanes, here and below: its channels are readable.
-                let weight: T = unsafe { self.rate(rate, k) };
+                let weight: T = unsafe { self.rate(simd, rate, k) };
                 for (order, x) in x.iter_mut().enumerate() {
                     // SAFETY: as above.
-                    *x = unsafe { T::load(self.channels.channel(order * na + a).add(k)) }.fma(weight, *x);
+                    *x = unsafe { simd.load(self.channels.channel(order * na + a).add(k)) }.fma(weight, *x);
                 }
                 // SAFETY: as above.
-                if let Some(change) = unsafe { self.rate_derivative::<T>(rate, k) } {
+                if let Some(change) = unsafe { self.rate_derivative(simd, rate, k) } {
                     // SAFETY: as above.
-                    x[2] = unsafe { T::load(self.channels.channel(na + a).add(k)) }.fma(change, x[2]);
+                    x[2] = unsafe { simd.load(self.channels.channel(na + a).add(k)) }.fma(change, x[2]);
                 }
             }
             if let Some(position) = joint_map.given {
                 // SAFETY: as above.
-                x[0] = unsafe { T::load(self.channels.channel(position).add(k)) };
+                x[0] = unsafe { simd.load(self.channels.channel(position).add(k)) };
             }
             // SAFETY: `slots` are three, and `lanes` leaves room for a lane.
             unsafe { store(slots.as_mut_ptr(), k, x) };

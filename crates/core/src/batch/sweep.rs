@@ -1,7 +1,7 @@
 //! Recursions over the tree, from the base to the end links and back: their state, and the division of a motion into
 //! batches.
 
-use crate::batch::{Batch, Channels};
+use crate::batch::{Batch, Channels, no_pointers};
 use crate::mechanism::motion::{Motion, PART};
 use crate::mechanism::parameters::{ParameterSets, ParameterSlots};
 use crate::mechanism::transform::TransformSlots;
@@ -22,6 +22,8 @@ struct Workspace {
     parameters: ParameterSlots,
     state: RecursionState,
 }
+
+const _: () = no_pointers::<(ParameterSlots, RecursionState)>();
 
 /// State of a recursion at a batch of samples.
 #[derive(Default)]
@@ -94,6 +96,7 @@ pub(crate) fn for_each_batch(
             parameters.advance_to(sets, from, samples);
             work(Batch { mechanism, channels, samples }, from, BatchParameters { sets, slots: parameters }, state);
         }
+        channels.release();
         WORKSPACE.set(Some(workspace));
     };
     match motion.samples.div_ceil(PART) {
@@ -119,4 +122,32 @@ pub(crate) fn stage_slot(slot: &mut Slot, source: &[f64]) {
     let (count, last) = (source.len(), source[source.len() - 1]);
     slot.0[..count].copy_from_slice(source);
     slot.0[count..count.next_multiple_of(MAX_WIDTH)].fill(last);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanism::Joint;
+    use crate::mechanism::closure::Closure;
+    use crate::simd::dispatch::Backend;
+
+    #[test]
+    fn no_pointer_to_a_motion_outlives_the_call() {
+        let rotation = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let joint = Joint { parent: None, rotation, translation: [0.; 3], prismatic: false };
+        let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best()).unwrap();
+        let numbers = [0.5; BATCH];
+        let motion = Motion {
+            samples: BATCH,
+            position: &numbers,
+            velocity: &numbers,
+            acceleration: None,
+            external: &[],
+            loops: &[],
+        };
+        let sets = ParameterSets::new(&pendulum, BATCH, &[1.0; LINK_PARAMETERS]).unwrap();
+        for_each_batch(&pendulum, &motion, &sets, |batch, _, _, _| assert!(!batch.channels.is_released()));
+        let kept = WORKSPACE.take().expect("kept for the next call");
+        assert!(kept.channels.is_released());
+    }
 }

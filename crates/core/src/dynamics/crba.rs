@@ -19,6 +19,7 @@ use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 dispatched! {
     /// Transforms of all joints at a batch: all that the mass matrix needs of its channels.
@@ -30,12 +31,12 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn joint_transforms_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
+unsafe fn joint_transforms_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, state: &mut RecursionState) {
     for (link, joint) in batch.mechanism.links.iter().zip(&mut state.joints) {
         // SAFETY: batch and state are as in the head of the file.
         unsafe {
-            let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
-            store_transform::<T>(batch, link, followed, joint);
+            let followed = batch.follow(simd, &link.joint_map, &mut state.followed);
+            store_transform(simd, batch, link, followed, joint);
         }
     }
 }
@@ -50,39 +51,45 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn crba_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+unsafe fn crba_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let (mechanism, na) = (batch.mechanism, batch.mechanism.coordinates);
     // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
-        clear::<T>(batch, &mut state.mass[..na * (na + 1) / 2]);
+        clear(simd, batch, &mut state.mass[..na * (na + 1) / 2]);
         for i in 0..mechanism.links.len() {
-            for k in batch.lanes::<T>() {
-                store(state.bodies[i].as_mut_ptr(), k, bodies.slots.link::<T>(i, k));
+            for k in batch.lanes(simd) {
+                store(state.bodies[i].as_mut_ptr(), k, bodies.slots.link(simd, i, k));
             }
         }
         for (i, link) in mechanism.links.iter().enumerate().rev() {
             if !link.joint_map.rates.is_empty() {
-                unit_rate_wrench::<T>(batch, link, &state.bodies[i], &mut state.force);
-                propagate_to_base::<T>(batch, i, state);
+                unit_rate_wrench(simd, batch, link, &state.bodies[i], &mut state.force);
+                propagate_to_base(simd, batch, i, state);
             }
             if let Some(parent) = link.parent {
                 let (joint, composites) = (&state.joints[i], state.bodies.as_mut_ptr());
                 let (from, to) = (composites.add(i), composites.add(parent));
-                for_shape!(link.shape, shape => add_inertia_to_parent::<T>(batch, (shape, link), joint, from.cast(), to.cast()));
+                for_shape!(link.shape, shape => add_inertia_to_parent(simd, batch, (shape, link), joint, from.cast(), to.cast()));
             }
         }
-        add_rotors::<T>(batch, bodies, state);
+        add_rotors(simd, batch, bodies, state);
     }
 }
 
 /// The wrench that moves a body at unit rate of its joint.
 #[inline(always)]
-unsafe fn unit_rate_wrench<T: Lane>(batch: Batch, link: &Link, body: &[Slot; LINK_PARAMETERS], force: &mut [Slot; 6]) {
-    for k in batch.lanes::<T>() {
+unsafe fn unit_rate_wrench<T: Lane>(
+    simd: Simd<T>,
+    batch: Batch,
+    link: &Link,
+    body: &[Slot; LINK_PARAMETERS],
+    force: &mut [Slot; 6],
+) {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in the slots of body and force.
         unsafe {
-            let [_, _, xz, _, yz, zz, x, y, _, m]: [T; LINK_PARAMETERS] = load(body.as_ptr(), k);
-            let none = T::splat(0.0);
+            let [_, _, xz, _, yz, zz, x, y, _, m]: [T; LINK_PARAMETERS] = load(simd, body.as_ptr(), k);
+            let none = simd.splat(0.0);
             let wrench = match link.is_prismatic() {
                 true => ([y, x.neg(), none], [none, none, m]),
                 false => ([xz, yz, zz], [y.neg(), x, none]),
@@ -94,31 +101,32 @@ unsafe fn unit_rate_wrench<T: Lane>(batch: Batch, link: &Link, body: &[Slot; LIN
 
 /// Propagate the wrench of link `i` to the base, and add the entries of its joint with those on the way.
 #[inline(always)]
-unsafe fn propagate_to_base<T: Lane>(batch: Batch, i: usize, state: &mut RecursionState) {
+unsafe fn propagate_to_base<T: Lane>(simd: Simd<T>, batch: Batch, i: usize, state: &mut RecursionState) {
     let links = &batch.mechanism.links;
     let mut at = i;
     loop {
         // SAFETY: batch and state are as in the head of the file.
-        unsafe { add_entry::<T>(batch, (&links[i], &links[at]), i == at, state) };
+        unsafe { add_entry(simd, batch, (&links[i], &links[at]), i == at, state) };
         let Some(parent) = links[at].parent else { break };
         let (link, joint, force) = (&links[at], &state.joints[at], state.force.as_mut_ptr());
         // SAFETY: as above; the six slots of the force are borrowed by nobody else.
-        for_shape!(link.shape, shape => unsafe { carry_force::<T>(batch, (shape, link), joint, force) });
+        for_shape!(link.shape, shape => unsafe { carry_force(simd, batch, (shape, link), joint, force) });
         at = parent;
     }
 }
 
 #[inline(always)]
 unsafe fn carry_force<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, link): (JointShape, &Link),
     joint: &TransformSlots,
     force: *mut Slot,
 ) {
-    let at_zero = JointTransform::<T>::at_zero(shape, link);
-    for k in batch.lanes::<T>() {
+    let at_zero = JointTransform::at_zero(simd, shape, link);
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in the slots of joint and force.
-        unsafe { store_axis(force, k, at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(force, k))) };
+        unsafe { store_axis(force, k, at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(simd, force, k))) };
     }
 }
 
@@ -131,7 +139,13 @@ pub(crate) fn triangular_index(a: usize, b: usize) -> usize {
 
 /// Add the component of the wrench along the joint of `other` to the coordinates' entries.
 #[inline(always)]
-unsafe fn add_entry<T: Lane>(batch: Batch, (own, other): (&Link, &Link), same: bool, state: &mut RecursionState) {
+unsafe fn add_entry<T: Lane>(
+    simd: Simd<T>,
+    batch: Batch,
+    (own, other): (&Link, &Link),
+    same: bool,
+    state: &mut RecursionState,
+) {
     let along = &state.force[if other.is_prismatic() { 5 } else { 2 }];
     for &(a, left) in &own.joint_map.rates {
         for &(b, right) in &other.joint_map.rates {
@@ -140,11 +154,11 @@ unsafe fn add_entry<T: Lane>(batch: Batch, (own, other): (&Link, &Link), same: b
                 continue;
             }
             let (entry, times) = (&mut state.mass[triangular_index(a, b)], if !same && a == b { 2.0 } else { 1.0 });
-            for k in batch.lanes::<T>() {
+            for k in batch.lanes(simd) {
                 // SAFETY: `lanes` leaves room for a lane in slots and channels.
                 unsafe {
-                    let ([along], [sum]): ([T; 1], [T; 1]) = (load(along, k), load(entry, k));
-                    let rates = batch.rate::<T>(left, k).mul(batch.rate(right, k)).mul(T::splat(times));
+                    let ([along], [sum]): ([T; 1], [T; 1]) = (load(simd, along, k), load(simd, entry, k));
+                    let rates = batch.rate(simd, left, k).mul(batch.rate(simd, right, k)).mul(simd.splat(times));
                     store(entry, k, [along.fma(rates, sum)]);
                 }
             }
@@ -155,25 +169,26 @@ unsafe fn add_entry<T: Lane>(batch: Batch, (own, other): (&Link, &Link), same: b
 /// Add a body's inertia to its parent's.
 #[inline(always)]
 unsafe fn add_inertia_to_parent<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, link): (JointShape, &Link),
     joint: &TransformSlots,
     from: *const Slot,
     to: *mut Slot,
 ) {
-    let at_zero = JointTransform::<T>::at_zero(shape, link);
-    for k in batch.lanes::<T>() {
+    let at_zero = JointTransform::at_zero(simd, shape, link);
+    for k in batch.lanes(simd) {
         // SAFETY: the caller's pointers are to the slots of two different links, with room for a lane.
         unsafe {
-            let carried = at_zero.load(joint.as_ptr(), k).inertia_to_parent(load(from, k));
-            let sum: [T; LINK_PARAMETERS] = load(to, k);
+            let carried = at_zero.load(joint.as_ptr(), k).inertia_to_parent(load(simd, from, k));
+            let sum: [T; LINK_PARAMETERS] = load(simd, to, k);
             store(to, k, core::array::from_fn::<T, LINK_PARAMETERS, _>(|p| sum[p].add(carried[p])));
         }
     }
 }
 
 #[inline(always)]
-unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+unsafe fn add_rotors<T: Lane>(simd: Simd<T>, batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let first = batch.mechanism.inertial_columns();
     for (t, term) in batch.mechanism.terms.iter().enumerate() {
         if term.law != Law::Rotor || !bodies.sets.is_used(t) {
@@ -182,11 +197,11 @@ unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut
         for &(a, left) in &term.joint_map.rates {
             for &(b, right) in term.joint_map.rates.iter().filter(|rate| rate.0 <= a) {
                 let entry = &mut state.mass[triangular_index(a, b)];
-                for k in batch.lanes::<T>() {
+                for k in batch.lanes(simd) {
                     // SAFETY: `lanes` leaves room for a lane in slots and channels.
                     unsafe {
-                        let ([sum], rotor): (_, T) = (load(entry, k), bodies.slots.column(first + t, k));
-                        let rates = batch.rate::<T>(left, k).mul(batch.rate(right, k));
+                        let ([sum], rotor): (_, T) = (load(simd, entry, k), bodies.slots.column(simd, first + t, k));
+                        let rates = batch.rate(simd, left, k).mul(batch.rate(simd, right, k));
                         store(entry, k, [rotor.fma(rates, sum)]);
                     }
                 }

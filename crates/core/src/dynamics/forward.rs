@@ -12,6 +12,7 @@ use crate::memory::shared::SharedOutput;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The mass matrix counts as positive definite where every pivot exceeds this share of its diagonal entry; less is
@@ -137,62 +138,62 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn solve_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
+unsafe fn solve_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, state: &mut RecursionState) {
     let RecursionState { mass, torque, other, margin, .. } = state;
     let other = &mut other[..batch.mechanism.coordinates];
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in the slots.
         unsafe {
             for (asked, bias) in other.iter_mut().zip(torque.iter()) {
-                store(asked, k, [lane::<T>(asked, k).sub(lane(bias, k))]);
+                store(asked, k, [lane(simd, asked, k).sub(lane(simd, bias, k))]);
             }
-            let least = solve_lane::<T>(mass, other, k);
+            let least = solve_lane(simd, mass, other, k);
             store(margin, k, [least]);
         }
     }
 }
 
 #[inline(always)]
-unsafe fn lane<T: Lane>(slot: &Slot, k: usize) -> T {
+unsafe fn lane<T: Lane>(simd: Simd<T>, slot: &Slot, k: usize) -> T {
     // SAFETY: the caller promises room for a lane from k on.
-    let [x] = unsafe { load(slot, k) };
+    let [x] = unsafe { load(simd, slot, k) };
     x
 }
 
 /// Solve by `L D L'` factorisation of a symmetric matrix, given as its lower triangle, which the factors replace; the
 /// reciprocals of the pivots stand on the diagonal. Returns the smallest margin of a pivot over its rounding error.
 #[inline(always)]
-unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -> T {
-    let mut least = T::splat(f64::MAX);
+unsafe fn solve_lane<T: Lane>(simd: Simd<T>, mass: &mut [Slot], right: &mut [Slot], k: usize) -> T {
+    let mut least = simd.splat(f64::MAX);
     // SAFETY: the caller promises room for a lane from k on, in every slot.
     unsafe {
         for i in 0..right.len() {
             let (above, row) = mass.split_at_mut(i * (i + 1) / 2);
             for j in 0..i {
                 let other = &above[j * (j + 1) / 2..];
-                let mut entry = lane::<T>(&row[j], k);
+                let mut entry = lane(simd, &row[j], k);
                 for m in 0..j {
-                    entry = lane::<T>(&row[m], k).fnma(lane(&other[m], k), entry);
+                    entry = lane(simd, &row[m], k).fnma(lane(simd, &other[m], k), entry);
                 }
                 store(&mut row[j], k, [entry]);
             }
-            let (whole, mut x): (T, T) = (lane(&row[i], k), lane(&right[i], k));
+            let (whole, mut x): (T, T) = (lane(simd, &row[i], k), lane(simd, &right[i], k));
             let mut pivot = whole;
             for j in 0..i {
-                let entry = lane::<T>(&row[j], k);
-                let factor = entry.mul(lane(&above[triangular_index(j, j)], k));
-                (pivot, x) = (entry.fnma(factor, pivot), factor.fnma(lane(&right[j], k), x));
+                let entry = lane(simd, &row[j], k);
+                let factor = entry.mul(lane(simd, &above[triangular_index(j, j)], k));
+                (pivot, x) = (entry.fnma(factor, pivot), factor.fnma(lane(simd, &right[j], k), x));
                 store(&mut row[j], k, [factor]);
             }
-            let margin = whole.fnma(T::splat(MIN_PIVOT), pivot);
+            let margin = whole.fnma(simd.splat(MIN_PIVOT), pivot);
             least = T::select_gt(least, margin, margin, least);
-            store(&mut row[i], k, [T::splat(1.0).div(pivot)]);
+            store(&mut row[i], k, [simd.splat(1.0).div(pivot)]);
             store(&mut right[i], k, [x]);
         }
         for i in (0..right.len()).rev() {
-            let mut x = lane::<T>(&right[i], k).mul(lane(&mass[triangular_index(i, i)], k));
+            let mut x = lane(simd, &right[i], k).mul(lane(simd, &mass[triangular_index(i, i)], k));
             for j in i + 1..right.len() {
-                x = lane::<T>(&mass[triangular_index(j, i)], k).fnma(lane(&right[j], k), x);
+                x = lane(simd, &mass[triangular_index(j, i)], k).fnma(lane(simd, &right[j], k), x);
             }
             store(&mut right[i], k, [x]);
         }

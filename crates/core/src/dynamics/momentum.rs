@@ -20,6 +20,7 @@ use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{load, store};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Angular and linear part of a momentum, or moment and force.
 type Wrench<T> = (Vector<T>, Vector<T>);
@@ -34,47 +35,58 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn momentum_recursion_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+unsafe fn momentum_recursion_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    batch: Batch,
+    bodies: BatchParameters,
+    state: &mut RecursionState,
+) {
     let na = batch.mechanism.coordinates;
     // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
         for i in 0..batch.mechanism.links.len() {
-            propagate_motion::<T>(batch, bodies, i, state);
+            propagate_motion(simd, batch, bodies, i, state);
         }
-        clear::<T>(batch, &mut state.torque[..na]);
-        clear::<T>(batch, &mut state.other[..na]);
+        clear(simd, batch, &mut state.torque[..na]);
+        clear(simd, batch, &mut state.other[..na]);
         for (i, link) in batch.mechanism.links.iter().enumerate().rev() {
-            project::<T>(batch, link, i, state);
+            project(simd, batch, link, i, state);
             if let Some(parent) = link.parent {
                 for wrenches in [&mut state.wrenches, &mut state.weights] {
                     let (from, to) = (wrenches.as_mut_ptr().add(i), wrenches.as_mut_ptr().add(parent));
-                    add_wrench_to_parent::<T>(batch, (link.shape, link), &state.joints[i], from.cast(), to.cast());
+                    add_wrench_to_parent(simd, batch, (link.shape, link), &state.joints[i], from.cast(), to.cast());
                 }
             }
         }
-        add_rotors::<T>(batch, bodies, state);
-        add_terms::<T>(batch, bodies, |law| law != Law::Rotor, state);
+        add_rotors(simd, batch, bodies, state);
+        add_terms(simd, batch, bodies, |law| law != Law::Rotor, state);
     }
 }
 
 /// Velocity of the link from its parent's, its momentum and its weight.
 #[inline(always)]
-unsafe fn propagate_motion<T: Lane>(batch: Batch, bodies: BatchParameters, i: usize, state: &mut RecursionState) {
+unsafe fn propagate_motion<T: Lane>(
+    simd: Simd<T>,
+    batch: Batch,
+    bodies: BatchParameters,
+    i: usize,
+    state: &mut RecursionState,
+) {
     let link = &batch.mechanism.links[i];
-    let at_zero = JointTransform::<T>::at_zero(link.shape, link);
+    let at_zero = JointTransform::at_zero(simd, link.shape, link);
     // SAFETY: batch and state are as in the head of the file.
     unsafe {
-        let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
-        store_transform::<T>(batch, link, followed, &mut state.joints[i]);
+        let followed = batch.follow(simd, &link.joint_map, &mut state.followed);
+        store_transform(simd, batch, link, followed, &mut state.joints[i]);
         let own = LinkVelocities(state.motions[i].as_mut_ptr());
         let parent = link.parent.map(|p| LinkVelocities(state.motions[p].as_mut_ptr()));
-        for k in batch.lanes::<T>() {
-            let ([_, speed, _], joint) = (followed.at(k), at_zero.load(state.joints[i].as_ptr(), k));
+        for k in batch.lanes(simd) {
+            let ([_, speed, _], joint) = (followed.at(simd, k), at_zero.load(state.joints[i].as_ptr(), k));
             match parent {
-                Some(parent) => own.propagate(parent, &joint, speed, k),
-                None => own.begin_at_base(batch.mechanism.gravity, &joint, speed, k),
+                Some(parent) => own.propagate(simd, parent, &joint, speed, k),
+                None => own.begin_at_base(simd, batch.mechanism.gravity, &joint, speed, k),
             }
-            let (momentum, weight) = carried(own.get::<T>(k), bodies.slots.link(i, k));
+            let (momentum, weight) = carried(own.get(simd, k), bodies.slots.link(simd, i, k));
             store_axis(state.wrenches[i].as_mut_ptr(), k, momentum);
             store_axis(state.weights[i].as_mut_ptr(), k, weight);
         }
@@ -91,20 +103,20 @@ fn carried<T: Lane>([w, v, a]: [Vector<T>; 3], c: [T; LINK_PARAMETERS]) -> (Wren
 
 /// Add a joint's momentum, and the remainder of its torque, to the coordinates that move it.
 #[inline(always)]
-unsafe fn project<T: Lane>(batch: Batch, link: &Link, i: usize, state: &mut RecursionState) {
+unsafe fn project<T: Lane>(simd: Simd<T>, batch: Batch, link: &Link, i: usize, state: &mut RecursionState) {
     let velocities = LinkVelocities(state.motions[i].as_mut_ptr());
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in slots and channels.
         unsafe {
-            let [w, v, _] = velocities.get::<T>(k);
-            let (angular, linear) = load_axis(state.wrenches[i].as_ptr(), k);
-            let (moment, force): Wrench<T> = load_axis(state.weights[i].as_ptr(), k);
+            let [w, v, _] = velocities.get(simd, k);
+            let (angular, linear) = load_axis(simd, state.wrenches[i].as_ptr(), k);
+            let (moment, force): Wrench<T> = load_axis(simd, state.weights[i].as_ptr(), k);
             let about = |a: Vector<T>, b: Vector<T>, c: T| a[1].fnma(b[0], a[0].fma(b[1], c));
             let (momentum, left) = match link.is_prismatic() {
                 true => (linear[2], about(w, linear, force[2])),
                 false => (angular[2], about(w, angular, about(v, linear, moment[2]))),
             };
-            add_to_coordinates(batch, &link.joint_map, (momentum, left), k, state);
+            add_to_coordinates(simd, batch, &link.joint_map, (momentum, left), k, state);
         }
     }
 }
@@ -114,6 +126,7 @@ unsafe fn project<T: Lane>(batch: Batch, link: &Link, i: usize, state: &mut Recu
 /// `k` is one of the batch's lanes.
 #[inline(always)]
 unsafe fn add_to_coordinates<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     joint_map: &JointMap,
     (momentum, left): (T, T),
@@ -124,14 +137,16 @@ unsafe fn add_to_coordinates<T: Lane>(
         // SAFETY: slots and channels have room for every lane of the batch.
         unsafe {
             let (p, remainder) = (&mut state.other[a], &mut state.torque[a]);
-            let ([sum], [remainder_sum]): ([T; 1], [T; 1]) = (load(p, k), load(remainder, k));
-            let own: T = batch.rate(rate, k);
+            let ([sum], [remainder_sum]): ([T; 1], [T; 1]) = (load(simd, p, k), load(simd, remainder, k));
+            let own: T = batch.rate(simd, rate, k);
             let remainder_sum = left.fma(own, remainder_sum);
             store(p, k, [momentum.fma(own, sum)]);
             store(
                 remainder,
                 k,
-                [batch.rate_derivative(rate, k).map_or(remainder_sum, |change| momentum.fnma(change, remainder_sum))],
+                [batch
+                    .rate_derivative(simd, rate, k)
+                    .map_or(remainder_sum, |change| momentum.fnma(change, remainder_sum))],
             );
         }
     }
@@ -139,7 +154,7 @@ unsafe fn add_to_coordinates<T: Lane>(
 
 /// Momenta of the rotors, and their remainder where a rate varies.
 #[inline(always)]
-unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+unsafe fn add_rotors<T: Lane>(simd: Simd<T>, batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let first = batch.mechanism.inertial_columns();
     for (t, term) in batch.mechanism.terms.iter().enumerate() {
         if term.law != Law::Rotor || !bodies.sets.is_used(t) {
@@ -147,11 +162,11 @@ unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut
         }
         // SAFETY: batch and state are as in the head of the file.
         unsafe {
-            let followed = batch.follow::<T>(&term.joint_map, &mut state.followed);
-            for k in batch.lanes::<T>() {
-                let [_, speed, _]: [T; 3] = followed.at(k);
-                let momentum = speed.mul(bodies.slots.column(first + t, k));
-                add_to_coordinates(batch, &term.joint_map, (momentum, T::splat(0.0)), k, state);
+            let followed = batch.follow(simd, &term.joint_map, &mut state.followed);
+            for k in batch.lanes(simd) {
+                let [_, speed, _]: [T; 3] = followed.at(simd, k);
+                let momentum = speed.mul(bodies.slots.column(simd, first + t, k));
+                add_to_coordinates(simd, batch, &term.joint_map, (momentum, simd.splat(0.0)), k, state);
             }
         }
     }

@@ -23,6 +23,7 @@ use crate::memory::shared::SharedOutput;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 dispatched! {
     /// Torques of a batch, with the accelerations of its channels.
@@ -34,39 +35,40 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn rnea_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+unsafe fn rnea_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
         for (i, link) in batch.mechanism.links.iter().enumerate() {
-            let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
-            store_transform::<T>(batch, link, followed, &mut state.joints[i]);
-            for_shape!(link.shape, shape => propagate_motion::<T>(batch, bodies, (shape, i), followed, state));
+            let followed = batch.follow(simd, &link.joint_map, &mut state.followed);
+            store_transform(simd, batch, link, followed, &mut state.joints[i]);
+            for_shape!(link.shape, shape => propagate_motion(simd, batch, bodies, (shape, i), followed, state));
         }
-        clear::<T>(batch, &mut state.torque[..batch.mechanism.coordinates]);
+        clear(simd, batch, &mut state.torque[..batch.mechanism.coordinates]);
         for (i, link) in batch.mechanism.links.iter().enumerate().rev() {
-            project::<T>(batch, link, &state.wrenches[i], &mut state.torque);
+            project(simd, batch, link, &state.wrenches[i], &mut state.torque);
             if let Some(parent) = link.parent {
                 let (joint, wrenches) = (&state.joints[i], state.wrenches.as_mut_ptr());
                 let (from, to) = (wrenches.add(i), wrenches.add(parent));
-                for_shape!(link.shape, shape => add_wrench_to_parent::<T>(batch, (shape, link), joint, from.cast(), to.cast()));
+                for_shape!(link.shape, shape => add_wrench_to_parent(simd, batch, (shape, link), joint, from.cast(), to.cast()));
             }
         }
-        add_terms::<T>(batch, bodies, |_| true, state);
+        add_terms(simd, batch, bodies, |_| true, state);
     }
 }
 
 /// Set slots to zero.
 #[inline(always)]
-pub(crate) unsafe fn clear<T: Lane>(batch: Batch, slots: &mut [Slot]) {
+pub(crate) unsafe fn clear<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut [Slot]) {
     for slot in slots {
         // SAFETY: `lanes` leaves room for a lane in the slot.
-        batch.lanes::<T>().for_each(|k| unsafe { store(slot, k, [T::splat(0.0)]) });
+        batch.lanes(simd).for_each(|k| unsafe { store(slot, k, [simd.splat(0.0)]) });
     }
 }
 
 /// Motion of the link from its parent's, and its inertial wrench.
 #[inline(always)]
 unsafe fn propagate_motion<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     bodies: BatchParameters,
     (shape, i): (JointShape, usize),
@@ -74,28 +76,29 @@ unsafe fn propagate_motion<T: Lane>(
     state: &mut RecursionState,
 ) {
     let (link, has_mass) = (&batch.mechanism.links[i], bodies.sets.has_mass(i));
-    let at_zero = JointTransform::<T>::at_zero(shape, link);
-    for k in batch.lanes::<T>() {
+    let at_zero = JointTransform::at_zero(simd, shape, link);
+    for k in batch.lanes(simd) {
         // SAFETY: batch and state are as in the head of the file.
         unsafe {
             let joint = at_zero.load(state.joints[i].as_ptr(), k);
-            let [_, v, acceleration] = followed.at(k);
+            let [_, v, acceleration] = followed.at(simd, k);
             let carried = match link.parent {
-                Some(parent) => joint.transform_motion(load_motion(state.motions[parent].as_ptr(), k)),
-                None => [zero(), zero(), joint.rotate(batch.mechanism.gravity.map(|g| T::splat(-g)))],
+                Some(parent) => joint.transform_motion(load_motion(simd, state.motions[parent].as_ptr(), k)),
+                None => [zero(simd), zero(simd), joint.rotate(batch.mechanism.gravity.map(|g| simd.splat(-g)))],
             };
             let motion = add_joint_rate(&joint, carried, (v, acceleration));
             store_motion(state.motions[i].as_mut_ptr(), k, motion);
-            let wrench = if has_mass { wrench(motion, bodies.slots.link(i, k)) } else { (zero(), zero()) };
+            let wrench =
+                if has_mass { wrench(motion, bodies.slots.link(simd, i, k)) } else { (zero(simd), zero(simd)) };
             store_axis(state.wrenches[i].as_mut_ptr(), k, wrench);
         }
     }
 }
 
 #[inline(always)]
-unsafe fn load_motion<T: Lane>(slots: *const Slot, k: usize) -> SpatialMotion<T> {
+unsafe fn load_motion<T: Lane>(simd: Simd<T>, slots: *const Slot, k: usize) -> SpatialMotion<T> {
     // SAFETY: the caller promises nine slots with room for a lane from k on.
-    let m: [T; 9] = unsafe { load(slots, k) };
+    let m: [T; 9] = unsafe { load(simd, slots, k) };
     [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]
 }
 
@@ -143,14 +146,14 @@ fn wrench<T: Lane>([w, wd, a]: SpatialMotion<T>, c: [T; LINK_PARAMETERS]) -> (Ve
 
 /// Add the joint's component of a wrench to the coordinates that move it.
 #[inline(always)]
-unsafe fn project<T: Lane>(batch: Batch, link: &Link, wrench: &[Slot; 6], torque: &mut [Slot]) {
+unsafe fn project<T: Lane>(simd: Simd<T>, batch: Batch, link: &Link, wrench: &[Slot; 6], torque: &mut [Slot]) {
     let along = &wrench[if link.is_prismatic() { 5 } else { 2 }];
     for &(a, rate) in &link.joint_map.rates {
-        for k in batch.lanes::<T>() {
+        for k in batch.lanes(simd) {
             // SAFETY: `lanes` leaves room for a lane in slots and channels.
             unsafe {
-                let ([own], [sum]): ([T; 1], [T; 1]) = (load(along, k), load(&torque[a], k));
-                store(&mut torque[a], k, [own.fma(batch.rate(rate, k), sum)]);
+                let ([own], [sum]): ([T; 1], [T; 1]) = (load(simd, along, k), load(simd, &torque[a], k));
+                store(&mut torque[a], k, [own.fma(batch.rate(simd, rate, k), sum)]);
             }
         }
     }
@@ -159,18 +162,19 @@ unsafe fn project<T: Lane>(batch: Batch, link: &Link, wrench: &[Slot; 6], torque
 /// Add a link's wrench to its parent's.
 #[inline(always)]
 pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, link): (JointShape, &Link),
     joint: &TransformSlots,
     from: *const Slot,
     to: *mut Slot,
 ) {
-    let at_zero = JointTransform::<T>::at_zero(shape, link);
-    for k in batch.lanes::<T>() {
+    let at_zero = JointTransform::at_zero(simd, shape, link);
+    for k in batch.lanes(simd) {
         // SAFETY: the caller's pointers are to the six slots of two different links, with room for a lane.
         unsafe {
-            let (n, f) = at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(from, k));
-            let (sum_n, sum_f): (Vector<T>, Vector<T>) = load_axis(to, k);
+            let (n, f) = at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(simd, from, k));
+            let (sum_n, sum_f): (Vector<T>, Vector<T>) = load_axis(simd, to, k);
             let sum = |x: Vector<T>, y: Vector<T>| core::array::from_fn(|e| x[e].add(y[e]));
             store_axis(to, k, (sum(n, sum_n), sum(f, sum_f)));
         }
@@ -180,6 +184,7 @@ pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
 /// Add the torques of the terms whose laws are chosen.
 #[inline(always)]
 pub(crate) unsafe fn add_terms<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     bodies: BatchParameters,
     chosen: impl Fn(Law) -> bool,
@@ -195,15 +200,15 @@ pub(crate) unsafe fn add_terms<T: Lane>(
         }
         // SAFETY: batch and state are as in the head of the file; an external term has a channel of its own.
         unsafe {
-            let followed = batch.follow::<T>(&term.joint_map, &mut state.followed);
+            let followed = batch.follow(simd, &term.joint_map, &mut state.followed);
             let own = batch.channels.channel(own);
-            for k in batch.lanes::<T>() {
-                let [x, v, a] = followed.at(k);
-                let parameter: T = bodies.slots.column(first + t, k);
-                let torque = term.law.column(x, v, a, T::load(own.add(k))).mul(parameter);
+            for k in batch.lanes(simd) {
+                let [x, v, a] = followed.at(simd, k);
+                let parameter: T = bodies.slots.column(simd, first + t, k);
+                let torque = term.law.column(x, v, a, simd.load(own.add(k))).mul(parameter);
                 for &(a, rate) in &term.joint_map.rates {
-                    let [sum] = load(&state.torque[a], k);
-                    store(&mut state.torque[a], k, [torque.fma(batch.rate(rate, k), sum)]);
+                    let [sum] = load(simd, &state.torque[a], k);
+                    store(&mut state.torque[a], k, [torque.fma(batch.rate(simd, rate, k), sum)]);
                 }
             }
         }

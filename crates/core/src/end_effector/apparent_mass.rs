@@ -17,6 +17,7 @@ use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::memory::slot::PoseSlot;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Which apparent masses to compute.
 #[derive(Debug, Clone, Copy)]
@@ -210,18 +211,24 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn decompose_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState) {
+unsafe fn decompose_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    model: &EndEffectorModel,
+    group: &PoseGroup,
+    state: &mut ApparentMassState,
+) {
     let (query, na) = (state.query, model.mechanism.coordinates);
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
         // SAFETY: the loop over k leaves room for a lane in pose slots.
         unsafe {
-            state.svd.solve::<T>(
+            state.svd.solve(
+                simd,
                 |row, a| &group.jacobian[query.rows[row] * na + query.free[a]],
                 |a, b| &group.mass[query.free[a] * na + query.free[b]],
                 k,
             );
             if query.factor_columns > 0 {
-                state.svd.unit_speed_rates::<T>(k);
+                state.svd.unit_speed_rates(simd, k);
             }
         }
     }
@@ -232,7 +239,12 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState) {
+unsafe fn changes_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    model: &EndEffectorModel,
+    group: &PoseGroup,
+    state: &mut ApparentMassState,
+) {
     state.change.fill(PoseSlot::ZERO);
     let (na, s) = (model.mechanism.coordinates, state.query.factor_columns);
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
@@ -241,7 +253,7 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
                 // SAFETY: the loop over k leaves room for a lane in pose slots, here and below.
                 let energies: UnitEnergy<T> = if i < model.mechanism.links.len() {
                     // SAFETY: as above.
-                    let velocity = unsafe { link_velocity::<T>(model, group, i, rates, k) };
+                    let velocity = unsafe { link_velocity(simd, model, group, i, rates, k) };
                     UnitEnergy::Link(contract_momentum(velocity, velocity))
                 } else {
                     UnitEnergy::Rotors
@@ -251,13 +263,13 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
                         UnitEnergy::Link(of) => of[place],
                         // SAFETY: as above.
                         UnitEnergy::Rotors => unsafe {
-                            rotor_energy(&model.bodies().rotors[place * na..][..na], rates, k)
+                            rotor_energy(simd, &model.bodies().rotors[place * na..][..na], rates, k)
                         },
                     };
                     let spread = &state.query.covariance_factor[column * s..][..s];
                     for (slot, &share) in change.iter_mut().zip(spread) {
                         // SAFETY: as above.
-                        unsafe { slot.store(k, energy.fma(T::splat(share), slot.load::<T>(k))) };
+                        unsafe { slot.store(k, energy.fma(simd.splat(share), slot.load(simd, k))) };
                     }
                 }
             }
@@ -272,11 +284,11 @@ enum UnitEnergy<T> {
 }
 
 #[inline(always)]
-unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[PoseSlot], k: usize) -> T {
-    let mut speed = T::splat(0.0);
+unsafe fn rotor_energy<T: Lane>(simd: Simd<T>, weights: &[f64], rates: &[PoseSlot], k: usize) -> T {
+    let mut speed = simd.splat(0.0);
     for (&weight, rate) in weights.iter().zip(rates) {
         // SAFETY: the caller promises room for a lane from k on.
-        speed = unsafe { rate.load::<T>(k) }.fma(T::splat(weight), speed);
+        speed = unsafe { rate.load(simd, k) }.fma(simd.splat(weight), speed);
     }
     speed.mul(speed)
 }

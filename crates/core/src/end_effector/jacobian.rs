@@ -13,6 +13,7 @@ use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::memory::slot::PoseSlot;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 use rayon::prelude::*;
 
 /// Poses per task of a thread.
@@ -164,10 +165,10 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn carry_in_lanes<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup) {
+unsafe fn carry_in_lanes<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup) {
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
         // SAFETY: the loop leaves room for a lane in pose slots.
-        unsafe { carry_lane::<T>(model, group, k) };
+        unsafe { carry_lane(simd, model, group, k) };
     }
 }
 
@@ -177,30 +178,30 @@ unsafe fn carry_in_lanes<T: Lane>(model: &EndEffectorModel, group: &mut PoseGrou
 ///
 /// `k + T::WIDTH <= MAX_WIDTH`.
 #[inline(always)]
-pub(crate) unsafe fn load_pose_axis<T: Lane>(axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
+pub(crate) unsafe fn load_pose_axis<T: Lane>(simd: Simd<T>, axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
     // SAFETY: the caller's promise.
-    let part = |e: usize| unsafe { axis[e].load::<T>(k) };
+    let part = |e: usize| unsafe { axis[e].load(simd, k) };
     ([part(0), part(1), part(2)], [part(3), part(4), part(5)])
 }
 
 #[inline(always)]
-unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k: usize) {
+unsafe fn carry_lane<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup, k: usize) {
     let na = model.mechanism.coordinates;
     // SAFETY: the caller's promise about k.
     unsafe {
         for (slot, &entry) in group.mass.iter_mut().zip(&model.rotor_mass) {
-            slot.store(k, T::splat(entry));
+            slot.store(k, simd.splat(entry));
         }
-        let one = |e: usize| core::array::from_fn(|f| T::splat(if e == f { 1.0 } else { 0.0 }));
+        let one = |e: usize| core::array::from_fn(|f| simd.splat(if e == f { 1.0 } else { 0.0 }));
         // Axes of the base frame, in the link's frame.
         let mut base: [Vector<T>; 3] = [one(0), one(1), one(2)];
         for (i, link) in model.mechanism.links.iter().enumerate() {
-            let joint = JointTransform::at_zero(link.shape, link).at(group.position[i].load::<T>(k));
+            let joint = JointTransform::at_zero(simd, link.shape, link).at(group.position[i].load(simd, k));
             for (slot, axis) in (link.first..).zip(&link.axes) {
-                let rate = group.rates[i * na + axis.coordinate].load::<T>(k);
+                let rate = group.rates[i * na + axis.coordinate].load(simd, k);
                 let (x, u) = match axis.above {
                     Some(above) => {
-                        joint.add_joint_rate(joint.transform_axis(load_pose_axis::<T>(&group.axes[above], k)), rate)
+                        joint.add_joint_rate(joint.transform_axis(load_pose_axis(simd, &group.axes[above], k)), rate)
                     }
                     None => joint.joint_axis(rate),
                 };
@@ -212,21 +213,21 @@ unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k
                 base = base.map(|axis| joint.rotate(axis));
             }
             if model.has_mass[i] {
-                add_body::<T>(model, group, i, k);
+                add_body(simd, model, group, i, k);
             }
         }
-        end_effector_rows::<T>(model, group, &base, k);
+        end_effector_rows(simd, model, group, &base, k);
     }
 }
 
 /// Contribution of one body to the mass matrix: its momentum under every axis, contracted with every axis.
 #[inline(always)]
-unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
+unsafe fn add_body<T: Lane>(simd: Simd<T>, model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
     let (link, na) = (&model.mechanism.links[i], model.mechanism.coordinates);
-    let c: [T; LINK_PARAMETERS] = core::array::from_fn(|e| T::splat(model.bodies.chi[LINK_PARAMETERS * i + e]));
+    let c: [T; LINK_PARAMETERS] = core::array::from_fn(|e| simd.splat(model.bodies.chi[LINK_PARAMETERS * i + e]));
     for (b, right) in link.axes.iter().enumerate() {
         // SAFETY: the caller's promise about k, here and below.
-        let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + b], k) };
+        let (x, u) = unsafe { load_pose_axis(simd, &group.axes[link.first + b], k) };
         let first = [c[6], c[7], c[8]];
         let turned = [
             c[0].fma(x[0], c[1].fma(x[1], c[2].mul(x[2]))),
@@ -237,14 +238,14 @@ unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: 
         let linear = cross_add(x, first, u.map(|u| u.mul(c[9])));
         for (a, left) in link.axes[..=b].iter().enumerate() {
             // SAFETY: as above.
-            let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + a], k) };
+            let (x, u) = unsafe { load_pose_axis(simd, &group.axes[link.first + a], k) };
             let entry = dot(x, angular).add(dot(u, linear));
             let (a, b) = (left.coordinate, right.coordinate);
             let both = [a * na + b, b * na + a];
             for &at in &both[..if a == b { 1 } else { 2 }] {
                 let slot = &mut group.mass[at];
                 // SAFETY: as above.
-                unsafe { slot.store(k, slot.load::<T>(k).add(entry)) };
+                unsafe { slot.store(k, slot.load(simd, k).add(entry)) };
             }
         }
     }
@@ -252,12 +253,18 @@ unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: 
 
 /// Velocity of the end effector under every axis of its link, in the base frame.
 #[inline(always)]
-unsafe fn end_effector_rows<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, base: &[Vector<T>; 3], k: usize) {
+unsafe fn end_effector_rows<T: Lane>(
+    simd: Simd<T>,
+    model: &EndEffectorModel,
+    group: &mut PoseGroup,
+    base: &[Vector<T>; 3],
+    k: usize,
+) {
     let (link, na) = (&model.mechanism.links[model.end_effector.link], model.mechanism.coordinates);
-    let point = model.end_effector.point.map(T::splat);
+    let point = model.end_effector.point.map(|x| simd.splat(x));
     for (slot, axis) in (link.first..).zip(&link.axes) {
         // SAFETY: the caller's promise about k, here and below.
-        let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[slot], k) };
+        let (x, u) = unsafe { load_pose_axis(simd, &group.axes[slot], k) };
         let velocity = cross_add(x, point, u);
         for (row, &along) in base.iter().enumerate() {
             for (row, vector) in [(row, velocity), (row + 3, x)] {
@@ -359,6 +366,7 @@ pub(crate) fn check_indices(name: &'static str, indices: &[usize], limit: usize)
 /// `k + T::WIDTH <= MAX_WIDTH`.
 #[inline(always)]
 pub(crate) unsafe fn link_velocity<T: Lane>(
+    simd: Simd<T>,
     model: &EndEffectorModel,
     group: &PoseGroup,
     i: usize,
@@ -366,11 +374,11 @@ pub(crate) unsafe fn link_velocity<T: Lane>(
     k: usize,
 ) -> (Vector<T>, Vector<T>) {
     let link = &model.mechanism.links[i];
-    let (mut x, mut u) = (zero(), zero());
+    let (mut x, mut u) = (zero(simd), zero(simd));
     for (slot, axis) in (link.first..).zip(&link.axes) {
         // SAFETY: the caller's promise about k.
         let ((dx, du), weight) =
-            unsafe { (load_pose_axis::<T>(&group.axes[slot], k), weights[axis.coordinate].load::<T>(k)) };
+            unsafe { (load_pose_axis(simd, &group.axes[slot], k), weights[axis.coordinate].load(simd, k)) };
         x = core::array::from_fn(|e| dx[e].fma(weight, x[e]));
         u = core::array::from_fn(|e| du[e].fma(weight, u[e]));
     }

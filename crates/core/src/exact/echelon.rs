@@ -8,6 +8,7 @@ use crate::error::{Error, expect_length};
 use crate::exact::field::Field;
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Bring matrices with the same pivots to reduced row echelon form, in place: their first rows are the forms' rows,
 /// those after the pivots are undefined. Returns the pivots' columns, or `None` if the matrices differ in them. Only
@@ -36,9 +37,7 @@ pub fn echelon(
     for entries in matrices.chunks_exact_mut((rows * columns).max(1)) {
         matrix.iter_mut().zip(&*entries).for_each(|(x, &entry)| *x = field.of(entry) as u32);
         let mut pivots = Vec::new();
-        // SAFETY: the function has no conditions; it is unsafe since its instances are compiled for instruction sets,
-        // which a `Backend` guards.
-        unsafe { reduce_matrix(backend, &mut matrix, columns, candidates.min(columns), field, &mut pivots) };
+        reduce_matrix(backend, &mut matrix, columns, candidates.min(columns), field, &mut pivots);
         entries.iter_mut().zip(&matrix).for_each(|(entry, &x)| *entry = x.into());
         match &first {
             Some(first) if *first != pivots => return Ok(None),
@@ -50,14 +49,15 @@ pub fn echelon(
 }
 
 dispatched! {
-    unsafe fn reduce_matrix = reduce_any(
+    fn reduce_matrix = reduce_any(
         matrix: &mut [u32], columns: usize, candidates: usize, field: Field, pivots: &mut Vec<usize>,
     )
 }
 
 /// The type of lane chooses the instructions only.
 #[inline(always)]
-unsafe fn reduce_any<T: Lane>(
+fn reduce_any<T: Lane>(
+    _: Simd<T>,
     matrix: &mut [u32],
     columns: usize,
     candidates: usize,

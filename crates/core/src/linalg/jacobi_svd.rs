@@ -6,6 +6,7 @@
 
 use crate::memory::slot::PoseSlot;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Maximum number of Jacobi sweeps; five are usual.
 const MAX_SWEEPS: usize = 30;
@@ -63,6 +64,7 @@ impl JacobiSvd {
     #[inline(always)]
     pub(crate) unsafe fn solve<'s, T: Lane>(
         &mut self,
+        simd: Simd<T>,
         jacobian: impl Fn(usize, usize) -> &'s PoseSlot,
         mass: impl Fn(usize, usize) -> &'s PoseSlot,
         k: usize,
@@ -70,17 +72,17 @@ impl JacobiSvd {
         let (m, n) = (self.m, self.n);
         // SAFETY: the caller's promise about k, here and below.
         unsafe {
-            let definite = self.decompose::<T>(mass, k);
+            let definite = self.decompose(simd, mass, k);
             self.definite.store(k, definite);
             for row in 0..m {
                 for a in 0..n {
-                    let entry = jacobian(row, a).load::<T>(k);
+                    let entry = jacobian(row, a).load(simd, k);
                     let mut rest = entry;
                     for b in 0..a {
-                        let known = self.columns[row * n + b].load::<T>(k);
-                        rest = self.factor[a * n + b].load::<T>(k).fnma(known, rest);
+                        let known = self.columns[row * n + b].load(simd, k);
+                        rest = self.factor[a * n + b].load(simd, k).fnma(known, rest);
                     }
-                    let made = rest.mul(self.factor[a * n + a].load::<T>(k));
+                    let made = rest.mul(self.factor[a * n + a].load(simd, k));
                     self.columns[row * n + a].store(k, made);
                     let at = if m <= n { row * n + a } else { a * m + row };
                     self.plain.entries[at].store(k, entry);
@@ -88,39 +90,39 @@ impl JacobiSvd {
                 }
             }
             // Together: the rotations of one wait for square roots, while the other's go on.
-            self.weighted.begin_rotations::<T>(k);
+            self.weighted.begin_rotations(simd, k);
             let (mut plain, mut weighted) = (true, true);
             for _ in 0..MAX_SWEEPS {
-                (plain, weighted) = self.sweep::<T>(plain, weighted, k);
+                (plain, weighted) = self.sweep(simd, plain, weighted, k);
                 if !plain && !weighted {
                     break;
                 }
             }
-            let condition = self.plain.extent::<T>(k);
+            let condition = self.plain.extent(simd, k);
             self.condition.store(k, condition);
-            self.triplets_of_vectors::<T>(k);
+            self.triplets_of_vectors(simd, k);
         }
     }
 
     /// Coordinate rates for each direction v: m A^-1 J' v = m L^-T (L^-1 J') v.
     #[inline(always)]
-    pub(crate) unsafe fn unit_speed_rates<T: Lane>(&mut self, k: usize) {
+    pub(crate) unsafe fn unit_speed_rates<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
         let (m, n) = (self.m, self.n);
         for e in 0..self.triplets() {
             for a in (0..n).rev() {
                 // SAFETY: the caller's promise about k.
                 unsafe {
-                    let mut along = T::splat(0.0);
+                    let mut along = simd.splat(0.0);
                     for row in 0..m {
-                        let share = self.directions[e * m + row].load::<T>(k);
-                        along = self.columns[row * n + a].load::<T>(k).fma(share, along);
+                        let share = self.directions[e * m + row].load(simd, k);
+                        along = self.columns[row * n + a].load(simd, k).fma(share, along);
                     }
-                    let mut rest = self.masses[e].load::<T>(k).mul(along);
+                    let mut rest = self.masses[e].load(simd, k).mul(along);
                     for b in a + 1..n {
-                        let known = self.rates[e * n + b].load::<T>(k);
-                        rest = self.factor[b * n + a].load::<T>(k).fnma(known, rest);
+                        let known = self.rates[e * n + b].load(simd, k);
+                        rest = self.factor[b * n + a].load(simd, k).fnma(known, rest);
                     }
-                    self.rates[e * n + a].store(k, rest.mul(self.factor[a * n + a].load::<T>(k)));
+                    self.rates[e * n + a].store(k, rest.mul(self.factor[a * n + a].load(simd, k)));
                 }
             }
         }
@@ -128,25 +130,30 @@ impl JacobiSvd {
 
     /// Cholesky decomposition A = L L': one where A is positive definite, else zero.
     #[inline(always)]
-    unsafe fn decompose<'s, T: Lane>(&mut self, mass: impl Fn(usize, usize) -> &'s PoseSlot, k: usize) -> T {
+    unsafe fn decompose<'s, T: Lane>(
+        &mut self,
+        simd: Simd<T>,
+        mass: impl Fn(usize, usize) -> &'s PoseSlot,
+        k: usize,
+    ) -> T {
         let n = self.n;
-        let mut definite = T::splat(1.0);
+        let mut definite = simd.splat(1.0);
         for a in 0..n {
             for b in 0..=a {
                 // SAFETY: the caller's promise about k.
                 unsafe {
-                    let entry = mass(a, b).load::<T>(k);
+                    let entry = mass(a, b).load(simd, k);
                     let mut rest = entry;
                     for c in 0..b {
-                        let other = self.factor[b * n + c].load::<T>(k);
-                        rest = self.factor[a * n + c].load::<T>(k).fnma(other, rest);
+                        let other = self.factor[b * n + c].load(simd, k);
+                        rest = self.factor[a * n + c].load(simd, k).fnma(other, rest);
                     }
                     let made = if a == b {
-                        let least = entry.xor_sign(entry).mul(T::splat(LEAST_PIVOT));
-                        definite = T::select_gt(rest, least, definite, T::splat(0.0));
-                        T::splat(1.0).div(rest.sqrt())
+                        let least = entry.xor_sign(entry).mul(simd.splat(LEAST_PIVOT));
+                        definite = T::select_gt(rest, least, definite, simd.splat(0.0));
+                        simd.splat(1.0).div(rest.sqrt())
                     } else {
-                        rest.mul(self.factor[b * n + b].load::<T>(k))
+                        rest.mul(self.factor[b * n + b].load(simd, k))
                     };
                     self.factor[a * n + b].store(k, made);
                 }
@@ -157,19 +164,19 @@ impl JacobiSvd {
 
     /// Masses and directions of the orthogonal vectors.
     #[inline(always)]
-    unsafe fn triplets_of_vectors<T: Lane>(&mut self, k: usize) {
+    unsafe fn triplets_of_vectors<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
         let (m, r) = (self.m, self.triplets());
         for e in 0..r {
             // SAFETY: the caller's promise about k.
             unsafe {
-                let square = self.weighted.square::<T>(e, k);
-                self.masses[e].store(k, T::splat(1.0).div(square));
-                let inverse = T::splat(1.0).div(square.sqrt());
+                let square = self.weighted.square(simd, e, k);
+                self.masses[e].store(k, simd.splat(1.0).div(square));
+                let inverse = simd.splat(1.0).div(square.sqrt());
                 for row in 0..m {
                     let share = if m <= self.n {
-                        self.weighted.rotations[row * r + e].load::<T>(k)
+                        self.weighted.rotations[row * r + e].load(simd, k)
                     } else {
-                        self.weighted.entries[e * m + row].load::<T>(k).mul(inverse)
+                        self.weighted.entries[e * m + row].load(simd, k).mul(inverse)
                     };
                     self.directions[e * m + row].store(k, share);
                 }
@@ -179,14 +186,14 @@ impl JacobiSvd {
 
     /// One sweep over all pairs of both sets that still turn (Hestenes 1958); which of them has turned.
     #[inline(always)]
-    unsafe fn sweep<T: Lane>(&mut self, plain: bool, weighted: bool, k: usize) -> (bool, bool) {
+    unsafe fn sweep<T: Lane>(&mut self, simd: Simd<T>, plain: bool, weighted: bool, k: usize) -> (bool, bool) {
         let mut turned = (false, false);
         for e in 0..self.triplets() {
             for f in e + 1..self.triplets() {
                 // SAFETY: the caller's promise about k.
                 unsafe {
-                    turned.0 |= plain && self.plain.rotate_pair::<T, false>(e, f, k);
-                    turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(e, f, k);
+                    turned.0 |= plain && self.plain.rotate_pair::<T, false>(simd, e, f, k);
+                    turned.1 |= weighted && self.weighted.rotate_pair::<T, true>(simd, e, f, k);
                 }
             }
         }
@@ -211,21 +218,21 @@ impl Vectors {
     }
 
     #[inline(always)]
-    unsafe fn begin_rotations<T: Lane>(&mut self, k: usize) {
+    unsafe fn begin_rotations<T: Lane>(&mut self, simd: Simd<T>, k: usize) {
         for (at, slot) in self.rotations.iter_mut().enumerate() {
             let entry = if at % (self.count + 1) == 0 { 1.0 } else { 0.0 };
             // SAFETY: the caller's promise about k.
-            unsafe { slot.store(k, T::splat(entry)) };
+            unsafe { slot.store(k, simd.splat(entry)) };
         }
     }
 
     /// Squared norm of a vector.
     #[inline(always)]
-    unsafe fn square<T: Lane>(&self, e: usize, k: usize) -> T {
-        let mut sum = T::splat(0.0);
+    unsafe fn square<T: Lane>(&self, simd: Simd<T>, e: usize, k: usize) -> T {
+        let mut sum = simd.splat(0.0);
         for x in &self.entries[e * self.long..][..self.long] {
             // SAFETY: the caller's promise about k.
-            let x = unsafe { x.load::<T>(k) };
+            let x = unsafe { x.load(simd, k) };
             sum = x.fma(x, sum);
         }
         sum
@@ -233,31 +240,37 @@ impl Vectors {
 
     /// Largest norm by smallest, infinite where one is zero.
     #[inline(always)]
-    unsafe fn extent<T: Lane>(&self, k: usize) -> T {
-        let (mut low, mut high) = (T::splat(f64::INFINITY), T::splat(0.0));
+    unsafe fn extent<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
+        let (mut low, mut high) = (simd.splat(f64::INFINITY), simd.splat(0.0));
         for e in 0..self.count {
             // SAFETY: the caller's promise about k.
-            let square = unsafe { self.square::<T>(e, k) };
+            let square = unsafe { self.square(simd, e, k) };
             low = T::select_gt(low, square, square, low);
             high = T::select_gt(square, high, square, high);
         }
-        T::select_gt(low, T::splat(0.0), high.div(low).sqrt(), T::splat(f64::INFINITY))
+        T::select_gt(low, simd.splat(0.0), high.div(low).sqrt(), simd.splat(f64::INFINITY))
     }
 
     /// Rotate two vectors in their plane until they are orthogonal; false where they are so at every pose already.
     #[inline(always)]
-    unsafe fn rotate_pair<T: Lane, const ACCUMULATE: bool>(&mut self, e: usize, f: usize, k: usize) -> bool {
-        let (long, none, one) = (self.long, T::splat(0.0), T::splat(1.0));
+    unsafe fn rotate_pair<T: Lane, const ACCUMULATE: bool>(
+        &mut self,
+        simd: Simd<T>,
+        e: usize,
+        f: usize,
+        k: usize,
+    ) -> bool {
+        let (long, none, one) = (self.long, simd.splat(0.0), simd.splat(1.0));
         let (head, tail) = self.entries.split_at_mut(f * long);
         let (first, second) = (&mut head[e * long..][..long], &mut tail[..long]);
         let (mut pp, mut qq, mut pq) = (none, none, none);
         // SAFETY: the caller's promise about k, here and below.
         unsafe {
             for (p, q) in first.iter().zip(second.iter()) {
-                let (p, q) = (p.load::<T>(k), q.load::<T>(k));
+                let (p, q) = (p.load(simd, k), q.load(simd, k));
                 (pp, qq, pq) = (p.fma(p, pp), q.fma(q, qq), p.fma(q, pq));
             }
-            let (square, bound) = (pq.mul(pq), pp.mul(qq).mul(T::splat(ORTHOGONALITY * ORTHOGONALITY)));
+            let (square, bound) = (pq.mul(pq), pp.mul(qq).mul(simd.splat(ORTHOGONALITY * ORTHOGONALITY)));
             // The comparison is false for NaN, which no rotation mends.
             if T::select_gt(square, bound, one, none).sum() == 0.0 {
                 return false;
@@ -270,7 +283,7 @@ impl Vectors {
             let c = one.div(t.fma(t, one).sqrt());
             let s = c.mul(t);
             let turn = |p: &mut PoseSlot, q: &mut PoseSlot| {
-                let (x, y) = (p.load::<T>(k), q.load::<T>(k));
+                let (x, y) = (p.load(simd, k), q.load(simd, k));
                 p.store(k, s.fnma(y, c.mul(x)));
                 q.store(k, s.fma(x, c.mul(y)));
             };

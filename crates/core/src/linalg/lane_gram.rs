@@ -3,6 +3,7 @@
 use crate::memory::aligned::Aligned;
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Width of the widest tile of any back end.
 const MAX_TILE: usize = 4;
@@ -51,19 +52,26 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn add_in_lanes<T: Lane>(lanes: *mut f64, a: *const f64, (columns, stride): (usize, usize), rows: usize) {
+unsafe fn add_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    lanes: *mut f64,
+    a: *const f64,
+    (columns, stride): (usize, usize),
+    rows: usize,
+) {
     // SAFETY: the caller's promise, passed on.
     unsafe {
         match T::PANEL {
-            2 => add_tiles::<T, 2>(lanes, a, columns, stride, rows),
-            3 => add_tiles::<T, 3>(lanes, a, columns, stride, rows),
-            _ => add_tiles::<T, MAX_TILE>(lanes, a, columns, stride, rows),
+            2 => add_tiles::<T, 2>(simd, lanes, a, columns, stride, rows),
+            3 => add_tiles::<T, 3>(simd, lanes, a, columns, stride, rows),
+            _ => add_tiles::<T, MAX_TILE>(simd, lanes, a, columns, stride, rows),
         }
     }
 }
 
 #[inline(always)]
 unsafe fn add_tiles<T: Lane, const P: usize>(
+    simd: Simd<T>,
     mut lanes: *mut f64,
     a: *const f64,
     columns: usize,
@@ -74,10 +82,10 @@ unsafe fn add_tiles<T: Lane, const P: usize>(
         // SAFETY: columns `first..first + N` exist, and tiles are as many as `LaneGram::clear` makes room for.
         unsafe {
             lanes = match columns - first {
-                1 => add_column_of_tiles::<T, P, 1>(lanes, a, first, stride, rows),
-                2 if P > 2 => add_column_of_tiles::<T, P, 2>(lanes, a, first, stride, rows),
-                3 if P > 3 => add_column_of_tiles::<T, P, 3>(lanes, a, first, stride, rows),
-                _ => add_column_of_tiles::<T, P, P>(lanes, a, first, stride, rows),
+                1 => add_column_of_tiles::<T, P, 1>(simd, lanes, a, first, stride, rows),
+                2 if P > 2 => add_column_of_tiles::<T, P, 2>(simd, lanes, a, first, stride, rows),
+                3 if P > 3 => add_column_of_tiles::<T, P, 3>(simd, lanes, a, first, stride, rows),
+                _ => add_column_of_tiles::<T, P, P>(simd, lanes, a, first, stride, rows),
             };
         }
     }
@@ -86,6 +94,7 @@ unsafe fn add_tiles<T: Lane, const P: usize>(
 /// Add the products of N columns from `first` on with all columns before them and with one another.
 #[inline(always)]
 unsafe fn add_column_of_tiles<T: Lane, const P: usize, const N: usize>(
+    simd: Simd<T>,
     mut lanes: *mut f64,
     a: *const f64,
     first: usize,
@@ -97,10 +106,10 @@ unsafe fn add_column_of_tiles<T: Lane, const P: usize, const N: usize>(
         let right: [*const f64; N] = core::array::from_fn(|k| a.add((first + k) * stride));
         for before in (0..first).step_by(P) {
             let left: [*const f64; P] = core::array::from_fn(|k| a.add((before + k) * stride));
-            add_tile::<T, P, N, false>(lanes, left, right, rows);
+            add_tile::<T, P, N, false>(simd, lanes, left, right, rows);
             lanes = lanes.add(P * P * MAX_WIDTH);
         }
-        add_tile::<T, N, N, true>(lanes, right, right, rows);
+        add_tile::<T, N, N, true>(simd, lanes, right, right, rows);
         lanes.add(P * P * MAX_WIDTH)
     }
 }
@@ -108,6 +117,7 @@ unsafe fn add_column_of_tiles<T: Lane, const P: usize, const N: usize>(
 /// Add the products of M columns with N others; only the upper triangle where they are the same.
 #[inline(always)]
 unsafe fn add_tile<T: Lane, const M: usize, const N: usize, const SAME: bool>(
+    simd: Simd<T>,
     lanes: *mut f64,
     left: [*const f64; M],
     right: [*const f64; N],
@@ -116,12 +126,12 @@ unsafe fn add_tile<T: Lane, const M: usize, const N: usize, const SAME: bool>(
     // SAFETY: the tile has M x N lanes of `MAX_WIDTH` numbers, and the columns whole lanes up to `rows`.
     unsafe {
         let mut sums: [[T; M]; N] =
-            core::array::from_fn(|j| core::array::from_fn(|i| T::load(lanes.add((j * M + i) * MAX_WIDTH))));
+            core::array::from_fn(|j| core::array::from_fn(|i| simd.load(lanes.add((j * M + i) * MAX_WIDTH))));
         let mut k = 0;
         while k < rows {
-            let left: [T; M] = core::array::from_fn(|i| T::load(left[i].add(k)));
+            let left: [T; M] = core::array::from_fn(|i| simd.load(left[i].add(k)));
             for j in 0..N {
-                let right = if SAME { left[j % M] } else { T::load(right[j].add(k)) };
+                let right = if SAME { left[j % M] } else { simd.load(right[j].add(k)) };
                 for i in 0..M {
                     if !SAME || i <= j {
                         sums[j][i] = left[i].fma(right, sums[j][i]);
@@ -139,7 +149,7 @@ unsafe fn add_tile<T: Lane, const M: usize, const N: usize, const SAME: bool>(
 }
 
 #[inline(always)]
-unsafe fn sum_in_lanes<T: Lane>(mut lanes: *mut f64, columns: usize, out: &mut [f64]) {
+unsafe fn sum_in_lanes<T: Lane>(simd: Simd<T>, mut lanes: *mut f64, columns: usize, out: &mut [f64]) {
     let tile = T::PANEL;
     for first in (0..columns).step_by(tile) {
         let across = tile.min(columns - first);
@@ -149,7 +159,7 @@ unsafe fn sum_in_lanes<T: Lane>(mut lanes: *mut f64, columns: usize, out: &mut [
                 for i in (0..down).filter(|i| before + i <= first + j) {
                     // SAFETY: the same tiles, in the same order, as in `add_tiles`.
                     out[(first + j) * columns + before + i] +=
-                        unsafe { T::load(lanes.add((j * down + i) * MAX_WIDTH)).sum() };
+                        unsafe { simd.load(lanes.add((j * down + i) * MAX_WIDTH)).sum() };
                 }
             }
             // SAFETY: as above.

@@ -9,6 +9,7 @@
 
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Largest condition number (Frobenius norm) of the scaled factor of B that is accepted.
 const WORST: f64 = 1e3;
@@ -184,28 +185,34 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn transform_in_lanes<T: Lane>(groups: &[Group], a: *mut f64, stride: usize, rows: usize) {
+unsafe fn transform_in_lanes<T: Lane>(simd: Simd<T>, groups: &[Group], a: *mut f64, stride: usize, rows: usize) {
     // Lanes of a column that stay in registers: 16 of 32 are sums with the widest ones, 8 of 16 otherwise.
     // SAFETY: the caller's promise, passed on.
     unsafe {
         match T::PANEL {
-            4 => transform_rows::<T, 4>(groups, a, stride, rows),
-            _ => transform_rows::<T, 2>(groups, a, stride, rows),
+            4 => transform_rows::<T, 4>(simd, groups, a, stride, rows),
+            _ => transform_rows::<T, 2>(simd, groups, a, stride, rows),
         }
     }
 }
 
 #[inline(always)]
-unsafe fn transform_rows<T: Lane, const L: usize>(groups: &[Group], a: *mut f64, stride: usize, rows: usize) {
+unsafe fn transform_rows<T: Lane, const L: usize>(
+    simd: Simd<T>,
+    groups: &[Group],
+    a: *mut f64,
+    stride: usize,
+    rows: usize,
+) {
     for k in (0..rows).step_by(L * T::WIDTH) {
         for group in groups {
             // SAFETY: the rows are a multiple of L lanes, so that these are inside every column.
             unsafe {
                 match group.many {
-                    1 => transform_group::<T, L, 1>(group, a.add(k), stride),
-                    2 => transform_group::<T, L, 2>(group, a.add(k), stride),
-                    3 => transform_group::<T, L, 3>(group, a.add(k), stride),
-                    _ => transform_group::<T, L, GROUP>(group, a.add(k), stride),
+                    1 => transform_group::<T, L, 1>(simd, group, a.add(k), stride),
+                    2 => transform_group::<T, L, 2>(simd, group, a.add(k), stride),
+                    3 => transform_group::<T, L, 3>(simd, group, a.add(k), stride),
+                    _ => transform_group::<T, L, GROUP>(simd, group, a.add(k), stride),
                 }
             }
         }
@@ -213,29 +220,35 @@ unsafe fn transform_rows<T: Lane, const L: usize>(groups: &[Group], a: *mut f64,
 }
 
 #[inline(always)]
-fn subtract<T: Lane, const L: usize>(sums: &mut [T; L], lanes: [T; L], share: f64) {
-    let share = T::splat(share);
+fn subtract<T: Lane, const L: usize>(simd: Simd<T>, sums: &mut [T; L], lanes: [T; L], share: f64) {
+    let share = simd.splat(share);
     for (sum, lane) in sums.iter_mut().zip(lanes) {
         *sum = lane.fnma(share, *sum);
     }
 }
 
 #[inline(always)]
-unsafe fn transform_group<T: Lane, const L: usize, const N: usize>(group: &Group, a: *mut f64, stride: usize) {
+unsafe fn transform_group<T: Lane, const L: usize, const N: usize>(
+    simd: Simd<T>,
+    group: &Group,
+    a: *mut f64,
+    stride: usize,
+) {
     // SAFETY: the group's columns are below the preconditioner's, and L lanes of each are inside A.
     unsafe {
         let at = |column: usize, lane: usize| a.add(column * stride + lane * T::WIDTH);
-        let mut sums: [[T; L]; N] = core::array::from_fn(|c| core::array::from_fn(|l| T::load(at(group.chosen[c], l))));
+        let mut sums: [[T; L]; N] =
+            core::array::from_fn(|c| core::array::from_fn(|l| simd.load(at(group.chosen[c], l))));
         for (&other, shares) in group.others.iter().zip(group.shares.as_chunks::<N>().0) {
-            let lanes: [T; L] = core::array::from_fn(|l| T::load(at(other, l)));
+            let lanes: [T; L] = core::array::from_fn(|l| simd.load(at(other, l)));
             for (sums, &share) in sums.iter_mut().zip(shares) {
-                subtract(sums, lanes, share);
+                subtract(simd, sums, lanes, share);
             }
         }
         for c in 1..N {
             for before in 0..c {
                 let lanes = sums[before];
-                subtract(&mut sums[c], lanes, group.own[before][c]);
+                subtract(simd, &mut sums[c], lanes, group.own[before][c]);
             }
         }
         for (c, sums) in sums.iter().enumerate() {

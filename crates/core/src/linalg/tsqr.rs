@@ -14,6 +14,7 @@
 
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Width of the widest panel of any back end.
 const MAX_PANEL: usize = 4;
@@ -84,39 +85,39 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<CompactPanel>) {
+unsafe fn fold_in_lanes<T: Lane>(simd: Simd<T>, block: Block, panels: &mut Vec<CompactPanel>) {
     // SAFETY: the caller's promise about the block.
     unsafe {
         match T::PANEL {
-            2 => fold_panels::<T, 2>(block, panels),
-            3 => fold_panels::<T, 3>(block, panels),
-            _ => fold_panels::<T, MAX_PANEL>(block, panels),
+            2 => fold_panels::<T, 2>(simd, block, panels),
+            3 => fold_panels::<T, 3>(simd, block, panels),
+            _ => fold_panels::<T, MAX_PANEL>(simd, block, panels),
         }
     }
 }
 
 #[inline(always)]
-unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Vec<CompactPanel>) {
+unsafe fn fold_panels<T: Lane, const P: usize>(simd: Simd<T>, mut block: Block, panels: &mut Vec<CompactPanel>) {
     panels.clear();
     let block = &mut block;
     let mut first = 0;
     // SAFETY: the loops take columns `first..first + N` only while they are below `columns`.
     unsafe {
         while first + 2 * P <= block.columns {
-            reflect::<T, P, P, 2>(block, panels, 0, first);
-            panels.push(factor::<T, P>(block, first));
-            reflect::<T, P, P, 1>(block, panels, panels.len() - 1, first + P);
-            panels.push(factor::<T, P>(block, first + P));
+            reflect::<T, P, P, 2>(simd, block, panels, 0, first);
+            panels.push(factor::<T, P>(simd, block, first));
+            reflect::<T, P, P, 1>(simd, block, panels, panels.len() - 1, first + P);
+            panels.push(factor::<T, P>(simd, block, first + P));
             first += 2 * P;
         }
         if first + P <= block.columns {
-            finish::<T, P, P>(block, panels, first);
+            finish::<T, P, P>(simd, block, panels, first);
             first += P;
         }
         match block.columns - first {
-            1 => finish::<T, P, 1>(block, panels, first),
-            2 => finish::<T, P, 2>(block, panels, first),
-            3 => finish::<T, P, 3>(block, panels, first),
+            1 => finish::<T, P, 1>(simd, block, panels, first),
+            2 => finish::<T, P, 2>(simd, block, panels, first),
+            3 => finish::<T, P, 3>(simd, block, panels, first),
             _ => (),
         }
     }
@@ -125,14 +126,15 @@ unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Ve
 /// Update and factorise one panel of N columns.
 #[inline(always)]
 unsafe fn finish<T: Lane, const P: usize, const N: usize>(
+    simd: Simd<T>,
     block: &mut Block,
     panels: &mut Vec<CompactPanel>,
     first: usize,
 ) {
     // SAFETY: the caller promises that columns `first..first + N` exist.
     unsafe {
-        reflect::<T, P, N, 1>(block, panels, 0, first);
-        panels.push(factor::<T, N>(block, first));
+        reflect::<T, P, N, 1>(simd, block, panels, 0, first);
+        panels.push(factor::<T, N>(simd, block, first));
     }
 }
 
@@ -140,6 +142,7 @@ unsafe fn finish<T: Lane, const P: usize, const N: usize>(
 /// overlap with the passes of the next.
 #[inline(always)]
 unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
+    simd: Simd<T>,
     block: &mut Block,
     panels: &[CompactPanel],
     begin: usize,
@@ -151,24 +154,24 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     // SAFETY: columns `c..c + G N` exist by the caller's promise, and those of a panel that is factorised do too;
     // `exchange` stays inside `rows`.
     unsafe {
-        let none = [[T::splat(0.0); N]; P];
+        let none = [[simd.splat(0.0); N]; P];
         let x: [[*mut f64; N]; G] = core::array::from_fn(|g| block.some(c + g * N));
         let mut v = block.some::<P>(begin * P);
         let mut weights = [none; G];
         for g in 0..G {
-            let sums = reflect_and_project::<T, P, N, false, true>(v, &none, v, x[g], block.rows);
-            weights[g] = reflection_weights(block, &panels[begin], begin * P, c + g * N, &sums);
+            let sums = reflect_and_project::<T, P, N, false, true>(simd, v, &none, v, x[g], block.rows);
+            weights[g] = reflection_weights(simd, block, &panels[begin], begin * P, c + g * N, &sums);
         }
         for (j, panel) in panels.iter().enumerate().skip(begin + 1) {
             let next = block.some::<P>(j * P);
             for g in 0..G {
-                let sums = reflect_and_project::<T, P, N, true, true>(v, &weights[g], next, x[g], block.rows);
-                weights[g] = reflection_weights(block, panel, j * P, c + g * N, &sums);
+                let sums = reflect_and_project::<T, P, N, true, true>(simd, v, &weights[g], next, x[g], block.rows);
+                weights[g] = reflection_weights(simd, block, panel, j * P, c + g * N, &sums);
             }
             v = next;
         }
         for (weights, x) in weights.iter().zip(x) {
-            reflect_and_project::<T, P, N, true, false>(v, weights, v, x, block.rows);
+            reflect_and_project::<T, P, N, true, false>(simd, v, weights, v, x, block.rows);
         }
     }
 }
@@ -176,19 +179,20 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
 /// Weights with which the panel's vectors are subtracted from N columns, whose entries in R are updated here.
 #[inline(always)]
 fn reflection_weights<T: Lane, const P: usize, const N: usize>(
+    simd: Simd<T>,
     block: &mut Block,
     panel: &CompactPanel,
     first: usize,
     c: usize,
     sums: &[[T; N]; P],
 ) -> [[T; N]; P] {
-    let mut weights = [[T::splat(0.0); N]; P];
+    let mut weights = [[simd.splat(0.0); N]; P];
     for j in 0..N {
         let head = &mut block.r[(c + j) * block.columns + first..][..P];
         let s: [f64; P] = core::array::from_fn(|k| sums[k][j].sum() + head[k]);
         for k in 0..P {
             let weight: f64 = (0..=k).map(|l| panel[l][k] * s[l]).sum();
-            weights[k][j] = T::splat(weight);
+            weights[k][j] = simd.splat(weight);
             head[k] -= weight;
         }
     }
@@ -199,22 +203,23 @@ fn reflection_weights<T: Lane, const P: usize, const N: usize>(
 /// with the vectors `next` (if `SUM`).
 #[inline(always)]
 unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAKE: bool, const SUM: bool>(
+    simd: Simd<T>,
     v: [*mut f64; P],
     weights: &[[T; N]; P],
     next: [*mut f64; P],
     x: [*mut f64; N],
     rows: usize,
 ) -> [[T; N]; P] {
-    let mut sums = [[T::splat(0.0); N]; P];
+    let mut sums = [[simd.splat(0.0); N]; P];
     let mut i = 0;
     while i < rows {
         // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as for all accesses of the
         // loop.
-        let mut lanes: [T; N] = core::array::from_fn(|j| unsafe { T::load(x[j].add(i)) });
+        let mut lanes: [T; N] = core::array::from_fn(|j| unsafe { simd.load(x[j].add(i)) });
         if TAKE {
             for (v, weights) in v.iter().zip(weights) {
                 // SAFETY: as above.
-                let v = unsafe { T::load(v.add(i)) };
+                let v = unsafe { simd.load(v.add(i)) };
                 for (lane, &weight) in lanes.iter_mut().zip(weights) {
                     *lane = v.fnma(weight, *lane);
                 }
@@ -227,7 +232,7 @@ unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAK
         if SUM {
             for (v, sums) in next.iter().zip(&mut sums) {
                 // SAFETY: as above.
-                let v = unsafe { T::load(v.add(i)) };
+                let v = unsafe { simd.load(v.add(i)) };
                 for (sum, &lane) in sums.iter_mut().zip(&lanes) {
                     *sum = v.fma(lane, *sum);
                 }
@@ -243,14 +248,14 @@ unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAK
 /// The pass that applies a reflection to the columns after it also computes the inner products of the next column with
 /// all of them.
 #[inline(always)]
-unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> CompactPanel {
+unsafe fn factor<T: Lane, const W: usize>(simd: Simd<T>, block: &mut Block, first: usize) -> CompactPanel {
     let (columns, rows) = (block.columns, block.rows);
     let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
     // The column to be reflected, those after it, then those before it.
     // SAFETY: the caller promises that columns `first..first + W` exist.
     let mut x = unsafe { block.some::<W>(first) };
     // SAFETY: the columns are inside the block, as below.
-    let mut products = unsafe { subtract_reflection::<T, W, 0>(x, (1.0, [0.0; W]), rows) };
+    let mut products = unsafe { subtract_reflection::<T, W, 0>(simd, x, (1.0, [0.0; W]), rows) };
     for k in 0..W {
         let (mut scale, mut taken) = (0.0, [0.0; W]);
         let diagonal = (first + k) * columns + first + k;
@@ -273,7 +278,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
             }
         }
         // SAFETY: as above.
-        products = unsafe { subtract_reflection::<T, W, 1>(x, (scale, taken), rows) };
+        products = unsafe { subtract_reflection::<T, W, 1>(simd, x, (scale, taken), rows) };
         x.rotate_left(1);
         products.rotate_left(1);
     }
@@ -283,15 +288,16 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
 /// Scale the first column, subtract it from the others, and return their inner products with column NEXT.
 #[inline(always)]
 unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
+    simd: Simd<T>,
     x: [*mut f64; W],
     (scale, taken): (f64, [f64; W]),
     rows: usize,
 ) -> [f64; W] {
-    let (scale, taken, mut sums) = (T::splat(scale), taken.map(T::splat), [T::splat(0.0); W]);
+    let (scale, taken, mut sums) = (simd.splat(scale), taken.map(|x| simd.splat(x)), [simd.splat(0.0); W]);
     let mut i = 0;
     while i < rows {
         // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as below.
-        let mut lanes: [T; W] = core::array::from_fn(|c| unsafe { T::load(x[c].add(i)) });
+        let mut lanes: [T; W] = core::array::from_fn(|c| unsafe { simd.load(x[c].add(i)) });
         lanes[0] = lanes[0].mul(scale);
         for c in 1..W {
             lanes[c] = lanes[0].fnma(taken[c], lanes[c]);

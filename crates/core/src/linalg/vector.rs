@@ -1,6 +1,7 @@
 //! Three-vectors of lanes.
 
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// A three-vector.
 pub(crate) type Vector<T> = [T; 3];
@@ -13,8 +14,8 @@ pub(crate) fn cycle(i: usize) -> [usize; 3] {
 
 /// The zero vector.
 #[inline(always)]
-pub(crate) fn zero<T: Lane>() -> Vector<T> {
-    [T::splat(0.0); 3]
+pub(crate) fn zero<T: Lane>(simd: Simd<T>) -> Vector<T> {
+    [simd.splat(0.0); 3]
 }
 
 /// Inner product.

@@ -82,7 +82,7 @@ impl<'a> Continuation<'a> {
         Continuation {
             mode,
             configuration: mode.start.clone(),
-            iterate: NewtonIterate::new(mode),
+            iterate: NewtonIterate::new((), mode),
             from: vec![0.0; mode.active()],
         }
     }

@@ -7,7 +7,8 @@ use crate::simd::real::Number;
 use rayon::prelude::*;
 
 /// Poses of the links, gaps, and their Jacobian (gaps x joints), at one sample.
-pub(crate) struct LoopState<N> {
+pub(crate) struct LoopState<N: Number> {
+    token: N::Token,
     pub(crate) links: Vec<Pose<N>>,
     pub(crate) gaps: Vec<N>,
     pub(crate) jacobian: Vec<N>,
@@ -18,7 +19,7 @@ impl<N: Number> LoopState<N> {
     #[inline(always)]
     fn pose(&self, link: Option<usize>, at: &Placement) -> Pose<N> {
         match link {
-            None => Pose::base().place(at),
+            None => Pose::base(self.token).place(at),
             Some(link) => self.links[link].place(at),
         }
     }
@@ -26,12 +27,13 @@ impl<N: Number> LoopState<N> {
 
 impl LoopClosure {
     /// A state for one sample, with zero gaps and Jacobian.
-    pub(crate) fn state<N: Number>(&self) -> LoopState<N> {
+    pub(crate) fn state<N: Number>(&self, token: N::Token) -> LoopState<N> {
         let (m, n) = (self.gaps(), self.joints.len());
         LoopState {
-            links: vec![Pose::base(); n],
-            gaps: vec![N::constant(0.0); m],
-            jacobian: vec![N::constant(0.0); m * n],
+            token,
+            links: vec![Pose::base(token); n],
+            gaps: vec![N::constant(token, 0.0); m],
+            jacobian: vec![N::constant(token, 0.0); m * n],
         }
     }
 
@@ -58,7 +60,7 @@ impl LoopClosure {
         for (k, cut) in self.cuts.iter().enumerate() {
             let [frame_a, frame_b] = self.frames(k, state);
             let difference = FrameDifference::between(&frame_a, &frame_b);
-            let (size, axes, none) = (self.length_scale, &difference.axes_b, [N::constant(0.0); 3]);
+            let (size, axes, none) = (self.length_scale, &difference.axes_b, [N::constant(state.token, 0.0); 3]);
             let gaps = &mut state.gaps[first..];
             match cut.kind {
                 CutKind::Revolute => RevoluteCut::entries(size, axes, none, &difference, gaps, 1),
@@ -89,11 +91,12 @@ impl LoopClosure {
     fn measure_cut<N: Number, K: GapEquations>(&self, k: usize, first: usize, state: &mut LoopState<N>) {
         let (n, [frame_a, frame_b]) = (self.joints.len(), self.frames(k, state));
         let whole = FrameDifference::between(&frame_a, &frame_b);
-        K::entries(self.length_scale, &frame_b.axes, [N::constant(0.0); 3], &whole, &mut state.gaps[first..], 1);
+        let none = Pose::zero(state.token);
+        K::entries(self.length_scale, &frame_b.axes, none.origin, &whole, &mut state.gaps[first..], 1);
         for carrier in &self.carriers[k] {
             let (link, prismatic) = (&state.links[carrier.joint], self.joints[carrier.joint].prismatic);
-            let rates_a = if carrier.frame_a { frame_a.rates_by(link, prismatic) } else { Pose::zero() };
-            let rates_b = if carrier.frame_b { frame_b.rates_by(link, prismatic) } else { Pose::zero() };
+            let rates_a = if carrier.frame_a { frame_a.rates_by(link, prismatic) } else { none };
+            let rates_b = if carrier.frame_b { frame_b.rates_by(link, prismatic) } else { none };
             let change = FrameDifference::between(&rates_a, &rates_b);
             K::entries(
                 self.length_scale,
@@ -132,7 +135,7 @@ impl LoopClosure {
         expect_length("jacobian", jacobian.len(), samples * m * n)?;
         let shares = q.par_chunks(SHARE * n.max(1)).zip(gaps.par_chunks_mut(SHARE * m.max(1)));
         shares.zip(jacobian.par_chunks_mut(SHARE * (m * n).max(1))).for_each(|((q, gaps), jacobian)| {
-            let mut state = self.state::<f64>();
+            let mut state = self.state::<f64>(());
             let each = q.chunks_exact(n).zip(gaps.chunks_exact_mut(m.max(1)));
             for ((q, gaps), jacobian) in each.zip(jacobian.chunks_exact_mut((m * n).max(1))) {
                 self.measure(q, &mut state);
@@ -277,7 +280,7 @@ mod tests {
                 assert!((slope - jacobian[4 * e + j]).abs() < 1e-8, "gap {e} by joint {j}");
             }
         }
-        let mut moving = loops.state();
+        let mut moving = loops.state(());
         let duals = [0, 1, 2, 3].map(|j| Dual { value: q[j], rate: qd[j] });
         loops.measure(&duals, &mut moving);
         let (ahead, behind) = (shifted(h, &|j| qd[j]).1, shifted(-h, &|j| qd[j]).1);

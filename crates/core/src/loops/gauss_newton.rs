@@ -42,7 +42,7 @@ impl LoopClosure {
             return Err(Error::Index { name: "number of steps", got: steps, limit: MOST_STEPS + 1 });
         }
         q.par_chunks_mut(SHARE * n.max(1)).for_each(|q| {
-            let (mut state, mut system) = (self.state::<f64>(), NormalEquations::new(unknown.len()));
+            let (mut state, mut system) = (self.state::<f64>(()), NormalEquations::new(unknown.len()));
             for q in q.chunks_exact_mut(n) {
                 for _ in 0..steps {
                     self.measure(q, &mut state);

@@ -15,7 +15,8 @@ const SHORT_STEP: f64 = 1e-5;
 const LAST_STEP: f64 = 1e-9;
 
 /// Poses in lanes, each predicted and corrected in one step from the same configuration.
-pub(crate) struct NewtonIterate<N> {
+pub(crate) struct NewtonIterate<N: Number> {
+    token: N::Token,
     /// Targets of the active joints, and their displacement from the configuration.
     pub target: Vec<N>,
     displacement: Vec<N>,
@@ -37,21 +38,22 @@ pub(crate) struct NewtonIterate<N> {
 }
 
 impl<N: Real> NewtonIterate<N> {
-    pub(crate) fn new(mode: &AssemblyMode) -> NewtonIterate<N> {
+    pub(crate) fn new(token: N::Token, mode: &AssemblyMode) -> NewtonIterate<N> {
         let (m, n, u, a) = (mode.loops.gaps(), mode.joints(), mode.unknown.len(), mode.active());
-        let zeros = |len| vec![N::constant(0.0); len];
+        let zeros = |len| vec![N::constant(token, 0.0); len];
         NewtonIterate {
+            token,
             target: zeros(a),
             displacement: zeros(a),
             q: zeros(n),
             predicted: zeros(n),
-            rates: mode.linear_rates.iter().map(|&rate| N::constant(rate)).collect(),
+            rates: mode.linear_rates.iter().map(|&rate| N::constant(token, rate)).collect(),
             rate_derivatives: zeros(n * a),
-            state: mode.loops.state(),
-            dual: vec![Dual::constant(0.0); n],
-            dual_state: mode.loops.state(),
+            state: mode.loops.state(token),
+            dual: vec![Dual::constant(token, 0.0); n],
+            dual_state: mode.loops.state(token),
             passive_jacobian: zeros(m * u),
-            factor: QrFactor::new(m, u),
+            factor: QrFactor::new(token, m, u),
             residual: zeros(m),
             scratch: zeros(u * u),
         }
@@ -72,6 +74,7 @@ impl<N: Real> NewtonIterate<N> {
         }
         good.all_greater(0.0)
             && same_orientation(
+                self.token,
                 &configuration.passive_jacobian,
                 &self.passive_jacobian,
                 self.residual.len(),
@@ -83,24 +86,25 @@ impl<N: Real> NewtonIterate<N> {
     /// Predictor: rates of the configuration, with their rate_derivatives since the one before.
     #[inline(always)]
     fn predict(&mut self, mode: &AssemblyMode, configuration: &ClosedConfiguration) {
-        let (a, half) = (self.target.len(), N::constant(0.5));
+        let (a, token) = (self.target.len(), self.token);
+        let half = N::constant(token, 0.5);
         for (e, &j) in mode.active.iter().enumerate() {
-            self.displacement[e] = self.target[e] - N::constant(configuration.q[j]);
+            self.displacement[e] = self.target[e] - N::constant(token, configuration.q[j]);
         }
         for (j, predicted) in self.predicted.iter_mut().enumerate() {
-            *predicted = N::constant(mode.offset[j]) + along(&self.target, &mode.linear_rates[j * a..]);
+            *predicted = N::constant(token, mode.offset[j]) + along(token, &self.target, &mode.linear_rates[j * a..]);
         }
-        let last = dot(&configuration.last_displacement, &configuration.last_displacement);
-        let share = along(&self.displacement, &configuration.last_displacement).scale(if last > 0.0 {
+        let last = dot((), &configuration.last_displacement, &configuration.last_displacement);
+        let share = along(token, &self.displacement, &configuration.last_displacement).scale(if last > 0.0 {
             0.5 / last
         } else {
             0.0
         });
         let share = N::select(share, half, half, N::select(half.scale(-1.0), share, half.scale(-1.0), share));
         for (i, &j) in mode.unknown.iter().enumerate() {
-            let now = along(&self.displacement, &configuration.rates[i * a..]);
-            let before = along(&self.displacement, &configuration.previous_rates[i * a..]);
-            self.predicted[j] = (N::constant(configuration.q[j]) + now).add_product(share, now - before);
+            let now = along(token, &self.displacement, &configuration.rates[i * a..]);
+            let before = along(token, &self.displacement, &configuration.previous_rates[i * a..]);
+            self.predicted[j] = (N::constant(token, configuration.q[j]) + now).add_product(share, now - before);
         }
     }
 
@@ -119,7 +123,7 @@ impl<N: Real> NewtonIterate<N> {
                 return good;
             }
         }
-        N::constant(0.0)
+        N::constant(self.token, 0.0)
     }
 
     /// One Newton step with the present factor; 1 in lanes where it was shorter than `short`.
@@ -127,7 +131,7 @@ impl<N: Real> NewtonIterate<N> {
     fn newton_step(&mut self, mode: &AssemblyMode, short: f64) -> N {
         self.residual.copy_from_slice(&self.state.gaps);
         self.factor.solve(&mut self.residual);
-        let mut good = N::constant(1.0);
+        let mut good = N::constant(self.token, 1.0);
         for (&j, &x) in mode.unknown.iter().zip(&self.residual) {
             self.q[j] = self.q[j] - x;
             good = x.if_below(short, good);
@@ -154,13 +158,13 @@ impl<N: Real> NewtonIterate<N> {
         let a = self.target.len();
         for e in 0..a {
             for (right, row) in self.residual.iter_mut().zip(self.state.jacobian.chunks_exact(self.q.len())) {
-                *right = N::constant(0.0);
+                *right = N::constant(self.token, 0.0);
                 for &j in &mode.driven {
                     *right = right.add_scaled(row[j], -mode.linear_rates[j * a + e]);
                 }
             }
             self.factor.solve(&mut self.residual);
-            put(mode, e, &self.residual, &mut self.rates);
+            put(self.token, mode, e, &self.residual, &mut self.rates);
         }
     }
 
@@ -169,26 +173,26 @@ impl<N: Real> NewtonIterate<N> {
     pub(crate) fn solve_rate_derivatives(&mut self, mode: &AssemblyMode, velocity: &[N]) {
         let a = velocity.len();
         for (j, dual) in self.dual.iter_mut().enumerate() {
-            *dual = Dual { value: self.q[j], rate: dot(&self.rates[j * a..][..a], velocity) };
+            *dual = Dual { value: self.q[j], rate: dot(self.token, &self.rates[j * a..][..a], velocity) };
         }
         mode.loops.measure(&self.dual, &mut self.dual_state);
         for e in 0..a {
             for (right, row) in self.residual.iter_mut().zip(self.dual_state.jacobian.chunks_exact(self.q.len())) {
-                *right = N::constant(0.0);
+                *right = N::constant(self.token, 0.0);
                 for (j, entry) in row.iter().enumerate() {
                     *right = right.sub_product(entry.rate, self.rates[j * a + e]);
                 }
             }
             self.factor.solve(&mut self.residual);
-            put(mode, e, &self.residual, &mut self.rate_derivatives);
+            put(self.token, mode, e, &self.residual, &mut self.rate_derivatives);
         }
     }
 }
 
 /// Inner product with constants, over the length of `x`.
 #[inline(always)]
-fn along<N: Real>(x: &[N], constants: &[f64]) -> N {
-    let mut sum = N::constant(0.0);
+fn along<N: Real>(token: N::Token, x: &[N], constants: &[f64]) -> N {
+    let mut sum = N::constant(token, 0.0);
     for (&x, &constant) in x.iter().zip(constants) {
         sum = sum.add_scaled(x, constant);
     }
@@ -197,9 +201,9 @@ fn along<N: Real>(x: &[N], constants: &[f64]) -> N {
 
 /// Write what follows active joint e: for the unknown joints whose rate varies, among all joints x active.
 #[inline(always)]
-fn put<N: Real>(mode: &AssemblyMode, e: usize, unknown: &[N], all: &mut [N]) {
+fn put<N: Real>(token: N::Token, mode: &AssemblyMode, e: usize, unknown: &[N], all: &mut [N]) {
     let a = mode.active();
     for (i, (&j, &x)) in mode.unknown.iter().zip(unknown).enumerate() {
-        all[j * a + e] = if mode.varying[i * a + e] { x } else { N::constant(0.0) };
+        all[j * a + e] = if mode.varying[i * a + e] { x } else { N::constant(token, 0.0) };
     }
 }

@@ -70,15 +70,15 @@ pub(crate) fn add_scaled<N: Number>(a: Vector<N>, b: Vector<N>, x: f64) -> Vecto
 
 impl<N: Number> Pose<N> {
     #[inline(always)]
-    pub(crate) fn base() -> Self {
-        let (one, none) = (N::constant(1.0), N::constant(0.0));
+    pub(crate) fn base(token: N::Token) -> Self {
+        let (one, none) = (N::constant(token, 1.0), N::constant(token, 0.0));
         Pose { axes: [[one, none, none], [none, one, none], [none, none, one]], origin: [none; 3] }
     }
 
     /// Rates of a frame that does not move.
     #[inline(always)]
-    pub(crate) fn zero() -> Self {
-        let zero = [N::constant(0.0); 3];
+    pub(crate) fn zero(token: N::Token) -> Self {
+        let zero = [N::constant(token, 0.0); 3];
         Pose { axes: [zero; 3], origin: zero }
     }
 
@@ -87,7 +87,7 @@ impl<N: Number> Pose<N> {
     pub(crate) fn rates_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
         let ([x, y, z], about) = (self.axes, link.axes[2]);
         if prismatic {
-            return Pose { origin: about, ..Pose::zero() };
+            return Pose { origin: about, ..Pose::zero(about[0].token()) };
         }
         let axes = [cross(about, x), cross(about, y), cross(about, z)];
         Pose { axes, origin: cross(about, sub(self.origin, link.origin)) }
@@ -103,7 +103,8 @@ impl<N: Number> Pose<N> {
     /// A frame placed in this one.
     #[inline(always)]
     pub(crate) fn place(&self, at: &Placement) -> Self {
-        let (origin, none) = (self.along(self.origin, at.shift), [N::constant(0.0); 3]);
+        let origin = self.along(self.origin, at.shift);
+        let none = [N::constant(origin[0].token(), 0.0); 3];
         let axes = match at.rotation {
             None => self.axes,
             Some([a, b, c, d, e, f, g, h, i]) => {

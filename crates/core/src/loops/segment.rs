@@ -37,26 +37,20 @@ impl Segment<'_> {
     /// Follow the segment with a continuation that is at its first sample, and is left at its last: in the processor's
     /// vectors where it has wide ones, otherwise sample by sample.
     pub(crate) fn follow(&mut self, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-        fn avx512(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
-            follow_in_lanes::<LaneNumber<Avx512>>(segment, continuation)
-        }
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2,fma")]
-        fn avx2(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
-            follow_in_lanes::<LaneNumber<Avx2>>(segment, continuation)
-        }
         match continuation.mode.backend.0 {
-            // SAFETY: a `Backend` value exists only where its instructions were detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe { avx512(self, continuation) },
+            Kind::Avx512(simd) => simd.run(
+                #[inline(always)]
+                || follow_in_lanes::<LaneNumber<Avx512>>(simd, self, continuation),
+            ),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            Kind::Avx2 => unsafe { avx2(self, continuation) },
+            Kind::Avx2(simd) => simd.run(
+                #[inline(always)]
+                || follow_in_lanes::<LaneNumber<Avx2>>(simd, self, continuation),
+            ),
             #[cfg(target_arch = "aarch64")]
-            Kind::Neon => follow_in_lanes::<f64>(self, continuation),
-            Kind::Portable => follow_in_lanes::<f64>(self, continuation),
+            Kind::Neon(_) => follow_in_lanes::<f64>((), self, continuation),
+            Kind::Portable(_) => follow_in_lanes::<f64>((), self, continuation),
         }
     }
 
@@ -74,20 +68,24 @@ impl Segment<'_> {
 }
 
 #[inline(always)]
-fn follow_in_lanes<N: Real>(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+fn follow_in_lanes<N: Real>(
+    token: N::Token,
+    segment: &mut Segment,
+    continuation: &mut Continuation,
+) -> Result<(), ContinuationStop> {
     let (mode, a) = (continuation.mode, continuation.mode.active());
-    let (mut iterate, mut velocity) = (NewtonIterate::<N>::new(mode), vec![N::constant(0.0); a]);
+    let (mut iterate, mut velocity) = (NewtonIterate::<N>::new(token, mode), vec![N::constant(token, 0.0); a]);
     for from in (0..segment.position.len() / a).step_by(N::WIDTH) {
         let samples = from..(segment.position.len() / a).min(from + N::WIDTH);
         let mut targets = segment.position[samples.start * a..samples.end * a].chunks_exact(a);
-        gather(segment.position, &samples, &mut iterate.target);
+        gather(token, segment.position, &samples, &mut iterate.target);
         let together =
             targets.all(|target| continuation.is_near(target)) && iterate.step(mode, &continuation.configuration);
         if together {
             scatter(&iterate.q, &samples, segment.q);
         } else {
             segment.one_by_one(continuation, samples.clone())?;
-            gather(segment.q, &samples, &mut iterate.q);
+            gather(token, segment.q, &samples, &mut iterate.q);
         }
         if !segment.rates.is_empty() {
             iterate.evaluate(mode);
@@ -102,7 +100,7 @@ fn follow_in_lanes<N: Real>(segment: &mut Segment, continuation: &mut Continuati
             scatter(&iterate.rates, &samples, segment.rates);
         }
         if !segment.rate_derivatives.is_empty() {
-            gather(segment.velocity, &samples, &mut velocity);
+            gather(token, segment.velocity, &samples, &mut velocity);
             iterate.solve_rate_derivatives(mode, &velocity);
             scatter(&iterate.rate_derivatives, &samples, segment.rate_derivatives);
         }
@@ -112,10 +110,10 @@ fn follow_in_lanes<N: Real>(segment: &mut Segment, continuation: &mut Continuati
 
 /// Lanes of consecutive samples, the last one repeated up to a whole lane, from samples x numbers.
 #[inline(always)]
-fn gather<N: Real>(all: &[f64], samples: &Range<usize>, numbers: &mut [N]) {
+fn gather<N: Real>(token: N::Token, all: &[f64], samples: &Range<usize>, numbers: &mut [N]) {
     let count = numbers.len();
     for (e, number) in numbers.iter_mut().enumerate() {
-        *number = N::gather(|k| all[(samples.start + k).min(samples.end - 1) * count + e]);
+        *number = N::gather(token, |k| all[(samples.start + k).min(samples.end - 1) * count + e]);
     }
 }
 

@@ -4,6 +4,7 @@ use crate::error::{Error, expect_length};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::memory::slot::{BATCH, Slot, grow, load};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Sets of parameters, one after another. The samples are divided among them evenly, in order.
 pub(crate) struct ParameterSets<'a> {
@@ -95,10 +96,10 @@ impl ParameterSlots {
     ///
     /// `k + T::WIDTH <= BATCH`.
     #[inline(always)]
-    pub(crate) unsafe fn link<T: Lane>(&self, link: usize, k: usize) -> [T; LINK_PARAMETERS] {
+    pub(crate) unsafe fn link<T: Lane>(&self, simd: Simd<T>, link: usize, k: usize) -> [T; LINK_PARAMETERS] {
         let slots = &self.slots[LINK_PARAMETERS * link..][..LINK_PARAMETERS];
         // SAFETY: `at` is 0 or k; both leave room for a lane in the slots of the link.
-        unsafe { load(slots.as_ptr(), self.at(k)) }
+        unsafe { load(simd, slots.as_ptr(), self.at(k)) }
     }
 
     /// The parameter of a column.
@@ -107,9 +108,9 @@ impl ParameterSlots {
     ///
     /// As for [`ParameterSlots::link`].
     #[inline(always)]
-    pub(crate) unsafe fn column<T: Lane>(&self, column: usize, k: usize) -> T {
+    pub(crate) unsafe fn column<T: Lane>(&self, simd: Simd<T>, column: usize, k: usize) -> T {
         // SAFETY: as in `link`.
-        let [x] = unsafe { load(&self.slots[column], self.at(k)) };
+        let [x] = unsafe { load(simd, &self.slots[column], self.at(k)) };
         x
     }
 }

@@ -4,6 +4,7 @@
 use crate::error::Error;
 use crate::mechanism::closure::JointMap;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// The function that a term's column is, of its displacement x, velocity v and acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,30 +114,33 @@ impl Term {
 /// sgn v, or tanh(v / width) where the width is not zero; 0 at rest.
 #[inline(always)]
 fn sign<T: Lane>(v: T, width: f64) -> T {
+    let simd = Simd::of(v);
     if width > 0.0 {
-        return v.mul(T::splat(1.0 / width)).tanh();
+        return v.mul(simd.splat(1.0 / width)).tanh();
     }
-    let (zero, one) = (T::splat(0.0), T::splat(1.0));
+    let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
     T::select_gt(zero, v, one.neg(), T::select_gt(v, zero, one, zero))
 }
 
 /// Derivative of [`sign`]; zero where it jumps.
 #[inline(always)]
 fn sign_slope<T: Lane>(v: T, width: f64) -> T {
+    let simd = Simd::of(v);
     if width == 0.0 {
-        return T::splat(0.0);
+        return simd.splat(0.0);
     }
     let sign = sign(v, width);
-    sign.fnma(sign, T::splat(1.0)).mul(T::splat(1.0 / width))
+    sign.fnma(sign, simd.splat(1.0)).mul(simd.splat(1.0 / width))
 }
 
 /// exp(-(|v| / velocity)^exponent) and its derivative; zero at rest, where it is multiplied by zero.
 #[inline(always)]
 fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
-    let (size, zero) = (v.xor_sign(v), T::splat(0.0));
-    let share = size.mul(T::splat(1.0 / velocity)).power(exponent);
+    let simd = Simd::of(v);
+    let (size, zero) = (v.xor_sign(v), simd.splat(0.0));
+    let share = size.mul(simd.splat(1.0 / velocity)).power(exponent);
     let fading = share.neg().exp();
-    let slope = share.mul(T::splat(-exponent)).div(v).mul(fading);
+    let slope = share.mul(simd.splat(-exponent)).div(v).mul(fading);
     let moves = T::select_gt(size, zero, slope, zero);
     // Where the exponential vanishes the power may be infinite.
     (fading, T::select_gt(fading, zero, moves, zero))
@@ -146,15 +150,16 @@ impl Law {
     /// The column, for one lane. `external` is read only by [`Law::External`].
     #[inline(always)]
     pub(crate) fn column<T: Lane>(self, x: T, v: T, a: T, external: T) -> T {
+        let simd = Simd::of(v);
         match self {
             Law::Rotor => a,
             Law::Viscous => v,
             Law::Coulomb { width } => sign(v, width),
-            Law::CoulombForward { width } => sign(T::select_gt(v, T::splat(0.0), v, T::splat(0.0)), width),
-            Law::CoulombBackward { width } => sign(T::select_gt(T::splat(0.0), v, v, T::splat(0.0)), width),
+            Law::CoulombForward { width } => sign(T::select_gt(v, simd.splat(0.0), v, simd.splat(0.0)), width),
+            Law::CoulombBackward { width } => sign(T::select_gt(simd.splat(0.0), v, v, simd.splat(0.0)), width),
             Law::Stribeck { velocity, exponent, width } => sign(v, width).mul(fading(v, velocity, exponent).0),
-            Law::Offset => T::splat(1.0),
-            Law::Spring { rest } => x.sub(T::splat(rest)),
+            Law::Offset => simd.splat(1.0),
+            Law::Spring { rest } => x.sub(simd.splat(rest)),
             Law::External => external,
         }
     }
@@ -162,7 +167,8 @@ impl Law {
     /// Derivatives of the column with respect to x, v and a; zero at jumps.
     #[inline(always)]
     pub(crate) fn slopes<T: Lane>(self, v: T) -> [T; 3] {
-        let (zero, one) = (T::splat(0.0), T::splat(1.0));
+        let simd = Simd::of(v);
+        let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
         let by_v = match self {
             Law::Viscous => one,
             Law::Coulomb { width } => sign_slope(v, width),

@@ -7,6 +7,7 @@ use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::elementary::sin_cos;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// The transform of a joint at one position. Where `shape` is a compile-time constant, multiplications by 0 and 1 are
 /// removed.
@@ -28,9 +29,9 @@ pub(crate) type TransformSlots = [Slot; 3];
 impl<T: Lane> JointTransform<T> {
     /// The transform at position zero. `shape` is the link's, as a compile-time constant where it is one.
     #[inline(always)]
-    pub(crate) fn at_zero(shape: JointShape, link: &Link) -> Self {
-        let (cosine, sine) = (T::splat(1.0), T::splat(0.0));
-        JointTransform { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(T::splat) }
+    pub(crate) fn at_zero(simd: Simd<T>, shape: JointShape, link: &Link) -> Self {
+        let (cosine, sine) = (simd.splat(1.0), simd.splat(0.0));
+        JointTransform { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(|x| simd.splat(x)) }
     }
 
     /// The transform at position `q`.
@@ -38,7 +39,7 @@ impl<T: Lane> JointTransform<T> {
     pub(crate) fn at(mut self, q: T) -> Self {
         if self.is_prismatic() {
             // The joint's z in the parent's frame is the last row of the inverse rotation.
-            self.origin = core::array::from_fn(|e| T::splat(self.inverse[6 + e]).fma(q, self.origin[e]));
+            self.origin = core::array::from_fn(|e| self.simd().splat(self.inverse[6 + e]).fma(q, self.origin[e]));
         } else {
             (self.sine, self.cosine) = sin_cos(q);
         }
@@ -71,11 +72,17 @@ impl<T: Lane> JointTransform<T> {
         // SAFETY: at most three slots are read, which the caller promises.
         unsafe {
             match self.is_prismatic() {
-                true => self.origin = load(slots, k),
-                false => [self.cosine, self.sine] = load(slots, k),
+                true => self.origin = load(self.simd(), slots, k),
+                false => [self.cosine, self.sine] = load(self.simd(), slots, k),
             }
         }
         self
+    }
+
+    /// The token of the transform's lanes.
+    #[inline(always)]
+    fn simd(&self) -> Simd<T> {
+        Simd::of(self.cosine)
     }
 
     #[inline(always)]
@@ -86,7 +93,7 @@ impl<T: Lane> JointTransform<T> {
     /// Rotate a vector of the parent's frame to the link's.
     #[inline(always)]
     pub(crate) fn rotate(&self, v: Vector<T>) -> Vector<T> {
-        let r = |k: usize| T::splat(self.inverse[k]);
+        let r = |k: usize| self.simd().splat(self.inverse[k]);
         let row = |k: usize| v[2].fma(r(k + 2), v[1].fma(r(k + 1), v[0].mul(r(k))));
         let [x, y, z] = match self.shape.rotation {
             Rotation::Identity => v,
@@ -122,7 +129,7 @@ impl<T: Lane> JointTransform<T> {
     /// The joint's z axis in the parent's frame.
     #[inline(always)]
     pub(crate) fn axis_in_parent(&self) -> Vector<T> {
-        core::array::from_fn(|e| T::splat(self.inverse[6 + e]))
+        core::array::from_fn(|e| self.simd().splat(self.inverse[6 + e]))
     }
 
     /// Origin of the link in the parent's frame; `None` where it coincides with the parent's.
@@ -139,7 +146,7 @@ impl<T: Lane> JointTransform<T> {
             true => v,
             false => [v[1].fnma(self.sine, v[0].mul(self.cosine)), v[1].fma(self.cosine, v[0].mul(self.sine)), v[2]],
         };
-        let r = |k: usize| T::splat(self.inverse[k]);
+        let r = |k: usize| self.simd().splat(self.inverse[k]);
         let column = |k: usize| z.fma(r(k + 6), y.fma(r(k + 3), x.mul(r(k))));
         match self.shape.rotation {
             Rotation::Identity => [x, y, z],
@@ -160,8 +167,8 @@ impl<T: Lane> JointTransform<T> {
     /// The axis of a coordinate that moves this joint and none before it.
     #[inline(always)]
     pub(crate) fn joint_axis(&self, rate: T) -> (Vector<T>, Vector<T>) {
-        let along = [T::splat(0.0), T::splat(0.0), rate];
-        if self.is_prismatic() { (zero(), along) } else { (along, zero()) }
+        let along = [self.simd().splat(0.0), self.simd().splat(0.0), rate];
+        if self.is_prismatic() { (zero(self.simd()), along) } else { (along, zero(self.simd())) }
     }
 }
 
@@ -190,7 +197,7 @@ impl<T: Lane> JointTransform<T> {
     pub(crate) fn rotate_to_parent(&self, v: Vector<T>) -> Vector<T> {
         let (c, s, [x, y, z]) = (self.cosine, self.sine, v);
         let v = if self.is_prismatic() { v } else { [s.fnma(y, x.mul(c)), s.fma(x, y.mul(c)), z] };
-        let r = |k: usize| T::splat(self.inverse[k]);
+        let r = |k: usize| self.simd().splat(self.inverse[k]);
         let column = |k: usize| v[2].fma(r(k + 6), v[1].fma(r(k + 3), v[0].mul(r(k))));
         match self.shape.rotation {
             Rotation::Identity => v,
@@ -243,7 +250,7 @@ impl<T: Lane> JointTransform<T> {
             Rotation::AboutMinusX => [xx, xz, xy.neg(), zz, yz.neg(), yy],
             Rotation::General => {
                 // Rows of the tensor times the transpose of the rotation, whose rows are columns of the inverse.
-                let r = |k: usize| T::splat(self.inverse[k]);
+                let r = |k: usize| self.simd().splat(self.inverse[k]);
                 let along = |v: Vector<T>, k: usize| v[2].fma(r(k + 6), v[1].fma(r(k + 3), v[0].mul(r(k))));
                 let turned = |row: Vector<T>| [along(row, 0), along(row, 1), along(row, 2)];
                 let (x, y, z) = (turned([xx, xy, xz]), turned([xy, yy, yz]), turned([xz, yz, zz]));
@@ -256,7 +263,7 @@ impl<T: Lane> JointTransform<T> {
     /// Parallel-axis theorem: tensor and first moments about the parent's origin, from those about the link's.
     #[inline(always)]
     fn shift_inertia(&self, tensor: Tensor<T>, first: Vector<T>, m: T) -> (Tensor<T>, Vector<T>) {
-        let (p, [xx, xy, xz, yy, yz, zz], half) = (self.origin, tensor, m.mul(T::splat(0.5)));
+        let (p, [xx, xy, xz, yy, yz, zz], half) = (self.origin, tensor, m.mul(self.simd().splat(0.5)));
         // The shift adds 2 (g . p) - g p' - p g', with g halfway between the first moments before and after it.
         let g: Vector<T> = core::array::from_fn(|e| half.fma(p[e], first[e]));
         let twice = p.map(|p| p.add(p));

@@ -1,6 +1,7 @@
 //! Slots: one quantity at every sample of a batch, or at a group of poses.
 
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Samples in a batch.
 pub(crate) const BATCH: usize = 32;
@@ -34,10 +35,10 @@ impl PoseSlot {
     ///
     /// `k + T::WIDTH <= MAX_WIDTH`.
     #[inline(always)]
-    pub(crate) unsafe fn load<T: Lane>(&self, k: usize) -> T {
+    pub(crate) unsafe fn load<T: Lane>(&self, simd: Simd<T>, k: usize) -> T {
         debug_assert!(k + T::WIDTH <= MAX_WIDTH);
         // SAFETY: the caller's promise.
-        unsafe { T::load(self.0.as_ptr().add(k)) }
+        unsafe { simd.load(self.0.as_ptr().add(k)) }
     }
 
     /// Write the lane from pose `k` on.
@@ -59,9 +60,9 @@ impl PoseSlot {
 ///
 /// `first` points to `N` initialised slots that nobody writes meanwhile, and `k + T::WIDTH <= BATCH`.
 #[inline(always)]
-pub(crate) unsafe fn load<T: Lane, const N: usize>(first: *const Slot, k: usize) -> [T; N] {
+pub(crate) unsafe fn load<T: Lane, const N: usize>(simd: Simd<T>, first: *const Slot, k: usize) -> [T; N] {
     // SAFETY: `e < N` and `k + T::WIDTH <= BATCH` keep the lane inside slot e of those promised.
-    core::array::from_fn(|e| unsafe { T::load(first.add(e).cast::<f64>().add(k)) })
+    core::array::from_fn(|e| unsafe { simd.load(first.add(e).cast::<f64>().add(k)) })
 }
 
 /// Write lanes to `N` successive slots, from sample `k` on.

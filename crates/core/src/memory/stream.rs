@@ -3,6 +3,7 @@
 
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Copy `count` numbers past the caches. Call [`fence`] before another thread reads them.
 ///
@@ -16,7 +17,8 @@ pub(crate) unsafe fn copy(backend: Backend, from: *const f64, to: *mut f64, coun
 
 /// Make non-temporal stores visible to other threads.
 pub(crate) fn fence() {
-    #[cfg(target_arch = "x86_64")]
+    // Miri has no fence, and its lanes store as usual.
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     // SAFETY: `sfence` belongs to SSE, which every x86-64 processor has.
     unsafe {
         core::arch::x86_64::_mm_sfence()
@@ -28,7 +30,7 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn copy_in_lanes<T: Lane>(from: *const f64, to: *mut f64, count: usize) {
+unsafe fn copy_in_lanes<T: Lane>(simd: Simd<T>, from: *const f64, to: *mut f64, count: usize) {
     let bytes = T::WIDTH * size_of::<f64>();
     let aligned = (to.align_offset(bytes)).min(count);
     let whole = aligned + (count - aligned) / T::WIDTH * T::WIDTH;
@@ -38,7 +40,7 @@ unsafe fn copy_in_lanes<T: Lane>(from: *const f64, to: *mut f64, count: usize) {
         core::ptr::copy_nonoverlapping(from, to, aligned);
         let mut k = aligned;
         while k < whole {
-            T::load(from.add(k)).stream(to.add(k));
+            simd.load(from.add(k)).stream(to.add(k));
             k += T::WIDTH;
         }
         core::ptr::copy_nonoverlapping(from.add(whole), to.add(whole), count - whole);

@@ -7,6 +7,7 @@
 use crate::error::Error;
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 
 /// Taps, padded with zeros to whole lanes, and taps that give the derivative of the filtered signal, if required.
 #[derive(Debug, Clone)]
@@ -66,31 +67,37 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn add_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
+unsafe fn add_in_lanes<T: Lane>(simd: Simd<T>, taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
     // Four windows at a time hide the latency of the fused multiply-add and share the taps. The grouping changes no
     // sum.
     let (fours, rest) = out.as_chunks_mut::<4>();
     let alone = 4 * fours.len();
     for (i, out) in fours.iter_mut().enumerate() {
         // SAFETY: the caller promises x for all windows of `out`.
-        unsafe { add_some::<T, 4>(taps, decimation, x.add(4 * i * decimation), out) };
+        unsafe { add_some::<T, 4>(simd, taps, decimation, x.add(4 * i * decimation), out) };
     }
     for (i, out) in (alone..).zip(rest) {
         // SAFETY: as above.
-        unsafe { add_some::<T, 1>(taps, decimation, x.add(i * decimation), core::array::from_mut(out)) };
+        unsafe { add_some::<T, 1>(simd, taps, decimation, x.add(i * decimation), core::array::from_mut(out)) };
     }
 }
 
 #[inline(always)]
-unsafe fn add_some<T: Lane, const N: usize>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64; N]) {
-    let mut sums = [T::splat(0.0); N];
+unsafe fn add_some<T: Lane, const N: usize>(
+    simd: Simd<T>,
+    taps: &[f64],
+    decimation: usize,
+    x: *const f64,
+    out: &mut [f64; N],
+) {
+    let mut sums = [simd.splat(0.0); N];
     let mut k = 0;
     while k < taps.len() {
         // SAFETY: taps are whole lanes, of which k is a beginning.
-        let tap = unsafe { T::load(taps.as_ptr().add(k)) };
+        let tap = unsafe { simd.load(taps.as_ptr().add(k)) };
         for (i, sum) in sums.iter_mut().enumerate() {
             // SAFETY: the caller promises that x has the taps' length after each window's beginning.
-            *sum = tap.fma(unsafe { T::load(x.add(i * decimation + k)) }, *sum);
+            *sum = tap.fma(unsafe { simd.load(x.add(i * decimation + k)) }, *sum);
         }
         k += T::WIDTH;
     }

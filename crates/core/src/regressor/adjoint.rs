@@ -27,6 +27,7 @@ use crate::regressor::momentum::propagate_axis;
 use crate::regressor::rows::{KinematicSlots, propagate_motion};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 use std::ops::Range;
 
 /// Adjoint of a link's motion: with respect to angular velocity, angular acceleration, and acceleration of the origin.
@@ -119,15 +120,15 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn forward_in_lanes<T: Lane>(batch: Batch, slots: &mut KinematicSlots) {
+unsafe fn forward_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, slots: &mut KinematicSlots) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
         // SAFETY: the batch and its workspace are as in the head of the file.
         unsafe {
-            let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
-            store_transform::<T>(batch, link, followed, &mut slots.joint);
-            for_shape!(link.shape, shape => propagate_motion::<T>(batch, (shape, i), followed, slots));
+            let followed = batch.follow(simd, &link.joint_map, &mut slots.followed);
+            store_transform(simd, batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => propagate_motion(simd, batch, (shape, i), followed, slots));
             for (own, axis) in (link.first..).zip(&link.axes) {
-                propagate_axis::<T>(batch, link, axis, own, &mut slots.axes, &slots.joint);
+                propagate_axis(simd, batch, link, axis, own, &mut slots.axes, &slots.joint);
             }
         }
     }
@@ -158,6 +159,7 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn reverse_in_lanes<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     weights: &Weights,
     first: *const f64,
@@ -167,33 +169,33 @@ unsafe fn reverse_in_lanes<T: Lane>(
     for (i, link) in batch.mechanism.links.iter().enumerate().rev() {
         // SAFETY: the batch, its workspace and the weights are as in the head of the file.
         unsafe {
-            let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
-            store_transform::<T>(batch, link, followed, &mut slots.joint);
+            let followed = batch.follow(simd, &link.joint_map, &mut slots.followed);
+            store_transform(simd, batch, link, followed, &mut slots.joint);
             adjoint.joint.fill(Slot::ZERO);
             for (own, axis) in (link.first..).zip(&link.axes) {
                 if weights.own[own] {
                     let runs = weights.axes[own].0.map(|run| first.add(run * BATCH));
                     let motions = LinkMotions(slots.links[i].as_mut_ptr());
-                    entry_adjoint::<T>(batch, runs, (motions, slots.axes[own].as_ptr()), adjoint, (i, own));
+                    entry_adjoint(simd, batch, runs, (motions, slots.axes[own].as_ptr()), adjoint, (i, own));
                 }
                 if weights.axes[own].1 {
-                    for_shape!(link.shape, shape => axis_adjoint::<T>(batch, (shape, link), axis, own, slots, adjoint));
+                    for_shape!(link.shape, shape => axis_adjoint(simd, batch, (shape, link), axis, own, slots, adjoint));
                 }
             }
-            for_shape!(link.shape, shape => motion_adjoint::<T>(batch, (shape, i), followed, slots, adjoint));
-            channel_adjoint::<T>(batch, &link.joint_map, adjoint);
+            for_shape!(link.shape, shape => motion_adjoint(simd, batch, (shape, i), followed, slots, adjoint));
+            channel_adjoint(simd, batch, &link.joint_map, adjoint);
         }
     }
     // SAFETY: as above.
-    unsafe { term_adjoint::<T>(batch, weights, first, &mut slots.followed, adjoint) };
+    unsafe { term_adjoint(simd, batch, weights, first, &mut slots.followed, adjoint) };
 }
 
 /// Add to slots.
 #[inline(always)]
-unsafe fn accumulate<T: Lane, const N: usize>(first: *mut Slot, k: usize, by: [T; N]) {
+unsafe fn accumulate<T: Lane, const N: usize>(simd: Simd<T>, first: *mut Slot, k: usize, by: [T; N]) {
     // SAFETY: the caller promises N slots with room for a lane from k on.
     unsafe {
-        let present: [T; N] = load(first, k);
+        let present: [T; N] = load(simd, first, k);
         store(first, k, core::array::from_fn::<T, N, _>(|e| present[e].add(by[e])));
     }
 }
@@ -216,6 +218,7 @@ fn double_cross_gradient<T: Lane>(w: Vector<T>, u: Vector<T>, p: Vector<T>, c: V
 /// the weighted sum of its entries is `x . (J wd + w x J w + m x a) + u . (M a + (skew(wd) + skew(w)^2) m)`.
 #[inline(always)]
 unsafe fn entry_adjoint<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     runs: [*const f64; LINK_PARAMETERS],
     (link, axis): (LinkMotions, *const Slot),
@@ -223,28 +226,29 @@ unsafe fn entry_adjoint<T: Lane>(
     (i, own): (usize, usize),
 ) {
     let (links, axes) = (adjoint.links[i].as_mut_ptr(), adjoint.axes[own].as_mut_ptr());
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in weights, slots and axes.
         unsafe {
-            let tensor: [T; 6] = core::array::from_fn(|p| T::load(runs[p].add(k)));
-            let moment: Vector<T> = core::array::from_fn(|p| T::load(runs[6 + p].add(k)));
-            let mass = T::load(runs[9].add(k));
-            let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
-            let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) = (link.part(W, k), link.part(WD, k), link.part(A, k));
-            let spin = symmetric(tensor, w, zero());
-            let b: [T; 9] = link.part(B, k);
+            let tensor: [T; 6] = core::array::from_fn(|p| simd.load(runs[p].add(k)));
+            let moment: Vector<T> = core::array::from_fn(|p| simd.load(runs[6 + p].add(k)));
+            let mass = simd.load(runs[9].add(k));
+            let (x, u): (Vector<T>, Vector<T>) = load_axis(simd, axis, k);
+            let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) =
+                (link.part(simd, W, k), link.part(simd, WD, k), link.part(simd, A, k));
+            let spin = symmetric(tensor, w, zero(simd));
+            let b: [T; 9] = link.part(simd, B, k);
             let by_x = symmetric(tensor, wd, cross_add(w, spin, cross(moment, a)));
             let by_u: Vector<T> = core::array::from_fn(|e| {
                 let turned = b[3 * e + 2].fma(moment[2], b[3 * e + 1].fma(moment[1], b[3 * e].mul(moment[0])));
                 mass.fma(a[e], turned)
             });
-            accumulate(axes, k, [by_x[0], by_x[1], by_x[2], by_u[0], by_u[1], by_u[2]]);
+            accumulate(simd, axes, k, [by_x[0], by_x[1], by_x[2], by_u[0], by_u[1], by_u[2]]);
             let by_w = double_cross_gradient(w, u, moment, symmetric(tensor, cross(x, w), cross(spin, x)));
             let by_wd = symmetric(tensor, x, cross(moment, u));
             let by_a = scale_add(u, mass, cross(x, moment));
-            accumulate(links, k, by_w);
-            accumulate(links.add(3), k, by_wd);
-            accumulate(links.add(6), k, by_a);
+            accumulate(simd, links, k, by_w);
+            accumulate(simd, links.add(3), k, by_wd);
+            accumulate(simd, links.add(6), k, by_a);
         }
     }
 }
@@ -258,6 +262,7 @@ fn rotation_gradient<T: Lane>(v: Vector<T>, by: Vector<T>, c: T) -> T {
 /// Adjoint of an axis, propagated to the parent's axis, the joint's position and the rate.
 #[inline(always)]
 unsafe fn axis_adjoint<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, link): (JointShape, &Link),
     axis: &Axis,
@@ -265,20 +270,20 @@ unsafe fn axis_adjoint<T: Lane>(
     slots: &mut KinematicSlots,
     adjoint: &mut Adjoint,
 ) {
-    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::at_zero(simd, shape, link), slots.joint.as_ptr());
     let prismatic = at_zero.is_prismatic();
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane; axes and channels have their slots.
         unsafe {
             let joint = at_zero.load(stored, k);
-            let (by_x, by_u) = load_axis::<T>(adjoint.axes[own].as_ptr(), k);
+            let (by_x, by_u) = load_axis(simd, adjoint.axes[own].as_ptr(), k);
             if let Rate::Varying { rate, .. } = axis.rate {
-                accumulate(&raw mut adjoint.channels[rate], k, [if prismatic { by_u[2] } else { by_x[2] }]);
+                accumulate(simd, &raw mut adjoint.channels[rate], k, [if prismatic { by_u[2] } else { by_x[2] }]);
             }
             let Some(above) = axis.above else { continue };
-            let mut by_q = T::splat(0.0);
+            let mut by_q = simd.splat(0.0);
             if !prismatic {
-                let (x, u) = load_axis::<T>(slots.axes[own].as_ptr(), k);
+                let (x, u) = load_axis(simd, slots.axes[own].as_ptr(), k);
                 by_q = rotation_gradient(u, by_u, rotation_gradient(x, by_x, by_q));
             }
             let (mut to_x, to_u) = (joint.rotate_transposed(by_x), joint.rotate_transposed(by_u));
@@ -286,12 +291,12 @@ unsafe fn axis_adjoint<T: Lane>(
                 to_x = cross_add(origin, to_u, to_x);
             }
             if prismatic {
-                let (x, _) = load_axis::<T>(slots.axes[above].as_ptr(), k);
+                let (x, _) = load_axis(simd, slots.axes[above].as_ptr(), k);
                 by_q = dot(to_u, cross(x, joint.axis_in_parent()));
             }
-            let (x, u) = load_axis::<T>(adjoint.axes[above].as_ptr(), k);
+            let (x, u) = load_axis(simd, adjoint.axes[above].as_ptr(), k);
             store_axis(adjoint.axes[above].as_mut_ptr(), k, (add(x, to_x), add(u, to_u)));
-            accumulate(&raw mut adjoint.joint[0], k, [by_q]);
+            accumulate(simd, &raw mut adjoint.joint[0], k, [by_q]);
         }
     }
 }
@@ -299,6 +304,7 @@ unsafe fn axis_adjoint<T: Lane>(
 /// Adjoint of a link's motion, propagated to the parent's and the joint's.
 #[inline(always)]
 unsafe fn motion_adjoint<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, i): (JointShape, usize),
     followed: JointChannels,
@@ -306,21 +312,22 @@ unsafe fn motion_adjoint<T: Lane>(
     adjoint: &mut Adjoint,
 ) {
     let link = &batch.mechanism.links[i];
-    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::at_zero(simd, shape, link), slots.joint.as_ptr());
     let own = LinkMotions(slots.links[i].as_mut_ptr());
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
-            let (joint, [_, v, _]) = (at_zero.load(stored, k), followed.at::<T>(k));
-            let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) = (own.part(W, k), own.part(WD, k), own.part(A, k));
+            let (joint, [_, v, _]) = (at_zero.load(stored, k), followed.at(simd, k));
+            let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) =
+                (own.part(simd, W, k), own.part(simd, WD, k), own.part(simd, A, k));
             let by = adjoint.links[i].as_ptr();
             let (mut by_w, by_wd, by_a): (Vector<T>, Vector<T>, Vector<T>) =
-                (load(by, k), load(by.add(3), k), load(by.add(6), k));
+                (load(simd, by, k), load(simd, by.add(3), k), load(simd, by.add(6), k));
             let by_joint = if joint.is_prismatic() {
                 let twice = v.add(v);
-                let by_v = rotation_gradient(w, by_a, T::splat(0.0));
+                let by_v = rotation_gradient(w, by_a, simd.splat(0.0));
                 by_w = [by_a[1].fnma(twice, by_w[0]), by_a[0].fma(twice, by_w[1]), by_w[2]];
-                [T::splat(0.0), by_v.add(by_v), by_a[2]]
+                [simd.splat(0.0), by_v.add(by_v), by_a[2]]
             } else {
                 let by_v = rotation_gradient(w, by_wd, by_w[2]);
                 by_w = [by_wd[1].fnma(v, by_w[0]), by_wd[0].fma(v, by_w[1]), by_w[2]];
@@ -329,16 +336,16 @@ unsafe fn motion_adjoint<T: Lane>(
                 let by_q = rotation_gradient(
                     w,
                     by_w,
-                    rotation_gradient(before, by_wd, rotation_gradient(a, by_a, T::splat(0.0))),
+                    rotation_gradient(before, by_wd, rotation_gradient(a, by_a, simd.splat(0.0))),
                 );
                 [by_q, by_v, by_wd[2]]
             };
-            accumulate(adjoint.joint.as_mut_ptr(), k, by_joint);
+            accumulate(simd, adjoint.joint.as_mut_ptr(), k, by_joint);
             if let Some(parent) = link.parent {
                 let motions = LinkMotions(slots.links[parent].as_mut_ptr());
                 let to = adjoint.links[parent].as_mut_ptr();
-                let by_q = carry_to_parent(&joint, motions, to, (by_w, by_wd, by_a), k);
-                accumulate(&raw mut adjoint.joint[0], k, [by_q]);
+                let by_q = carry_to_parent(simd, &joint, motions, to, (by_w, by_wd, by_a), k);
+                accumulate(simd, &raw mut adjoint.joint[0], k, [by_q]);
             }
         }
     }
@@ -347,6 +354,7 @@ unsafe fn motion_adjoint<T: Lane>(
 /// Add the adjoint of a link's motion to its parent's; returns that of a prismatic position.
 #[inline(always)]
 unsafe fn carry_to_parent<T: Lane>(
+    simd: Simd<T>,
     joint: &JointTransform<T>,
     parent: LinkMotions,
     to: *mut Slot,
@@ -355,49 +363,49 @@ unsafe fn carry_to_parent<T: Lane>(
 ) -> T {
     let (mut by_w, mut by_wd, by_a) =
         (joint.rotate_transposed(by_w), joint.rotate_transposed(by_wd), joint.rotate_transposed(by_a));
-    let mut by_q = T::splat(0.0);
+    let mut by_q = simd.splat(0.0);
     // SAFETY: the caller promises both links' slots, with room for a lane from k on.
     unsafe {
         if let Some(origin) = joint.offset() {
-            by_w = double_cross_gradient(parent.part(W, k), by_a, origin, by_w);
+            by_w = double_cross_gradient(parent.part(simd, W, k), by_a, origin, by_w);
             by_wd = cross_add(origin, by_a, by_wd);
         }
         if joint.is_prismatic() {
-            let (b, along): ([T; 9], _) = (parent.part(B, k), joint.axis_in_parent());
+            let (b, along): ([T; 9], _) = (parent.part(simd, B, k), joint.axis_in_parent());
             by_q = dot(by_a, core::array::from_fn(|e| dot([b[3 * e], b[3 * e + 1], b[3 * e + 2]], along)));
         }
-        accumulate(to, k, by_w);
-        accumulate(to.add(3), k, by_wd);
-        accumulate(to.add(6), k, by_a);
+        accumulate(simd, to, k, by_w);
+        accumulate(simd, to.add(3), k, by_wd);
+        accumulate(simd, to.add(6), k, by_a);
     }
     by_q
 }
 
 /// Adjoint of a joint's motion, or a term's, propagated to the channels that it follows.
 #[inline(always)]
-unsafe fn channel_adjoint<T: Lane>(batch: Batch, joint_map: &JointMap, adjoint: &mut Adjoint) {
+unsafe fn channel_adjoint<T: Lane>(simd: Simd<T>, batch: Batch, joint_map: &JointMap, adjoint: &mut Adjoint) {
     let na = batch.mechanism.coordinates;
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane; every channel has its slot.
         unsafe {
-            let by: [T; 3] = load(adjoint.joint.as_ptr(), k);
+            let by: [T; 3] = load(simd, adjoint.joint.as_ptr(), k);
             let channels = adjoint.channels.as_mut_ptr();
             if let Some(position) = joint_map.given {
-                accumulate(channels.add(position), k, [by[0]]);
+                accumulate(simd, channels.add(position), k, [by[0]]);
             }
             for &(a, rate) in &joint_map.rates {
-                let weight: T = batch.rate(rate, k);
+                let weight: T = batch.rate(simd, rate, k);
                 for (order, by) in by.iter().enumerate().skip(usize::from(joint_map.given.is_some())) {
-                    accumulate(channels.add(order * na + a), k, [by.mul(weight)]);
+                    accumulate(simd, channels.add(order * na + a), k, [by.mul(weight)]);
                 }
-                let (Rate::Varying { rate, derivative }, Some(moved)) = (rate, batch.rate_derivative::<T>(rate, k))
+                let (Rate::Varying { rate, derivative }, Some(moved)) = (rate, batch.rate_derivative(simd, rate, k))
                 else {
                     continue;
                 };
-                let channel = |order: usize| T::load(batch.channels.channel(order * na + a).add(k));
-                accumulate(channels.add(na + a), k, [by[2].mul(moved)]);
-                accumulate(channels.add(rate), k, [by[2].fma(channel(2), by[1].mul(channel(1)))]);
-                accumulate(channels.add(derivative), k, [by[2].mul(channel(1))]);
+                let channel = |order: usize| simd.load(batch.channels.channel(order * na + a).add(k));
+                accumulate(simd, channels.add(na + a), k, [by[2].mul(moved)]);
+                accumulate(simd, channels.add(rate), k, [by[2].fma(channel(2), by[1].mul(channel(1)))]);
+                accumulate(simd, channels.add(derivative), k, [by[2].mul(channel(1))]);
             }
         }
     }
@@ -406,6 +414,7 @@ unsafe fn channel_adjoint<T: Lane>(batch: Batch, joint_map: &JointMap, adjoint: 
 /// Adjoints of the terms' columns.
 #[inline(always)]
 unsafe fn term_adjoint<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     weights: &Weights,
     first: *const f64,
@@ -420,25 +429,25 @@ unsafe fn term_adjoint<T: Lane>(
         if own.iter().any(|&run| run != 0) {
             // SAFETY: `lanes` leaves room for a lane in weights, slots and channels.
             unsafe {
-                let followed = batch.follow::<T>(&term.joint_map, slots);
-                for k in batch.lanes::<T>() {
-                    let [x, v, a] = followed.at::<T>(k);
-                    let given = T::load(batch.channels.channel(if outside { external } else { 0 }).add(k));
-                    let (column, mut by): (T, T) = (term.law.column(x, v, a, given), T::splat(0.0));
+                let followed = batch.follow(simd, &term.joint_map, slots);
+                for k in batch.lanes(simd) {
+                    let [x, v, a] = followed.at(simd, k);
+                    let given = simd.load(batch.channels.channel(if outside { external } else { 0 }).add(k));
+                    let (column, mut by): (T, T) = (term.law.column(x, v, a, given), simd.splat(0.0));
                     for (&run, &(_, rate)) in own.iter().zip(&term.joint_map.rates) {
-                        let weight = T::load(first.add(run * BATCH + k));
-                        by = weight.fma(batch.rate(rate, k), by);
+                        let weight = simd.load(first.add(run * BATCH + k));
+                        by = weight.fma(batch.rate(simd, rate, k), by);
                         if let Rate::Varying { rate, .. } = rate {
-                            accumulate(&raw mut adjoint.channels[rate], k, [weight.mul(column)]);
+                            accumulate(simd, &raw mut adjoint.channels[rate], k, [weight.mul(column)]);
                         }
                     }
                     if outside {
-                        accumulate(&raw mut adjoint.channels[external], k, [by]);
+                        accumulate(simd, &raw mut adjoint.channels[external], k, [by]);
                     }
                     let [by_x, by_v, by_a]: [T; 3] = term.law.slopes(v);
                     store(adjoint.joint.as_mut_ptr(), k, [by_x.mul(by), by_v.mul(by), by_a.mul(by)]);
                 }
-                channel_adjoint::<T>(batch, &term.joint_map, adjoint);
+                channel_adjoint(simd, batch, &term.joint_map, adjoint);
             }
         }
         external += usize::from(outside);

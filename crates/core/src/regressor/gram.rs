@@ -11,6 +11,7 @@ use crate::mechanism::motion::{Motion, PART};
 use crate::regressor::rows::{Workspace, rows};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -167,20 +168,27 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn multiply_in_lanes<T: Lane>(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64]) {
+unsafe fn multiply_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    tile: *const f64,
+    runs: Range<usize>,
+    samples: usize,
+    sums: &mut [f64],
+) {
     // As many columns as keep their products in registers.
     // SAFETY: the caller's promise, passed on.
     unsafe {
         match T::PANEL {
-            2 => multiply_panels::<T, 2>(tile, runs, samples, sums),
-            3 => multiply_panels::<T, 3>(tile, runs, samples, sums),
-            _ => multiply_panels::<T, 4>(tile, runs, samples, sums),
+            2 => multiply_panels::<T, 2>(simd, tile, runs, samples, sums),
+            3 => multiply_panels::<T, 3>(simd, tile, runs, samples, sums),
+            _ => multiply_panels::<T, 4>(simd, tile, runs, samples, sums),
         }
     }
 }
 
 #[inline(always)]
 unsafe fn multiply_panels<T: Lane, const P: usize>(
+    simd: Simd<T>,
     tile: *const f64,
     runs: Range<usize>,
     samples: usize,
@@ -195,7 +203,7 @@ unsafe fn multiply_panels<T: Lane, const P: usize>(
     for i in (0..m).step_by(P) {
         for j in (0..=i).step_by(P) {
             // SAFETY: both panels are runs of the tile, readable up to `samples`.
-            let made = unsafe { panel_products::<T, P>(panel(i), panel(j), samples) };
+            let made = unsafe { panel_products::<T, P>(simd, panel(i), panel(j), samples) };
             for (i, made) in (i..m).zip(made) {
                 sums[i * m..][..m].iter_mut().skip(j).zip(made).for_each(|(sum, made)| *sum += made);
             }
@@ -205,18 +213,19 @@ unsafe fn multiply_panels<T: Lane, const P: usize>(
 
 #[inline(always)]
 unsafe fn panel_products<T: Lane, const P: usize>(
+    simd: Simd<T>,
     left: [*const f64; P],
     right: [*const f64; P],
     samples: usize,
 ) -> [[f64; P]; P] {
-    let mut sums = [[T::splat(0.0); P]; P];
+    let mut sums = [[simd.splat(0.0); P]; P];
     let mut k = 0;
     while k < samples {
         // SAFETY: the caller promises whole lanes up to `samples`.
-        let right: [T; P] = core::array::from_fn(|j| unsafe { T::load(right[j].add(k)) });
+        let right: [T; P] = core::array::from_fn(|j| unsafe { simd.load(right[j].add(k)) });
         for (sums, left) in sums.iter_mut().zip(left) {
             // SAFETY: as above.
-            let left = unsafe { T::load(left.add(k)) };
+            let left = unsafe { simd.load(left.add(k)) };
             for (sum, right) in sums.iter_mut().zip(right) {
                 *sum = left.fma(right, *sum);
             }

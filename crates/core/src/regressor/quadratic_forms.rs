@@ -3,6 +3,7 @@
 use crate::memory::slot::BATCH;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// Weights, and lanes of each, that are computed together: as many as stay in registers.
 const PANEL: usize = 3;
@@ -35,18 +36,23 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn quadratic_form_weights_in_lanes<T: Lane>(form: &QuadraticForm, entries: *const f64, weights: *mut f64) {
+unsafe fn quadratic_form_weights_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    form: &QuadraticForm,
+    entries: *const f64,
+    weights: *mut f64,
+) {
     let columns = form.columns.max(1);
     for (first, panel) in form.panels.chunks_exact(columns).enumerate() {
         for k in (0..BATCH).step_by(LANES * T::WIDTH) {
-            let mut sums = [[T::splat(0.0); LANES]; PANEL];
+            let mut sums = [[simd.splat(0.0); LANES]; PANEL];
             for (c, factors) in panel.iter().enumerate() {
                 // SAFETY: column c and samples below BATCH are inside the entries that the caller promises.
                 let run = unsafe { entries.add(c * BATCH + k) };
                 // SAFETY: as above; BATCH is a multiple of LANES widths.
-                let y: [T; LANES] = core::array::from_fn(|lane| unsafe { T::load(run.add(lane * T::WIDTH)) });
+                let y: [T; LANES] = core::array::from_fn(|lane| unsafe { simd.load(run.add(lane * T::WIDTH)) });
                 for (sums, &factor) in sums.iter_mut().zip(factors) {
-                    let factor = T::splat(factor);
+                    let factor = simd.splat(factor);
                     for (sum, y) in sums.iter_mut().zip(y) {
                         *sum = y.fma(factor, *sum);
                     }

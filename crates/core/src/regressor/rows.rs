@@ -15,7 +15,7 @@
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link::{LINK_NUMBERS, LinkMotions};
 use crate::batch::sink::{EntryRuns, EntrySink, for_set};
-use crate::batch::{Batch, Channels, JointChannels};
+use crate::batch::{Batch, Channels, JointChannels, no_pointers};
 use crate::linalg::vector::Vector;
 use crate::mechanism::closure::Rate;
 use crate::mechanism::layout::EntryMap;
@@ -30,6 +30,7 @@ use crate::regressor::adjoint::Adjoint;
 use crate::regressor::momentum::momentum_rows;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 use std::cell::Cell;
 
 /// Workspace of a thread for rows: it grows to what a mechanism needs, and is reused by later batches and calls.
@@ -45,6 +46,8 @@ pub(crate) struct Workspace {
     pub(crate) raw: Aligned,
     pub(crate) decimated: Aligned,
 }
+
+const _: () = no_pointers::<(KinematicSlots, Adjoint, Aligned)>();
 
 /// Links and axes at a batch of samples.
 #[derive(Default)]
@@ -68,6 +71,7 @@ impl Workspace {
         let mut workspace = WORKSPACE.take().unwrap_or_default();
         workspace.grow(mechanism);
         let done = work(&mut workspace);
+        workspace.channels.release();
         WORKSPACE.set(Some(workspace));
         done
     }
@@ -127,26 +131,32 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots) {
+unsafe fn torques_in_lanes<T: Lane>(
+    simd: Simd<T>,
+    batch: Batch,
+    places: &EntryMap,
+    out: EntryRuns,
+    slots: &mut KinematicSlots,
+) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
         // SAFETY: batch, slots and output runs are as in the head of the file; `own` is an axis of the mechanism.
         unsafe {
-            let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
-            store_transform::<T>(batch, link, followed, &mut slots.joint);
-            for_shape!(link.shape, shape => propagate_motion::<T>(batch, (shape, i), followed, slots));
+            let followed = batch.follow(simd, &link.joint_map, &mut slots.followed);
+            store_transform(simd, batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => propagate_motion(simd, batch, (shape, i), followed, slots));
             let motions = LinkMotions(slots.links[i].as_mut_ptr());
             for (own, axis) in (link.first..).zip(&link.axes) {
                 let (axes, joint) = (slots.axes.as_mut_ptr(), slots.joint.as_ptr());
                 let row = Row { link, axis, motions, joint, to: axes.add(own).cast(), sink: places.axis(own, out) };
                 match axis.above {
-                    None => own_rows::<T>(batch, &row),
+                    None => own_rows(simd, batch, &row),
                     Some(above) => inherited_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
                 }
             }
         }
     }
     // SAFETY: as above.
-    unsafe { term_rows::<T>(batch, false, places, out, &mut slots.followed) };
+    unsafe { term_rows(simd, batch, false, places, out, &mut slots.followed) };
 }
 
 /// One coordinate on one link: its axis, and the output of its entries.
@@ -161,17 +171,17 @@ struct Row<'a> {
 
 /// Entries of a coordinate that moves this link's joint and none before it. The axis is stored only where it varies.
 #[inline(always)]
-unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
+unsafe fn own_rows<T: Lane>(simd: Simd<T>, batch: Batch, row: &Row) {
     let (link, rate) = (row.link, row.axis.rate);
     // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Rate::Varying { .. } = rate {
-            let at_zero = JointTransform::<T>::at_zero(link.shape, link);
-            batch.lanes::<T>().for_each(|k| store_axis(row.to, k, at_zero.joint_axis(batch.rate(rate, k))));
+            let at_zero = JointTransform::at_zero(simd, link.shape, link);
+            batch.lanes(simd).for_each(|k| store_axis(row.to, k, at_zero.joint_axis(batch.rate(simd, rate, k))));
         }
         for_set!(row.sink, SET => match link.is_prismatic() {
-            false => row.motions.contract_turn::<T, SET>(batch, rate, &row.sink),
-            true => row.motions.contract_slide::<T, SET>(batch, rate, &row.sink),
+            false => row.motions.contract_turn::<T, SET>(simd, batch, rate, &row.sink),
+            true => row.motions.contract_slide::<T, SET>(simd, batch, rate, &row.sink),
         });
     }
 }
@@ -186,29 +196,30 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
+unsafe fn inherited_rows_in_lanes<T: Lane>(simd: Simd<T>, batch: Batch, row: &Row, above: *const Slot) {
     let link = row.link;
     // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
-        if let Some(above) = constant_parent_axis::<T>(batch.mechanism, row) {
-            let at_zero = JointTransform::<T>::at_zero(link.shape, link);
+        if let Some(above) = constant_parent_axis(simd, batch.mechanism, row) {
+            let at_zero = JointTransform::at_zero(simd, link.shape, link);
             if link.is_prismatic() {
                 return for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| at_zero.load(row.joint, k).transform_axis(above))
+                    put_rows::<T, SET>(simd, batch, row, |k| at_zero.load(row.joint, k).transform_axis(above))
                 });
             }
             // Transformed to the joint at position zero, the axis has only to rotate about z.
             let above = at_zero.transform_axis(above);
-            let turn = JointTransform::<T>::at_zero(
+            let turn = JointTransform::at_zero(
+                simd,
                 JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
                 link,
             );
-            for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
+            for_set!(row.sink, SET => put_rows::<T, SET>(simd, batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
         } else {
             for_shape!(link.shape, shape => {
-                let at_zero = JointTransform::<T>::at_zero(shape, link);
+                let at_zero = JointTransform::at_zero(simd, shape, link);
                 for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| at_zero.load(row.joint, k).transform_axis(load_axis(above, k)))
+                    put_rows::<T, SET>(simd, batch, row, |k| at_zero.load(row.joint, k).transform_axis(load_axis(simd, above, k)))
                 });
             })
         }
@@ -217,11 +228,13 @@ unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *cons
 
 /// The axis on the parent, in its frame, where it is the same at every sample: the parent's own joint axis.
 #[inline(always)]
-fn constant_parent_axis<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
+fn constant_parent_axis<T: Lane>(simd: Simd<T>, mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
     let parent = &mechanism.links[row.link.parent?];
     let axis = &parent.axes[row.axis.above? - parent.first];
     match (axis.above, axis.rate) {
-        (None, Rate::Constant(rate)) => Some(JointTransform::at_zero(parent.shape, parent).joint_axis(T::splat(rate))),
+        (None, Rate::Constant(rate)) => {
+            Some(JointTransform::at_zero(simd, parent.shape, parent).joint_axis(simd.splat(rate)))
+        }
         _ => None,
     }
 }
@@ -229,20 +242,21 @@ fn constant_parent_axis<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Ve
 /// Transform an axis at every lane, store it, and contract it while it is in registers.
 #[inline(always)]
 unsafe fn put_rows<T: Lane, const SET: u32>(
+    simd: Simd<T>,
     batch: Batch,
     row: &Row,
     carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
 ) {
-    let (sink, at_zero) = (row.sink.of::<SET>(), JointTransform::<T>::at_zero(row.link.shape, row.link));
-    for k in batch.lanes::<T>() {
+    let (sink, at_zero) = (row.sink.of::<SET>(), JointTransform::at_zero(simd, row.link.shape, row.link));
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
         unsafe {
             let mut axis = carried(k);
             if !row.axis.rate.is_zero() {
-                axis = at_zero.add_joint_rate(axis, batch.rate(row.axis.rate, k));
+                axis = at_zero.add_joint_rate(axis, batch.rate(simd, row.axis.rate, k));
             }
             store_axis(row.to, k, axis);
-            row.motions.contract(axis, &sink, k);
+            row.motions.contract(simd, axis, &sink, k);
         }
     }
 }
@@ -250,23 +264,24 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
 /// Motion of the link from its parent's.
 #[inline(always)]
 pub(crate) unsafe fn propagate_motion<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     (shape, i): (JointShape, usize),
     followed: JointChannels,
     slots: &mut KinematicSlots,
 ) {
     let link = &batch.mechanism.links[i];
-    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::at_zero(simd, shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
     let own = LinkMotions(slots.links[i].as_mut_ptr());
-    for k in batch.lanes::<T>() {
+    for k in batch.lanes(simd) {
         // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
-            let [_, v, acceleration] = followed.at(k);
+            let [_, v, acceleration] = followed.at(simd, k);
             let joint = at_zero.load(stored, k);
             match parent {
-                Some(parent) => own.propagate(parent, &joint, (v, acceleration), k),
-                None => own.begin_at_base(batch.mechanism.gravity, &joint, (v, acceleration), k),
+                Some(parent) => own.propagate(simd, parent, &joint, (v, acceleration), k),
+                None => own.begin_at_base(simd, batch.mechanism.gravity, &joint, (v, acceleration), k),
             }
         }
     }
@@ -275,6 +290,7 @@ pub(crate) unsafe fn propagate_motion<T: Lane>(
 /// Columns of the terms; rotors are omitted if the rows have `momentum`.
 #[inline(always)]
 pub(crate) unsafe fn term_rows<T: Lane>(
+    simd: Simd<T>,
     batch: Batch,
     momentum: bool,
     places: &EntryMap,
@@ -291,17 +307,52 @@ pub(crate) unsafe fn term_rows<T: Lane>(
         if requested && !(momentum && term.law == Law::Rotor) {
             // SAFETY: batch and output runs are as in the head of the file; an external term has a channel of its own.
             unsafe {
-                let (followed, own) = (batch.follow::<T>(&term.joint_map, slots), batch.channels.channel(own));
-                for k in batch.lanes::<T>() {
-                    let [x, v, a] = followed.at(k);
-                    let column: T = term.law.column(x, v, a, T::load(own.add(k)));
+                let (followed, own) = (batch.follow(simd, &term.joint_map, slots), batch.channels.channel(own));
+                for k in batch.lanes(simd) {
+                    let [x, v, a] = followed.at(simd, k);
+                    let column: T = term.law.column(x, v, a, simd.load(own.add(k)));
                     for (rate, &(_, weight)) in term.joint_map.rates.iter().enumerate() {
                         let Some(place) = places_of(rate) else { continue };
-                        column.mul(batch.rate(weight, k)).store(place.add(k));
+                        column.mul(batch.rate(simd, weight, k)).store(place.add(k));
                     }
                 }
             }
         }
         first += term.joint_map.rates.len();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanism::Joint;
+    use crate::mechanism::closure::Closure;
+    use crate::regressor::regressor;
+    use crate::simd::dispatch::Backend;
+
+    #[test]
+    fn no_pointer_to_a_motion_outlives_the_call() {
+        let rotation = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let joint = Joint { parent: None, rotation, translation: [0.; 3], prismatic: false };
+        for backend in Backend::available() {
+            let pendulum =
+                Mechanism::new(core::slice::from_ref(&joint), &Closure::open(1), [0., -9.81, 0.], &[], backend)
+                    .unwrap();
+            for samples in [3, 64] {
+                let numbers = vec![0.5; samples];
+                let motion = Motion {
+                    samples,
+                    position: &numbers,
+                    velocity: &numbers,
+                    acceleration: Some(&numbers),
+                    external: &[],
+                    loops: &[],
+                };
+                regressor(&pendulum, &motion, &[5], &mut vec![0.0; samples]).unwrap();
+                let kept = WORKSPACE.take().expect("kept for the next call");
+                assert!(kept.channels.is_released(), "{backend:?}, {samples} samples");
+                WORKSPACE.set(Some(kept));
+            }
+        }
     }
 }

@@ -1,22 +1,42 @@
 //! Back ends and their choice at run time, so that one portable binary is as fast as a native build.
 
 use crate::error::Error;
+use crate::simd::portable::Portable;
+use crate::simd::token::Simd;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::x86::{Avx2, Avx512};
+use std::fmt;
 use std::sync::OnceLock;
 
 /// A back end: the instruction set that the kernels run with. Values come from detection only: where one exists, the
 /// processor can execute its instructions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub struct Backend(pub(crate) Kind);
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The token of the back end, which proves its instructions.
+#[derive(Clone, Copy)]
 pub(crate) enum Kind {
     #[cfg(target_arch = "x86_64")]
-    Avx512,
+    Avx512(Simd<Avx512>),
     #[cfg(target_arch = "x86_64")]
-    Avx2,
+    Avx2(Simd<Avx2>),
     #[cfg(target_arch = "aarch64")]
-    Neon,
-    Portable,
+    Neon(Simd<Portable<true>>),
+    Portable(Simd<Portable<false>>),
+}
+
+impl PartialEq for Backend {
+    fn eq(&self, other: &Backend) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Backend {}
+
+impl fmt::Debug for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Backend").field(&self.name()).finish()
+    }
 }
 
 impl Backend {
@@ -32,17 +52,12 @@ impl Backend {
         let mut found = Vec::new();
         #[cfg(target_arch = "x86_64")]
         {
-            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-            if avx2 && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-                found.push(Backend(Kind::Avx512));
-            }
-            if avx2 {
-                found.push(Backend(Kind::Avx2));
-            }
+            found.extend(Simd::<Avx512>::detect().map(|simd| Backend(Kind::Avx512(simd))));
+            found.extend(Simd::<Avx2>::detect().map(|simd| Backend(Kind::Avx2(simd))));
         }
         #[cfg(target_arch = "aarch64")]
-        found.push(Backend(Kind::Neon));
-        found.push(Backend(Kind::Portable));
+        found.push(Backend(Kind::Neon(Simd::portable())));
+        found.push(Backend(Kind::Portable(Simd::portable())));
         found
     }
 
@@ -88,12 +103,12 @@ impl Backend {
     pub fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => "avx512",
+            Kind::Avx512(_) => "avx512",
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => "avx2",
+            Kind::Avx2(_) => "avx2",
             #[cfg(target_arch = "aarch64")]
-            Kind::Neon => "neon",
-            Kind::Portable => "portable",
+            Kind::Neon(_) => "neon",
+            Kind::Portable(_) => "portable",
         }
     }
 
@@ -111,41 +126,44 @@ impl Backend {
     }
 }
 
-/// Compile `$generic::<Lane>` once per back end, and choose between the instances at run time. `$generic` and
-/// everything it calls must be `inline(always)`, so that they are compiled with the instance's instructions.
+/// Compile `$generic` once per back end, and choose between the instances at run time: each takes its token first, then
+/// the arguments. `$generic` and everything it calls must be `inline(always)`, so that they are compiled with the
+/// instance's instructions. What is unsafe is so for reasons of its own: the instructions are proved by the tokens.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $visibility:vis unsafe fn $name:ident = $generic:ident($($arg:ident: $kind:ty),* $(,)?)) => {
         $(#[$doc])*
         #[allow(clippy::too_many_arguments)]
         $visibility unsafe fn $name(backend: $crate::simd::dispatch::Backend, $($arg: $kind),*) {
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-            #[allow(clippy::too_many_arguments)]
-            unsafe fn avx512($($arg: $kind),*) {
-                // SAFETY: the caller's promise, passed on.
-                unsafe { $generic::<$crate::simd::x86::Avx512>($($arg),*) }
-            }
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2,fma")]
-            #[allow(clippy::too_many_arguments)]
-            unsafe fn avx2($($arg: $kind),*) {
-                // SAFETY: the caller's promise, passed on.
-                unsafe { $generic::<$crate::simd::x86::Avx2>($($arg),*) }
-            }
-            // SAFETY: a `Backend` value exists only where its instructions were detected; the other conditions are the
-            // caller's promise.
-            unsafe {
-                match backend.0 {
-                    #[cfg(target_arch = "x86_64")]
-                    $crate::simd::dispatch::Kind::Avx512 => avx512($($arg),*),
-                    #[cfg(target_arch = "x86_64")]
-                    $crate::simd::dispatch::Kind::Avx2 => avx2($($arg),*),
-                    #[cfg(target_arch = "aarch64")]
-                    $crate::simd::dispatch::Kind::Neon => $generic::<$crate::simd::portable::Portable<true>>($($arg),*),
-                    $crate::simd::dispatch::Kind::Portable => $generic::<$crate::simd::portable::Portable<false>>($($arg),*),
-                }
-            }
+            // SAFETY: the caller's promise, passed on.
+            $crate::simd::dispatch::choose!(backend, simd => unsafe { $generic(simd, $($arg),*) })
+        }
+    };
+    ($(#[$doc:meta])* $visibility:vis fn $name:ident = $generic:ident($($arg:ident: $kind:ty),* $(,)?)) => {
+        $(#[$doc])*
+        $visibility fn $name(backend: $crate::simd::dispatch::Backend, $($arg: $kind),*) {
+            $crate::simd::dispatch::choose!(backend, simd => $generic(simd, $($arg),*))
         }
     };
 }
-pub(crate) use dispatched;
+
+/// Evaluate an expression with the back end's token, compiled with its instructions.
+macro_rules! choose {
+    ($backend:expr, $simd:ident => $body:expr) => {
+        match $backend.0 {
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::dispatch::Kind::Avx512($simd) => $simd.run(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::dispatch::Kind::Avx2($simd) => $simd.run(
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(target_arch = "aarch64")]
+            $crate::simd::dispatch::Kind::Neon($simd) => $body,
+            $crate::simd::dispatch::Kind::Portable($simd) => $body,
+        }
+    };
+}
+pub(crate) use {choose, dispatched};

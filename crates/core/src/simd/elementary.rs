@@ -1,6 +1,7 @@
 //! exp, tanh, sine and cosine of lanes.
 
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// exp overflows above the first bound and vanishes below the second.
 const HIGHEST: f64 = 710.0;
@@ -14,7 +15,7 @@ const EXPONENT: f64 = WHOLE + 1023.0;
 /// subnormal results too: 2^k is applied in two factors, so that neither is out of range.
 #[inline(always)]
 pub(crate) fn exp<T: Lane>(x: T) -> T {
-    let s = T::splat;
+    let s = |c| Simd::of(x).splat(c);
     let x = T::select_gt(x, s(HIGHEST), s(HIGHEST), x);
     let x = T::select_gt(s(LOWEST), x, s(LOWEST), x);
     let k = x.fma(s(core::f64::consts::LOG2_E), s(WHOLE)).sub(s(WHOLE));
@@ -44,7 +45,7 @@ const TANH_BOUNDARY: f64 = 0.625;
 /// it 1 - 2 / (exp(2x) + 1).
 #[inline(always)]
 pub(crate) fn tanh<T: Lane>(x: T) -> T {
-    let (s, a) = (T::splat, x.xor_sign(x));
+    let (s, a) = (|c| Simd::of(x).splat(c), x.xor_sign(x));
     let z = a.mul(a);
     let above = z
         .fma(s(-9.643_991_794_250_523e-1), s(-9.928_772_310_019_186e1))
@@ -65,7 +66,7 @@ pub(crate) const WHOLE: f64 = 6_755_399_441_055_744.0;
 /// polynomials; the error is below 2 ulp of 1.
 #[inline(always)]
 pub(crate) fn sin_cos<T: Lane>(x: T) -> (T, T) {
-    let s = T::splat;
+    let s = |c| Simd::of(x).splat(c);
     let quarters = x.fma(s(core::f64::consts::FRAC_2_PI), s(WHOLE));
     let k = quarters.sub(s(WHOLE));
     let r = k.fnma(s(1.570_796_326_734_125_6), x);
@@ -104,11 +105,11 @@ mod tests {
     }
 
     #[inline(always)]
-    unsafe fn evaluate_in_lanes<T: Lane>(x: &[f64], [e, t, s, c]: &mut [Vec<f64>; 4]) {
+    unsafe fn evaluate_in_lanes<T: Lane>(simd: Simd<T>, x: &[f64], [e, t, s, c]: &mut [Vec<f64>; 4]) {
         for k in (0..x.len()).step_by(T::WIDTH) {
             // SAFETY: all arrays have the same length, a multiple of the widest lane.
             unsafe {
-                let x = T::load(x.as_ptr().add(k));
+                let x = simd.load(x.as_ptr().add(k));
                 x.exp().store(e.as_mut_ptr().add(k));
                 x.tanh().store(t.as_mut_ptr().add(k));
                 let (sine, cosine) = sin_cos(x);

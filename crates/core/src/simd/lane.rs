@@ -4,24 +4,25 @@
 //! [`crate::simd::dispatch`]).
 
 use crate::simd::elementary;
+use crate::simd::token::Simd;
 
 /// Width of the widest lane. Buffers have room for this many numbers after their last sample.
 pub(crate) const MAX_WIDTH: usize = 8;
 
 /// A few samples of one quantity. Every method is `inline(always)`: it must be inlined into a function that is compiled
-/// with the back end's instructions.
+/// with the back end's instructions. A lane is made with a token only, so that it proves the instructions itself.
 pub(crate) trait Lane: Copy {
     const WIDTH: usize;
     /// Columns of a QR panel: as many as keep their inner products in registers.
     const PANEL: usize;
     /// The same number in every sample.
-    fn splat(x: f64) -> Self;
+    fn splat(simd: Simd<Self>, x: f64) -> Self;
     /// Load a lane.
     ///
     /// # Safety
     ///
     /// `p` is valid for reading `WIDTH` numbers.
-    unsafe fn load(p: *const f64) -> Self;
+    unsafe fn load(simd: Simd<Self>, p: *const f64) -> Self;
     /// Store a lane.
     ///
     /// # Safety
@@ -62,7 +63,7 @@ pub(crate) trait Lane: Copy {
 
     #[inline(always)]
     fn neg(self) -> Self {
-        Self::splat(0.0).sub(self)
+        Simd::of(self).splat(0.0).sub(self)
     }
 
     #[inline(always)]
@@ -94,7 +95,7 @@ pub(crate) trait Lane: Copy {
             for x in &mut x[..Self::WIDTH] {
                 *x = f(*x);
             }
-            Self::load(x.as_ptr())
+            Self::load(Simd::of(self), x.as_ptr())
         }
     }
 }

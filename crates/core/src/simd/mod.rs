@@ -6,5 +6,6 @@ pub(crate) mod elementary;
 pub(crate) mod lane;
 pub(crate) mod portable;
 pub(crate) mod real;
+pub(crate) mod token;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod x86;

@@ -1,6 +1,7 @@
 //! The portable back end: plain arrays.
 
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 
 /// The sign bit of f64.
 const SIGN: u64 = 1 << 63;
@@ -26,11 +27,11 @@ impl<const FUSED: bool> Lane for Portable<FUSED> {
     const PANEL: usize = 2;
 
     #[inline(always)]
-    fn splat(x: f64) -> Self {
+    fn splat(_: Simd<Self>, x: f64) -> Self {
         Portable([x; 8])
     }
     #[inline(always)]
-    unsafe fn load(p: *const f64) -> Self {
+    unsafe fn load(_: Simd<Self>, p: *const f64) -> Self {
         // SAFETY: the caller's promise; `[f64; 8]` needs no more than the alignment of f64.
         Portable(unsafe { *p.cast::<[f64; 8]>() })
     }

@@ -2,12 +2,17 @@
 
 use crate::simd::elementary::sin_cos;
 use crate::simd::lane::{Lane, MAX_WIDTH};
+use crate::simd::token::Simd;
 use std::ops::{Add, Mul, Sub};
 
 /// Numbers that positions are composed of. As for lanes, every method must be `inline(always)`.
 pub(crate) trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// What constants are made with: the token of a lane, nothing for plain numbers.
+    type Token: Copy;
+    /// The token of a number.
+    fn token(self) -> Self::Token;
     /// A constant.
-    fn constant(x: f64) -> Self;
+    fn constant(token: Self::Token, x: f64) -> Self;
     /// `self * x` with a constant.
     fn scale(self, x: f64) -> Self;
     /// Sine and cosine.
@@ -34,7 +39,7 @@ pub(crate) trait Real: Number {
     /// Number of lanes.
     const WIDTH: usize;
     /// The number whose lane k is x(k).
-    fn gather(x: impl Fn(usize) -> f64) -> Self;
+    fn gather(token: Self::Token, x: impl Fn(usize) -> f64) -> Self;
     /// The lanes as an array.
     fn scatter(self) -> [f64; MAX_WIDTH];
     fn abs(self) -> Self;
@@ -48,13 +53,17 @@ pub(crate) trait Real: Number {
     /// `good` where the absolute value is below a limit, 0 elsewhere; a NaN is not below it.
     #[inline(always)]
     fn if_below(self, limit: f64, good: Self) -> Self {
-        Self::select(Self::constant(limit), self.abs(), good, Self::constant(0.0))
+        let constant = |x| Self::constant(self.token(), x);
+        Self::select(constant(limit), self.abs(), good, constant(0.0))
     }
 }
 
 impl Number for f64 {
+    type Token = ();
     #[inline(always)]
-    fn constant(x: f64) -> Self {
+    fn token(self) {}
+    #[inline(always)]
+    fn constant((): (), x: f64) -> Self {
         x
     }
     #[inline(always)]
@@ -70,7 +79,7 @@ impl Number for f64 {
 impl Real for f64 {
     const WIDTH: usize = 1;
     #[inline(always)]
-    fn gather(x: impl Fn(usize) -> f64) -> Self {
+    fn gather((): (), x: impl Fn(usize) -> f64) -> Self {
         x(0)
     }
     #[inline(always)]
@@ -131,9 +140,14 @@ impl<N: Number> Mul for Dual<N> {
 }
 
 impl<N: Number> Number for Dual<N> {
+    type Token = N::Token;
     #[inline(always)]
-    fn constant(x: f64) -> Self {
-        Dual { value: N::constant(x), rate: N::constant(0.0) }
+    fn token(self) -> N::Token {
+        self.value.token()
+    }
+    #[inline(always)]
+    fn constant(token: N::Token, x: f64) -> Self {
+        Dual { value: N::constant(token, x), rate: N::constant(token, 0.0) }
     }
     #[inline(always)]
     fn scale(self, x: f64) -> Self {
@@ -142,7 +156,8 @@ impl<N: Number> Number for Dual<N> {
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let (s, c) = self.value.sin_cos();
-        (Dual { value: s, rate: c * self.rate }, Dual { value: c, rate: N::constant(0.0).sub_product(s, self.rate) })
+        let none = N::constant(self.token(), 0.0);
+        (Dual { value: s, rate: c * self.rate }, Dual { value: c, rate: none.sub_product(s, self.rate) })
     }
     #[inline(always)]
     fn add_product(self, a: Self, b: Self) -> Self {
@@ -191,13 +206,18 @@ impl<T: Lane> Mul for LaneNumber<T> {
 }
 
 impl<T: Lane> Number for LaneNumber<T> {
+    type Token = Simd<T>;
     #[inline(always)]
-    fn constant(x: f64) -> Self {
-        LaneNumber(T::splat(x))
+    fn token(self) -> Simd<T> {
+        Simd::of(self.0)
+    }
+    #[inline(always)]
+    fn constant(simd: Simd<T>, x: f64) -> Self {
+        LaneNumber(simd.splat(x))
     }
     #[inline(always)]
     fn scale(self, x: f64) -> Self {
-        LaneNumber(self.0.mul(T::splat(x)))
+        LaneNumber(self.0.mul(self.token().splat(x)))
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
@@ -214,18 +234,18 @@ impl<T: Lane> Number for LaneNumber<T> {
     }
     #[inline(always)]
     fn add_scaled(self, a: Self, x: f64) -> Self {
-        LaneNumber(a.0.fma(T::splat(x), self.0))
+        LaneNumber(a.0.fma(self.token().splat(x), self.0))
     }
 }
 
 impl<T: Lane> Real for LaneNumber<T> {
     const WIDTH: usize = T::WIDTH;
     #[inline(always)]
-    fn gather(x: impl Fn(usize) -> f64) -> Self {
+    fn gather(simd: Simd<T>, x: impl Fn(usize) -> f64) -> Self {
         let mut each = [0.0; MAX_WIDTH];
         (0..T::WIDTH).for_each(|k| each[k] = x(k));
         // SAFETY: the array has room for the widest lane.
-        LaneNumber(unsafe { T::load(each.as_ptr()) })
+        LaneNumber(unsafe { simd.load(each.as_ptr()) })
     }
     #[inline(always)]
     fn scatter(self) -> [f64; MAX_WIDTH] {
@@ -252,7 +272,7 @@ impl<T: Lane> Real for LaneNumber<T> {
     }
     #[inline(always)]
     fn all_greater(self, least: f64) -> bool {
-        let (one, none) = (T::splat(1.0), T::splat(0.0));
-        T::select_gt(self.0, T::splat(least), one, none).sum() == T::WIDTH as f64
+        let splat = |x| self.token().splat(x);
+        T::select_gt(self.0, splat(least), splat(1.0), splat(0.0)).sum() == T::WIDTH as f64
     }
 }

@@ -1,7 +1,8 @@
-//! Back ends over the vector registers of x86-64. Values of these types exist only inside functions compiled with the
-//! matching `target_feature`, which a [`crate::simd::dispatch::Backend`] guards: that makes the intrinsics safe to
-//! call.
+//! Back ends over the vector registers of x86-64. A lane is made with its token or of other lanes only, see
+//! [`crate::simd::token`]: where one exists the processor has its instructions, which makes the intrinsics safe to call.
+
 use crate::simd::lane::Lane;
+use crate::simd::token::Simd;
 use core::arch::x86_64::*;
 
 #[derive(Clone, Copy)]
@@ -16,19 +17,19 @@ macro_rules! intrinsic {
             const WIDTH: usize = $width;
             const PANEL: usize = $panel;
             #[inline(always)]
-            fn splat(x: f64) -> Self {
-                // SAFETY: AVX2 and FMA, or AVX-512F and DQ, are there wherever this type is used (see the head of the
-                // file), as for all below.
+            fn splat(_: Simd<Self>, x: f64) -> Self {
+                // SAFETY: the token proves AVX2 and FMA, or AVX-512F and DQ; below a lane does (see the head of the
+                // file).
                 unsafe { $name($splat(x)) }
             }
             #[inline(always)]
-            unsafe fn load(p: *const f64) -> Self {
-                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is readable.
+            unsafe fn load(_: Simd<Self>, p: *const f64) -> Self {
+                // SAFETY: the token proves the instructions; the caller promises that `p` is readable.
                 unsafe { $name($load(p)) }
             }
             #[inline(always)]
             unsafe fn store(self, p: *mut f64) {
-                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is writable.
+                // SAFETY: the lane proves the instructions; the caller promises that `p` is writable.
                 unsafe { $store(p, self.0) }
             }
             #[inline(always)]
@@ -38,67 +39,67 @@ macro_rules! intrinsic {
             }
             #[inline(always)]
             fn add(self, b: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($add(self.0, b.0)) }
             }
             #[inline(always)]
             fn sub(self, b: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($sub(self.0, b.0)) }
             }
             #[inline(always)]
             fn mul(self, b: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($mul(self.0, b.0)) }
             }
             #[inline(always)]
             fn div(self, b: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($div(self.0, b.0)) }
             }
             #[inline(always)]
             fn sqrt(self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($sqrt(self.0)) }
             }
             #[inline(always)]
             fn fma(self, b: Self, c: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($fma(self.0, b.0, c.0)) }
             }
             #[inline(always)]
             fn fnma(self, b: Self, c: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($fnma(self.0, b.0, c.0)) }
             }
             #[inline(always)]
             fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($select(a.0, b.0, x.0, y.0)) }
             }
             #[inline(always)]
             fn shift_left<const BY: u32>(self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($shift_left(self.0, BY)) }
             }
             #[inline(always)]
             fn xor(self, b: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($xor(self.0, b.0)) }
             }
             #[inline(always)]
             fn select_sign(mask: Self, x: Self, y: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($select_sign(mask.0, x.0, y.0)) }
             }
             #[inline(always)]
             fn xor_sign(self, sign: Self) -> Self {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $name($xor_sign(self.0, sign.0)) }
             }
             #[inline(always)]
             fn sum(self) -> f64 {
-                // SAFETY: see `splat`.
+                // SAFETY: the lane proves the instructions.
                 unsafe { $sum(self.0) }
             }
         }
