@@ -34,7 +34,7 @@ from haptid.study.pool import Pool, identify_pool
 DEVICE, RATE_HZ, PERIOD = "phantom_premium_15", 1000.0, 20_000
 SIZES, FILE = (10**5, 10**6, 10**7, 10**8), 500_000
 # Files of the runs on a cluster, at three sizes; pairs of runs with one worker and two; empty tasks.
-FILES, PAIRS, EMPTY = (2, 4, 8), 3, 200
+FILES, PAIRS, EMPTY = (4, 8, 16), 4, 200
 # Settings of the C library's allocator in workers. Dask's own give memory back at every array: twice the work.
 KEPT = {"MALLOC_TRIM_THRESHOLD_": "1000000000", "MALLOC_MMAP_THRESHOLD_": "33554432"}
 # Of the extrapolation: samples, workers, and what is assumed, bytes/s: of each worker, of the store to all together.
