@@ -214,3 +214,22 @@ def test_advice_names_the_joint_or_motor(clean):
     names = clean.base.names
     assert "motor 2" in advice(clean, names.index("FV2"))
     assert "joint be" in advice(clean, names.index("ZZbeR"))
+
+
+@pytest.mark.parametrize("seed", [8, 15, 23])
+def test_dry_friction_at_reversals_is_no_outlier(seed):
+    """Its sign is known to some samples only; the fraction of the residual power there was above the limit."""
+    found = diagnose(estimated(log(seed)))["normality"]
+    assert found.status != "bad"
+    assert found.figures["outliers at reversals"] > 0
+
+
+def test_a_contact_in_motion_is_an_outlier():
+    made = log(8)
+    speed = np.abs(np.gradient(np.asarray(made.position)[:, 0]))
+    fast = 2000 + int(np.argmax(np.convolve(speed, np.ones(200), mode="same")[2000:-2000]))
+    torque = np.array(made.torque)
+    torque[fast - 5 : fast + 5, 0] += 2.0 * torque[:, 0].std()
+    found = diagnose(estimated(replace(made, torque=torque)))["normality"]
+    assert (found.status, found.figures["outliers"] > 0) == ("bad", True)
+    assert "motor 1" in found.sentence

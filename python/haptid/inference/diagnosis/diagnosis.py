@@ -121,7 +121,7 @@ def _on_rows(estimate: Estimate, instruments: Instruments, left: Residuals) -> I
     """Findings on single rows."""
     rows = device_rows(estimate)
     yield whiteness(estimate, left)
-    yield normality(left)
+    yield normality(left, left.velocity[rows])
     yield heteroscedasticity(left, left.velocity[rows])
     yield from _added_variables(estimate, left, instruments)
     yield lack_of_fit.ripple(lack_of_fit.friction_coordinates(estimate.model, rows), left, rows)
