@@ -17,7 +17,7 @@ from haptid.inference.diagnosis.exogeneity import narrowly_filtered
 from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
 from haptid.inference.diagnosis.plausibility import confusions, unit_error
-from haptid.inference.diagnosis.residuals import residuals
+from haptid.inference.diagnosis.residuals import normality, residuals
 from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.elimination import not_identifiable
 from haptid.observation.augmented import torque_rates
@@ -233,3 +233,11 @@ def test_a_contact_in_motion_is_an_outlier():
     found = diagnose(estimated(replace(made, torque=torque)))["normality"]
     assert (found.status, found.figures["outliers"] > 0) == ("bad", True)
     assert "motor 1" in found.sentence
+
+
+def test_nothing_is_said_of_normality_where_the_motor_turns_in_every_window(clean):
+    left = residuals(clean)
+    turning = np.where(np.arange(left.e.shape[1]) % 4 < 2, 1.0, -1.0)
+    found = normality(left, np.tile(turning, (len(left.e), 1)))
+    assert (found.status, found.figures["outliers"]) == ("ok", 0)
+    assert not any(name.startswith("skewness") for name in found.figures)

@@ -308,14 +308,17 @@ def normality(left: Residuals, velocity: Array) -> Finding:
     for label, e, speed in zip(left.labels, left.e, velocity, strict=True):
         near = near_reversals(speed, (left.filter_stride + 1) // 2)
         independent = thinned(np.where(near, np.nan, e), left.filter_stride)
-        skewness, kurtosis, alone = dagostino_pearson(independent)
-        p.append(alone if len(independent) >= _FEWEST else 1.0)
+        if len(independent) >= _FEWEST:
+            skewness, kurtosis, alone = dagostino_pearson(independent)
+            p.append(alone)
+            figures |= {f"skewness {label}": skewness, f"excess_kurtosis {label}": kurtosis}
+        else:
+            p.append(1.0)
         is_outlier = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
         at_reversals += int((is_outlier & near).sum())
         is_outlier &= ~near
         outlier_counts += int(is_outlier.sum())
         power = max(power, float(np.sum(e[is_outlier] ** 2) / np.nansum(e**2)))
-        figures |= {f"skewness {label}": skewness, f"excess_kurtosis {label}": kurtosis}
     corrected = holm_adjusted(np.array(p))
     least = float(corrected.min())
     status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
