@@ -273,10 +273,10 @@ def standardised(e: Array) -> Array:
     return np.asarray(centred * _NORMAL_MAD / max(float(np.nanmedian(np.abs(centred))), np.finfo(float).tiny))
 
 
-def thinned(e: Array, stride: int) -> Array:
-    """Rows of a residual so far apart that they are nearly uncorrelated."""
-    rows = e[:: max(stride, int(np.ceil(autocorrelation_time(e))))]
-    return np.asarray(rows[np.isfinite(rows)])
+def thinned(e: Array, stride: int, clear: np.ndarray) -> Array:
+    """Rows of a residual so far apart that they are nearly uncorrelated, those of them that are clear."""
+    apart = slice(None, None, max(stride, int(np.ceil(autocorrelation_time(e)))))
+    return np.asarray(e[apart][clear[apart] & np.isfinite(e[apart])])
 
 
 def outliers(e: Array, rows: float) -> np.ndarray:
@@ -307,7 +307,7 @@ def normality(left: Residuals, velocity: Array) -> Finding:
     figures: dict[str, float] = {}
     for label, e, speed in zip(left.labels, left.e, velocity, strict=True):
         near = near_reversals(speed, (left.filter_stride + 1) // 2)
-        independent = thinned(np.where(near, np.nan, e), left.filter_stride)
+        independent = thinned(e, left.filter_stride, ~near)
         if len(independent) >= _FEWEST:
             skewness, kurtosis, alone = dagostino_pearson(independent)
             p.append(alone)
