@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet as parquet
 import pytest
 
 import haptid
@@ -22,7 +24,7 @@ def held(swing, seed=0):
     position = np.concatenate([log.position[:, 0], log.position[-1, 0] + rest])
     torque = np.concatenate([log.torque[:, 0], 0.05 * np.random.default_rng(seed).standard_normal(len(rest))])
     seen = STEP * np.round(position / STEP)
-    return replace(log, t=t, position=seen[:, None], torque=torque[:, None])
+    return replace(log, t=t, position=seen[:, None], torque=torque[:, None], segments=())
 
 
 def found(log):
@@ -62,3 +64,22 @@ def test_other_rest_is_no_limit_cycle(swing):
 def test_motion_is_no_limit_cycle_in_a_diagnosis():
     (log,) = recorded(Axis(), [1], 8.0)
     assert haptid.diagnose(estimated(Axis(), log))["limit cycle"].status == "ok"
+
+
+def test_times_behind_a_gap_are_those_of_the_log():
+    """The hold begins at 6 s of samples; 100 s are lost there, and the stamps are those of a clock that ran before."""
+    log = held(lambda t: 0.005 * np.sin(2 * np.pi * 7.3 * t))
+    t = log.t + 12_340 + np.where(np.arange(len(log.t)) < 6000, 0.0, 100.0)
+    finding = found(replace(log, t=t, segments=((0, 6000), (6000, 14_000))))
+    assert "exclude = [[12446, 12454]]" in finding.sentence
+
+
+def test_a_log_on_disk_is_looked_at_too(tmp_path):
+    log = held(lambda t: 0.005 * np.sin(2 * np.pi * 7.3 * t))
+    channels = replace(log.channels, time="t")
+    columns = {"t": log.t, channels.position.channels[0]: log.position[:, 0]}
+    columns[channels.torque.channels[0]] = log.torque[:, 0]
+    parquet.write_table(pyarrow.table(columns), tmp_path / "held.parquet")
+    opened = haptid.open_log(tmp_path / "held.parquet", channels)
+    assert found(opened).sentence == found(log).sentence
+    assert haptid.diagnose(estimated(Axis(), opened))["limit cycle"].status == "bad"

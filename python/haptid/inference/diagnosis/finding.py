@@ -52,6 +52,11 @@ def graded(p: float, explained: float) -> Status:
     return "bad" if explained > _LARGE else "doubt"
 
 
+def shown_time(seconds: float) -> str:
+    """An instant of a log in seconds, to the millisecond, as it can be copied into a study."""
+    return f"{round(seconds, 3):.13g}"
+
+
 def joined_names(names: Sequence[str], most: int = 4) -> str:
     """Names as text, the first few of many."""
     shown = list(names[:most])

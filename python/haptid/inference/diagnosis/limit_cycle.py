@@ -16,7 +16,7 @@ from scipy import fft
 
 from haptid._internal.arrays import Array
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis.finding import Finding
+from haptid.inference.diagnosis.finding import Finding, shown_time
 from haptid.log import Log
 from haptid.log.spectrum import spectra
 from haptid.motion.channels import position_channels
@@ -57,8 +57,8 @@ def limit_cycle(estimate: Estimate) -> Finding | None:
     names = position_channels(device, log.channels.position.side)
     figures, named, windows = dict[str, float](), list[str](), list[float]()
     steps = [spectrum.step for spectrum in spectra(log)]
-    for k, name in enumerate(names):
-        found = _cycles(log, k, steps[k])
+    for k, (name, x) in enumerate(zip(names, log.position.T, strict=False)):  # of a log on disk one at a time
+        found = _cycles(log, np.asarray(x), steps[k])
         if found is None:
             continue
         size, period = float(np.median(found.size)), float(np.median(found.period))
@@ -75,7 +75,7 @@ def limit_cycle(estimate: Estimate) -> Finding | None:
         )
     if not named:
         return Finding("limit cycle", "ok", figures, "No position that is held goes back and forth.")
-    parts = ", ".join(f"[{a:.4g}, {b:.4g}]" for a, b in _joined(windows))
+    parts = ", ".join(f"[{shown_time(a)}, {shown_time(b)}]" for a, b in _joined(windows))
     text = (
         f"Held positions go back and forth without decaying: {'; '.join(named)}. Play or dry friction with a "
         f"controller that integrates does this. Rows of it say nothing of the links: exclude = [{parts}] in [[logs]]."
@@ -83,24 +83,22 @@ def limit_cycle(estimate: Estimate) -> Finding | None:
     return Finding("limit cycle", "bad", figures, text)
 
 
-def _cycles(log: Log, channel: int, step: float) -> _Cycles | None:
+def _cycles(log: Log, x: Array, step: float) -> _Cycles | None:
     """Windows in which a channel swings; None where they are few or differ."""
-    x, dt = np.asarray(log.position[:, channel], dtype=float), float(log.dt)
+    dt, most = float(log.dt), _HELD * float(np.ptp(x))
     length = round(_WINDOW / dt)
-    count = len(x) // length
-    if count < _FEWEST or length < 2 * _PERIODS * _SAMPLES:
+    if length < 2 * _PERIODS * _SAMPLES:
         return None
-    parts, most = x[: count * length].reshape(count, length), _HELD * float(np.ptp(x))
-    held = [k for k in range(count) if np.ptp(parts[k]) < most]
-    swings = [(k, *found) for k in held if (found := _swing(parts[k], _STEPS * step)) is not None]
+    begins = [k for start, stop in log.segments for k in range(start, stop - length + 1, length)]
+    held = [k for k in begins if np.ptp(x[k : k + length]) < most]
+    swings = [(log.t[k], *found) for k in held if (found := _swing(x[k : k + length], _STEPS * step)) is not None]
     if len(swings) < _FEWEST:
         return None
-    place, size, lag = np.array(swings).T
+    begin, size, lag = np.array(swings, dtype=float).T
     same = np.abs(lag / np.median(lag) - 1) < _SAME
     if same.sum() < max(_FEWEST, 0.5 * len(swings)):
         return None
-    begin = float(log.t[0]) + place[same] * length * dt
-    return _Cycles(begin, size[same], lag[same] * dt)
+    return _Cycles(begin[same], size[same], lag[same] * dt)
 
 
 def _swing(x: Array, least: float) -> tuple[float, float] | None:
@@ -134,7 +132,7 @@ def _joined(begins: list[float]) -> list[tuple[float, float]]:
     """Times from begin to end, s, of windows one behind the other."""
     made = list[tuple[float, float]]()
     for begin in sorted(set(begins)):
-        if made and begin <= made[-1][1] + 1e-6:
+        if made and begin <= made[-1][1] + 0.05 * _WINDOW:  # windows are whole samples long
             made[-1] = made[-1][0], begin + _WINDOW
         else:
             made.append((begin, begin + _WINDOW))

@@ -327,7 +327,9 @@ def normality(left: Residuals, velocity: Array) -> Finding:
     labels = joined_names(
         [label for label, probability in zip(left.labels, corrected, strict=True) if probability < SIGNIFICANCE]
     )
-    if status == "ok":
+    if not any(name.startswith("skewness") for name in figures):
+        sentence = "Normality is not tested: the filter of nearly every row reaches a reversal of its motor."
+    elif status == "ok":
         sentence = (
             f"No significant departure from normality away from reversals (p = {least:.2g}, limit {SIGNIFICANCE:g})."
         )

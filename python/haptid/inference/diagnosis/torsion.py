@@ -20,7 +20,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate, MotorSide
 from haptid.inference.diagnosis.added_variable import device_rows
-from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, shown_time
 from haptid.motion.motion import treat
 from haptid.observation.plan import Plan
 from haptid.observation.rows import Chunk
@@ -30,6 +30,8 @@ from haptid.uncertainty.quantities import half_width
 # Length of log that is looked at, s; clusters of its rows, and the share of rows before the first slip and behind the
 # last that tells it from an outlier.
 _SECONDS, _CLUSTERS, _END = 120.0, 30, 0.03
+# Share of a log's length above which it counts as looked at as a whole.
+_MOST_OF = 0.9
 # A slip or play is named where it explains this share of the residual; the most slips of one motor.
 _SLIP, _PLAY, _MOST = 0.2, 0.5, 6
 # Rows on either side of a slip that count neither for its size nor for other slips.
@@ -79,7 +81,8 @@ def torsion_findings(estimate: Estimate) -> tuple[Finding, ...]:
     motors = list(_torsions(estimate))
     if not motors:
         return ()
-    return _slip(motors), _play(estimate, motors)
+    log = estimate.observation.motions[0].log
+    return _slip(motors, 0.0 if log is None else len(log.t) * float(log.dt)), _play(estimate, motors)
 
 
 def _torsions(estimate: Estimate) -> Iterator[_Torsion]:
@@ -119,9 +122,16 @@ def _with_one(W: Array, last: int | None = None) -> Array:
     return np.column_stack([np.ones(len(W)), W[:, some], *([] if last is None else [W[:, last]])])
 
 
-def _slip(motors: list[_Torsion]) -> Finding:
-    """Steps of the torsion."""
+def _slip(motors: list[_Torsion], whole: float) -> Finding:
+    """Steps of the torsion.
+
+    Args:
+        whole: length of the log, s.
+    """
     figures, named = dict[str, float](), list[str]()
+    begin, end = float(motors[0].t[0]), float(motors[0].t[-1])
+    of = f" Looked for from {shown_time(begin)} to {shown_time(end)} s only, where most moves."
+    of = of if end - begin < _MOST_OF * whole else ""
     for motor in motors:
         at = sorted(_steps(motor))
         value, half_widths = _slip_sizes(motor, at)
@@ -133,15 +143,16 @@ def _slip(motors: list[_Torsion]) -> Finding:
                 for what, value in (("at", motor.t[k]), ("size", size), ("low", size - half), ("high", size + half))
             }
             named.append(
-                f"{motor.label} at {motor.t[k]:.4g} s by {size:.3g} {motor.unit} "
-                f"({size - half:.3g} .. {size + half:.3g} at 95 %)"
+                f"{motor.label} at {shown_time(motor.t[k])} s by {size:.3g} {motor.unit} "
+                f"({size - half:.3g} .. {size + half:.3g} by the noise alone)"
             )
     if not named:
-        return Finding("slip", "ok", figures, "No sign of a cable or coupling that slips.")
+        return Finding("slip", "ok", figures, "No sign of a cable or coupling that slips." + of)
     low, high = _longest(motors[0].t, sorted(v for name, v in figures.items() if name.endswith(", at")))
     text = (
         f"The transmission slips: {'; '.join(named)}. Tighten it; to identify from this log, leave out what is not "
-        f"between two slips: time_range = [{low:.4g}, {high:.4g}] in its [[logs]] is the longest part."
+        f"between two slips: time_range = [{shown_time(low)}, {shown_time(high)}] in its [[logs]] is the longest "
+        f"part.{of}"
     )
     return Finding("slip", "bad", figures, text)
 
