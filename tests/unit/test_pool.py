@@ -190,6 +190,99 @@ def test_a_broken_file_is_listed_and_stops_nothing(runs, found, tmp_path):
         identify_pool(read_study(runs.study), str(tmp_path))
 
 
+@pytest.fixture
+def one_good_of_three(tmp_path, monkeypatch):
+    """A data set whose rows are in one time block."""
+    monkeypatch.setattr(pool, "MOST_BLOCKS", 3)
+    folder = tmp_path / "set"
+    folder.mkdir()
+    parquet.write_table(pa.table(columns(20)), folder / "part-2.parquet")
+    for k in (10, 1):
+        (folder / f"part-{k}.parquet").write_bytes(b"PAR1 and no more PAR1")
+    return folder
+
+
+def test_one_block_has_an_estimate_and_no_errors_on_unseen_ones(runs, one_good_of_three, tmp_path):
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["pool", str(runs.study), str(one_good_of_three), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    values = valid("pool", (out / "pool.json").read_text())
+    assert values["unseen_error_percent"] is None
+    assert any("left out: the files that give rows are in 1 time block" in line for line in values["sentences"])
+    assert [one["value"] for one in values["parameters"]] == pytest.approx([0.1] * 8 + [0.12] * 2, rel=0.02)
+    assert all(one["se"] is None for one in values["parameters"])
+    with (out / "files.csv").open() as file:
+        assert [bool(row["problem"]) for row in csv.DictReader(file)] == [True, False, True]
+
+
+def test_halves_that_do_not_determine_the_parameters_give_no_errors(runs, one_good_of_three, monkeypatch):
+    def of_all_rows(rows, *args):
+        if len(rows.blocks) < 2:
+            raise haptid.errors.NoRowsError("too few.", advice="Record more.")
+        return haptid.estimate(rows, *args)
+
+    (one_good_of_three / "part-1.parquet").unlink()
+    parquet.write_table(pa.table(columns(21)), one_good_of_three / "part-1.parquet")
+    monkeypatch.setattr(pool, "estimate", of_all_rows)
+    found = identify_pool(read_study(runs.study), str(one_good_of_three))
+    assert found.unseen is None
+    assert found.sentences[-2].endswith("2 time blocks, and every other one alone is too little: too few.")
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_files_csv_is_written_where_the_rows_give_no_estimate(runs, one_good_of_three, tmp_path, monkeypatch, good):
+    if good:
+
+        def fails(*_):
+            raise haptid.errors.IdentifiabilityError("collinear.")
+
+        monkeypatch.setattr(pool, "estimate", fails)
+    else:
+        (one_good_of_three / "part-2.parquet").write_bytes(b"PAR1 nor this PAR1")
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["pool", str(runs.study), str(one_good_of_three), "--out", str(out)])
+    assert done.exit_code == 2
+    assert "files.csv" in done.output
+    assert not (out / "pool.json").exists()
+    with (out / "files.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == ["part-1.parquet", "part-2.parquet", "part-10.parquet"]
+    assert [not row["problem"] for row in rows] == [False, good, False]
+
+
+def test_a_defect_that_one_file_shows_is_listed_first_and_stops_nothing(runs, tmp_path, monkeypatch):
+    for k in range(2):
+        parquet.write_table(pa.table(columns(20 + k)), tmp_path / f"b-{k}.parquet")
+    for k in range(6):
+        (tmp_path / f"a-{k}.parquet").write_bytes(b"PAR1 and no more PAR1")
+    read = pool.read_entry
+
+    def broken(entry, *args):
+        if entry.path.endswith("b-1.parquet"):
+            raise IndexError("index 7\nis out of bounds")
+        return read(entry, *args)
+
+    monkeypatch.setattr(pool, "read_entry", broken)
+    found = identify_pool(read_study(runs.study), str(tmp_path))
+    problem = found.files[-1].problem
+    assert problem.startswith("defect of haptid, please report it with the file: IndexError in test_pool.py:")
+    assert problem.endswith(": index 7 is out of bounds")
+    assert found.sentences[1] == f"b-1.parquet: {problem}"
+    assert [one.name for one in found.files if not one.problem] == ["b-0.parquet"]
+
+
+def test_what_of_the_study_does_not_count_is_said(runs, found):
+    assert not found.notes
+    path = runs.study.with_name("parts.toml")
+    text = STUDY.replace('path = "log.csv"', 'path = "log.csv"\ntime_range = [0.5, 5.5]\nexclude = [[2.0, 2.5]]')
+    path.write_text(f'{text}[estimate]\nuse = "free"\n[criteria]\nrelative_error_percent = 5\n', encoding="utf-8")
+    parts = identify_pool(read_study(path), str(runs.folder))
+    assert [one.samples for one in parts.files] == [one.samples for one in found.files]
+    said = "\n".join(parts.sentences)
+    for what in ("`time_range`, `exclude` of the study's own logs", '`use = "free"`', "at most 5 % on unseen rows"):
+        assert what in said
+
+
 def test_the_same_file_twice_is_refused(runs, tmp_path):
     for k in range(2):
         parquet.write_table(pa.table(columns(20)), tmp_path / f"{k}.parquet")
@@ -208,6 +301,11 @@ def test_methods_that_need_the_samples_are_refused(runs):
 def test_sources_without_logs_are_errors(tmp_path, monkeypatch):
     with pytest.raises(LogFileError, match="has no log files"):
         data_files(str(tmp_path))
+    with pytest.raises(LogFileError, match=r"runs does not exist\. Give a folder"):
+        data_files(str(tmp_path / "runs"))
+    (tmp_path / "log.csv").write_text("t,q\n", encoding="utf-8")
+    with pytest.raises(LogFileError, match=r"log\.csv is a file, not a folder .* `haptid identify`"):
+        data_files(str(tmp_path / "log.csv"))
     pytest.importorskip("fsspec")
     with pytest.raises(LogFileError, match=r"nowhere://a cannot be read: ValueError"):
         data_files("nowhere://a")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into
+from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into, err
 
 if TYPE_CHECKING:
-    from haptid.study.pool import Pool
+    from haptid.study.pool import FileWork, Pool
 
 HELP = """\
 Identify one device from all log files of a data set together, however many there are.
@@ -23,7 +23,8 @@ treatment is proposed from its own logs. A file that cannot be read is listed wi
 
 - `pool.json`: parameters with 95 % intervals, errors on unseen blocks, work on every file
 - `parameters.csv`: the parameters
-- `files.csv`: every file: worker, seconds of fetching, reading and reducing, bytes, samples, rows, problem
+- `files.csv`: every file: worker, seconds of fetching, reading and reducing, bytes, samples, rows, problem; also where
+  the rows of the files give no estimate, then alone
 
 Exit status: 0 on success, 2 on an error in the study, in its own logs, or where no file can be used.
 
@@ -44,14 +45,18 @@ def pool(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
+    from haptid._internal.atomic_folder import publishing
     from haptid._internal.escaping import write_csv
     from haptid.cli.outputs import output_text
     from haptid.cli.work import workers
+    from haptid.log.formats.folders import natural
     from haptid.study import read_study
-    from haptid.study.pool import identify_pool
+    from haptid.study.pool import identify_pool, work_table
+
+    works: list[FileWork] = []
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
-        found = identify_pool(read_study(study), source, data, progress, workers(count, scheduler))
+        found = identify_pool(read_study(study), source, data, progress, workers(count, scheduler), works.append)
         made = values(found)
         text = output_text("pool", made)
         (folder / "pool.json").write_text(text, encoding="utf-8")
@@ -60,7 +65,14 @@ def pool(
         write_csv(folder / "files.csv", found.file_table())
         return text, found.summary()
 
-    compute_into(out_folder, quiet, as_json, compute)
+    try:
+        compute_into(out_folder, quiet, as_json, compute)
+    except Exception:
+        if works:
+            with publishing(out_folder) as folder:
+                write_csv(folder / "files.csv", work_table(sorted(works, key=lambda one: natural(one.name))))
+            err.print(f"Work on every file, with its problem, in {out_folder / 'files.csv'}", soft_wrap=True)
+        raise
 
 
 def values(found: Pool) -> dict[str, Any]:
@@ -78,7 +90,7 @@ def values(found: Pool) -> dict[str, Any]:
         "treatment": treatment(found.treatment),
         "status": one.status,
         "parameters": [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)],
-        "unseen_error_percent": found.unseen.relative,
+        "unseen_error_percent": found.unseen and found.unseen.relative,
         "seconds": found.seconds,
         "files": [asdict(file) for file in found.files],
         "sentences": list(found.sentences),

@@ -56,7 +56,7 @@ def data_files(source: str) -> tuple[DataFile, ...]:
         source: a folder, or a URL of one; credentials are those of fsspec's configuration or the provider's.
 
     Raises:
-        LogFileError: there is no log in it, or it cannot be listed.
+        LogFileError: it does not exist, is a file, has no log in it, or cannot be listed.
         MissingDependencyError: fsspec, or its package for this kind of URL, is not installed.
     """
     if "://" in source:
@@ -67,6 +67,7 @@ def data_files(source: str) -> tuple[DataFile, ...]:
         found = [DataFile(url[len(base) + 1 :], url, int(info["size"] or 0)) for url, info in listed.items()]
     else:
         folder = Path(source)
+        _refuse_no_folder(folder)
         paths = [path for path in folder.rglob("*") if path.is_file()]
         found = [
             DataFile(path.relative_to(folder).as_posix(), str(path.absolute()), path.stat().st_size) for path in paths
@@ -83,6 +84,20 @@ def data_files(source: str) -> tuple[DataFile, ...]:
             advice="Give a folder of Parquet files, or of other logs, or its URL.",
         )
     return tuple(sorted(logs, key=lambda file: natural(file.name)))
+
+
+def _refuse_no_folder(folder: Path) -> None:
+    """Raise LogFileError where there is no folder."""
+    if folder.is_dir():
+        return
+    there = folder.exists()
+    raise LogFileError(
+        f"{folder} is a file, not a folder of log files." if there else f"{folder} does not exist.",
+        where=str(folder),
+        advice="Give the folder that it is in, or identify it alone with `haptid identify`."
+        if there
+        else "Give a folder of log files, or its URL.",
+    )
 
 
 def _file_system(url: str) -> tuple[Any, str]:

@@ -6,6 +6,7 @@ import os
 import pickle
 import platform
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from haptid._internal.arrays import freeze
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HaptidError, LogFileError, SharedRowsError
+from haptid.errors import EstimationError, HaptidError, LogFileError, SharedRowsError
 from haptid.estimation import OLS, WLS, Estimate, estimate
 from haptid.estimation.method import Fitting
 from haptid.estimation.nonlinear.load_friction import has_nonlinear_constants
@@ -37,8 +38,9 @@ from haptid.treatment_choice.propose import Proposal, propose
 from haptid.uncertainty.quantities import aligned
 from haptid.validation.validation import Validation, pooled, validate
 
-# Files of which the problem is printed.
+# Files of which the problem is printed, those with a defect first.
 _SHOWN = 5
+_DEFECT = "defect of haptid"
 _Progress = Callable[[str, float], None]
 
 
@@ -95,17 +97,19 @@ class Pool:
         name: of the study.
         treatment: of all files, as the study's own logs propose it.
         estimate: from the rows of all files.
-        unseen: errors of alternate blocks, each predicted from the others.
+        unseen: errors of alternate blocks, each predicted from the others; None where the blocks are too few.
         files: the work on each.
         seconds: from the first file to the last, s of the clock.
+        notes: what of the study does not count for the files, and why errors are left out.
     """
 
     name: str
     treatment: Treatment
     estimate: Estimate
-    unseen: Validation
+    unseen: Validation | None
     files: tuple[FileWork, ...] = field(repr=False)
     seconds: float
+    notes: tuple[str, ...] = ()
 
     @property
     def failed(self) -> tuple[FileWork, ...]:
@@ -121,11 +125,13 @@ class Pool:
         good = [one for one in self.files if not one.problem]
         samples, gigabytes = sum(one.samples for one in good), sum(one.fetched for one in good) / 1e9
         yield f"{len(good)} of {len(self.files)} files, {samples:.4g} samples and {gigabytes:.3g} GB, are identified."
-        for one in self.failed[:_SHOWN]:
+        for one in sorted(self.failed, key=lambda one: not one.problem.startswith(_DEFECT))[:_SHOWN]:
             yield f"{one.name}: {one.problem}"
         if len(self.failed) > _SHOWN:
             yield f"{len(self.failed) - _SHOWN} more files failed: files.csv has their problems."
-        yield f"Error on unseen blocks: {self.unseen.relative:.3g} %."
+        if self.unseen is not None:
+            yield f"Error on unseen blocks: {self.unseen.relative:.3g} %."
+        yield from self.notes
         processor, slowest = sum(one.processor for one in self.files), max(self.files, key=lambda one: one.seconds)
         yield (
             f"It took {self.seconds:.3g} s on {len({one.worker for one in self.files})} workers, {processor:.3g} s of "
@@ -135,14 +141,19 @@ class Pool:
 
     def file_table(self) -> list[list[object]]:
         """Every file and its work, with a row of headings."""
-        names = [*FileWork.__dataclass_fields__]
-        return [list(names), *([getattr(one, name) for name in names] for one in self.files)]
+        return work_table(self.files)
 
     def summary(self) -> str:
         """A table of the parameters, then the sentences."""
         rows = [["parameter", "value", "se", "unit"]]
         rows += [[one.name, f"{one.value:.5g}", f"{one.se:.2g}", one.unit] for one in self.estimate.parameters]
         return "\n".join([*aligned(rows), "", *self.sentences])
+
+
+def work_table(files: Sequence[FileWork]) -> list[list[object]]:
+    """Files and the work on each, with a row of headings."""
+    names = [*FileWork.__dataclass_fields__]
+    return [list(names), *([getattr(one, name) for name in names] for one in files)]
 
 
 @dataclass(frozen=True)
@@ -173,8 +184,8 @@ class _Reducer:
                 log = read_entry(replace(entry, path=str(path)), Path(), silent)
                 stamps.append(time.perf_counter())
                 found = in_fewer_blocks(observe(model, treat(log, self.treatment)), self.blocks)
-        except HaptidError as error:
-            return _Reduced(FileWork(file.name, worker, begun, problem=" ".join(str(error).split())))
+        except Exception as error:  # a defect that one file shows does not cost the others
+            return _Reduced(FileWork(file.name, worker, begun, problem=_problem(error)))
         stamps.append(time.perf_counter())
         fetching, reading, reducing = (b - a for a, b in pairwise(stamps))
         work = FileWork(
@@ -191,6 +202,18 @@ class _Reducer:
             found.rows,
         )
         return _Reduced(work, found.motors, found.blocks)
+
+
+def _problem(error: Exception) -> str:
+    """Why a file gives no rows; of what is no error of the file, where in the program it was raised."""
+    said = " ".join(str(error).split())
+    if isinstance(error, HaptidError):
+        return said
+    if isinstance(error, MemoryError):
+        return "its worker has too little memory: write shorter files, or use fewer workers."
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    at = f"{Path(last.filename).name}:{last.lineno}"
+    return f"{_DEFECT}, please report it with the file: {type(error).__name__} in {at}: {said}"
 
 
 def in_fewer_blocks(observation: Observation, most: int) -> Observation:
@@ -219,6 +242,7 @@ def identify_pool(
     data: str | Path | None = None,
     progress: _Progress | None = None,
     workers: Executor | None = None,
+    done: Callable[[FileWork], None] | None = None,
 ) -> Pool:
     """Identify one device from all log files of a data set together.
 
@@ -228,6 +252,7 @@ def identify_pool(
     the delay, is in every standard error: it does not become less with more files.
 
     A file that cannot be read is listed with its problem. Each loses the rows at its ends that the filters reach.
+    Times, episodes and criteria of the study do not count for the files, which the notes say.
 
     Args:
         study: whose first log's channels all files have.
@@ -235,6 +260,7 @@ def identify_pool(
         data: where the study's relative log paths start; the study's own folder where None.
         progress: called with the name of a step and the share of it done.
         workers: executor of the files; this process where None.
+        done: called with the work on each file as soon as it is done.
 
     Raises:
         StudyFileError: the device or the method asks for more than R factors.
@@ -254,10 +280,37 @@ def identify_pool(
     progress("choosing a treatment", 1.0)
     begin = time.perf_counter()
     work = _Reducer(study, proposal.treatment, max(1, MOST_BLOCKS // len(files)))
-    rows, works = _together(model, files, (workers or SerialExecutor()).map(work, files), progress)
+    reduced = _told((workers or SerialExecutor()).map(work, files), done)
+    rows, works = _together(model, files, reduced, progress)
     seconds = time.perf_counter() - begin
     found = _with_uncertainty(estimate(rows, study.method, study.intervals), alone, study, proposal)
-    return Pool(study.name, proposal.treatment, found, _unseen(rows, study), works, seconds)
+    unseen, why = _unseen(rows, study)
+    return Pool(study.name, proposal.treatment, found, unseen, works, seconds, (*why, *_left_out(study)))
+
+
+def _left_out(study: Study) -> Iterator[str]:
+    """Sentences on what of a study does not count for the files."""
+    keys = {"time_range": None, "exclude": (), "episodes": None}
+    given = [f"`{key}`" for key, nothing in keys.items() if any(getattr(one, key) != nothing for one in study.logs)]
+    if given:
+        yield (
+            f"{', '.join(given)} of the study's own logs count where the treatment is proposed; the files are used as "
+            "a whole."
+        )
+    if study.use != "auto":
+        yield f'`use = "{study.use}"` of the study does not count: the parameters are those of {study.method.name}.'
+    if study.largest_error is not None:
+        yield f"The study's criterion, at most {study.largest_error:g} % on unseen rows, is not judged."
+
+
+def _told(
+    results: Iterator[tuple[int, _Reduced]], done: Callable[[FileWork], None] | None
+) -> Iterator[tuple[int, _Reduced]]:
+    """The results, each after its work was told."""
+    for k, one in results:
+        if done:
+            done(one.work)
+        yield k, one
 
 
 def _refuse_more_than_r_factors(study: Study, model: DynamicModel) -> None:
@@ -341,8 +394,16 @@ def _with_uncertainty(found: Estimate, alone: Observation, study: Study, proposa
     return found
 
 
-def _unseen(rows: Observation, study: Study) -> Validation:
-    """Errors of alternate blocks, each half predicted from the other."""
+def _unseen(rows: Observation, study: Study) -> tuple[Validation | None, tuple[str, ...]]:
+    """Errors of alternate blocks, each half predicted from the other; None where a half does not do, and why."""
+    count = len(rows.blocks)
+    left_out = f"The error on unseen blocks is left out: the files that give rows are in {count} time "
+    if count < 2:
+        return None, (f"{left_out}block, which cannot be halved and gives no standard errors.",)
     halves = rows.alternate()
-    fits = [estimate(half, study.method) for half in halves]
-    return pooled(*(validate(fit, half) for fit, half in zip(fits, reversed(halves), strict=True)))
+    try:
+        fits = [estimate(half, study.method) for half in halves]
+    except EstimationError as error:
+        why = " ".join(str(error).removesuffix(error.advice).split())
+        return None, (f"{left_out}blocks, and every other one alone is too little: {why}",)
+    return pooled(*(validate(fit, half) for fit, half in zip(fits, reversed(halves), strict=True))), ()

@@ -191,7 +191,9 @@ class PoolOutput(OutputTable):
     treatment: dict[str, Any] = Field(description="of all files, every setting by its name in a study")
     status: str
     parameters: list[QuantityOutput]
-    unseen_error_percent: Number = Field(description="of alternate blocks, each predicted from the others")
+    unseen_error_percent: Number = Field(
+        description="of alternate blocks, each predicted from the others; null where these are too few"
+    )
     seconds: float = Field(description="from the first file to the last")
     files: list[PooledFileOutput]
     sentences: list[str]
