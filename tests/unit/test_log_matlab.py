@@ -167,6 +167,32 @@ def test_arrays_of_structs_that_say_their_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["run.Y[2].Data"], tau)
 
 
+@pytest.mark.parametrize(
+    ("fields", "found"),
+    [
+        ({"name": "run1", "time": 1, "joint1": {"q": 1, "tau": 1}}, ["S.time", "S.joint1.q", "S.joint1.tau"]),
+        ({"name": "run1", "data": 1, "joint1": {"q": 1}}, ["S.data", "S.joint1.q"]),
+        ({"name": "run1", "data": 1, "time": 1}, ["S.data", "S.time"]),
+        ({"label": "arm of Jan", "q": 2, "unit": "rad"}, ["S.q[1]", "S.q[2]"]),
+        ({"label": "arm", "values": 2, "unit": "rad"}, ["S.arm[1]", "S.arm[2]"]),
+        ({"name": "q [rad]", "values": 1, "unit": "rad"}, ["S.q [rad]"]),
+        ({"name": "q", "values": 1, "unit": "rad"}, ["S.q [rad]"]),
+    ],
+)
+def test_only_structs_of_one_signal_have_its_name(tmp_path: Path, fields: dict, found: list[str]) -> None:
+    """Numbers stand for arrays of as many columns."""
+
+    def made(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: made(own) for key, own in value.items()}
+        return DATA[:, 1 : value + 1] if isinstance(value, int) else value
+
+    path = tmp_path / "run.mat"
+    io.savemat(path, {"S": made(fields)})
+    assert format_of(path).names(path) == found
+    assert read(path, found).keys() == set(found)
+
+
 @pytest.mark.parametrize("second", ["q", ""])
 def test_structs_without_names_of_their_own_are_numbered(tmp_path: Path, second: str) -> None:
     path = tmp_path / "run.mat"

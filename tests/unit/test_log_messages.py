@@ -428,6 +428,16 @@ def test_schema_bombs_are_one_error(tmp_path: Path, what: str) -> None:
         read_log(path, Channels(Signal("/arm.x[1]", "rad"), Signal("/arm.x[2]", "N m"), "/arm@receive", "ns"))
 
 
+def test_definitions_that_a_database_has_as_bytes(tmp_path: Path) -> None:
+    path = written(tmp_path, "db3")
+    with sqlite3.connect(path) as base:
+        base.execute(
+            "UPDATE message_definitions SET encoded_message_definition = CAST(encoded_message_definition AS BLOB)"
+        )
+    base.close()
+    np.testing.assert_array_equal(read_log(path, channels()).position, arm(N)[1])
+
+
 def test_a_database_with_views_in_place_of_tables_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     with sqlite3.connect(path) as base:

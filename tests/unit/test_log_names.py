@@ -87,6 +87,9 @@ TAU = Q + np.cos(5.0 * T)
          ("t", "s"), (["position_id1", "position_id2"], "rad"), (["iq1", "iq2"], "A")),
         ("t;Gelenkwinkel 1;Gelenkwinkel 2;Motorstrom 1;Motorstrom 2", (T, Q, Q, TAU, TAU),
          ("t", "s"), (["Gelenkwinkel 1", "Gelenkwinkel 2"], "rad"), (["Motorstrom 1", "Motorstrom 2"], "A")),
+        ("t;q_counts;tau", (T, 50 * Q, TAU), ("t", "s"), (["q_counts"], "counts"), (["tau"], "N m")),  # of a mean
+        ("t;E_pos;tau", (T, Q, np.gradient(Q, T)), ("t", "s"), (["E_pos"], "rad"), (["tau"], "N m")),
+        ("t;E_q;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("t;e_q;e_v;q;tau", (T, Q, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("t;force_feedback;force_desired;position_degrees;position_radians;position_last;force_last_desired",
          (T, TAU, TAU, np.rad2deg(Q), Q, Q, TAU),
@@ -118,6 +121,21 @@ def test_headers_of_recorders(
     assert (channels["time"], channels["time_unit"]) == time
     assert (channels["position"]["channels"], channels["position"]["unit"]) == position
     assert (channels["torque"]["channels"], channels["torque"]["unit"]) == torque
+
+
+def test_torques_that_look_like_velocities_are_torques(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((T, Q, np.gradient(Q, T))), delimiter=",", header="t,a,tau", comments="")
+    assert [c.quantity for c in survey(path).topics[0].channels] == ["time", "other", "torque"]
+
+
+@pytest.mark.parametrize("name", ["tau [MNM]", "tau_MNM", "MNM_1"])
+def test_units_in_capitals_that_may_be_milli_or_mega_are_said(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((T, Q, TAU)), delimiter=",", header=f"t,q,{name}", comments="")
+    channel = survey(path).topics[0].channels[2]
+    assert channel.unit == "mN m"
+    assert channel.reason.endswith("which may also be MN m")
 
 
 def test_the_joints_of_a_device_are_found_in_words_joined_by_an_underscore(tmp_path: Path) -> None:

@@ -258,7 +258,7 @@ def test_cells_of_a_matlab_file_are_numbered(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("array", [False, True], ids=["one signal", "several"])
 def test_structure_with_time_of_simulink(tmp_path: Path, array: bool) -> None:
-    """`out.signals` is one struct, or an array of them."""
+    """`out.signals` is one struct, or an array of them, called by its label; its path remains readable."""
     one = {"values": DATA[:, 1:], "dimensions": 2.0, "label": "q"}
     kinds = [("values", object), ("dimensions", object), ("label", object)]
     several = np.array([(DATA[:, k : k + 1], 1.0, f"q{k}") for k in (1, 2)], dtype=kinds).reshape(1, 2)
@@ -266,7 +266,10 @@ def test_structure_with_time_of_simulink(tmp_path: Path, array: bool) -> None:
     path = tmp_path / "out.mat"
     io.savemat(path, {"out": made})
     names = [f"out.signals[{k}].values" if array else f"out.signals.values[{k}]" for k in (1, 2)]
-    assert {"out.time", *names} <= set(format_of(path).names(path))
+    labelled = ["out.signals.q1", "out.signals.q2"] if array else ["out.signals.q[1]", "out.signals.q[2]"]
+    assert format_of(path).names(path) == ["out.time", *labelled]
+    found, _ = read(path, labelled)
+    np.testing.assert_array_equal(np.ravel(found[labelled[1]]), DATA[:, 2])
     log = read_log(path, Channels(Signal((names[0],), "rad"), Signal((names[1],), "N m"), time="out.time"))
     assert log.rate_hz == pytest.approx(1 / (DATA[1, 0] - DATA[0, 0]))
 

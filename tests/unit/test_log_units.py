@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.errors import LogMismatchError
+from haptid.errors import LogChannelError, LogMismatchError
 from haptid.log import Channels, Signal
-from haptid.log.units import known_unit, scale
+from haptid.log.units import closest_unit, known_unit, scale
 from haptid.study.draft import draft_study
 
 SCARA = """
@@ -83,8 +83,19 @@ def test_a_draft_has_the_units_of_the_joints(tmp_path: Path) -> None:
     assert log.channels.position.scales("position") == pytest.approx((np.pi / 180, np.pi / 180, 1e-3))
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mN", 1e-3), ("kN", 1e3), ("MN", 1e6), ("kNm", 1e3), ("mNm", 1e-3)])
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("mN", 1e-3), ("kN", 1e3), ("MN", 1e6), ("kNm", 1e3), ("mNm", 1e-3), ("MNm", 1e6), ("MN m", 1e6), ("MN·m", 1e6),
+     ("mnm", 1e-3), ("mn", 1e-3)],
+)  # fmt: skip
 def test_multiples_of_forces_and_torques(unit: str, factor: float) -> None:
     quantity, name = known_unit(unit) or ("", "")
     assert quantity == "torque"
     assert scale(name, "torque") == ("N m" if "m" in unit[1:] else "N", factor)
+    assert closest_unit(unit, "torque") == name
+
+
+def test_an_unknown_unit_that_may_be_two_is_asked() -> None:
+    with pytest.raises(LogChannelError) as raised:
+        scale("MNM", "torque")
+    assert raised.value.advice.startswith("Write 'mN m' or 'MN m'.")

@@ -34,7 +34,8 @@ class Signal:
 
     Attributes:
         channels: name in the file of each, in the order of the device's active joints or motors.
-        unit: position: rad, deg, turn, m, mm, um, counts; torque: N m, mN m, kN m, N, mN, kN, MN, V, mV, A, mA, counts.
+        unit: position: rad, deg, turn, m, mm, um, counts; torque: N m, mN m, kN m, MN m, N, mN, kN, MN, V, mV, A, mA,
+            counts.
         units: one for each channel in place of `unit`, as of an arm with angles and lengths.
         side: measured at the joint or at the motor's shaft.
         gain: one for each channel, or one for all; none is 1. Counts of position need it: rad or m each.

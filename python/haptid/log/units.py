@@ -32,6 +32,7 @@ _TORQUE = {
     "N m": ("N m", 1.0),
     "mN m": ("N m", 1e-3),
     "kN m": ("N m", 1e3),
+    "MN m": ("N m", 1e6),
     "N": ("N", 1.0),
     "mN": ("N", 1e-3),
     "kN": ("N", 1e3),
@@ -70,6 +71,7 @@ SPELLINGS = {
     "N m": ("nm", "n.m", "n*m", "n·m", "newtonmeter", "newton meter", "newton metre"),
     "mN m": ("mnm", "mn.m", "mn*m", "mn·m"),
     "kN m": ("knm", "kn.m", "kn*m", "kn·m"),
+    "MN m": ("mnm", "mn.m", "mn*m", "mn·m"),
     "N": ("newton", "newtons"),
     "mN": ("millinewton", "millinewtons"),
     "kN": ("kilonewton", "kilonewtons"),
@@ -85,29 +87,30 @@ SPELLINGS = {
 }
 
 
+def readings(unit: str, quantity: _Quantity) -> list[str]:
+    """The known units of a quantity that a spelling may mean, the likely one first; empty where it is not known.
+
+    Milli and mega are told by case, `mNm` and `MNm`; small letters are milli, other capitals may be either, `MNM`.
+    """
+    compact = "".join(unit.split()).replace("⋅", "·")
+    found = [
+        name
+        for name in TABLES[quantity]
+        if compact.lower() in ("".join(word.split()).lower() for word in (name, *SPELLINGS[name]))
+    ]
+    told = compact[:1] == "m" or compact == "MN" + compact[2:].lower()
+    return [name for name in found if name[0] == compact[0]] if told and len(found) > 1 else found
+
+
 def closest_unit(unit: str, quantity: _Quantity) -> str | None:
     """The known unit of a quantity nearest to an unknown one; None where none is close."""
-    known = TABLES[quantity]
-    plain = unit.strip().lower()
-    for name, spellings in SPELLINGS.items():
-        if name in known and (plain == name.lower() or plain in spellings):
-            return name
-    close = difflib.get_close_matches(unit, known, n=1, cutoff=0.6)
+    close = readings(unit, quantity) or difflib.get_close_matches(unit, TABLES[quantity], n=1, cutoff=0.6)
     return close[0] if close else None
 
 
 def known_unit(unit: str) -> tuple[_Quantity, str] | None:
     """Quantity and name of a unit in any usual spelling; None where it is not known."""
-    plain = "".join(unit.split()).lower().replace("⋅", "·")
-    for quantity, table in TABLES.items():
-        for name in table:
-            if unit.strip() == name or plain in ("".join(spelling.split()) for spelling in SPELLINGS.get(name, ())):
-                return quantity, name
-    for quantity, table in TABLES.items():
-        for name in table:
-            if plain == "".join(name.split()).lower():
-                return quantity, name
-    return None
+    return next(((quantity, found[0]) for quantity in TABLES if (found := readings(unit, quantity))), None)
 
 
 def scale(unit: str, quantity: _Quantity) -> tuple[str, float]:
@@ -128,11 +131,11 @@ def scale(unit: str, quantity: _Quantity) -> tuple[str, float]:
                 limit=known,
                 advice=f"Units of {quantity}: {', '.join(known)}. Check that the two signals are not exchanged.",
             )
-    close = closest_unit(unit, quantity)
+    close = readings(unit, quantity) or list(filter(None, [closest_unit(unit, quantity)]))
     raise LogChannelError(
         f"unit {unit!r} of the {quantity} is not known.",
         where=quantity,
         found=unit,
         limit=known,
-        advice=(f"Write {close!r}. " if close else "") + f"Known: {', '.join(known)}.",
+        advice=(f"Write {' or '.join(map(repr, close))}. " if close else "") + f"Known: {', '.join(known)}.",
     )

@@ -34,7 +34,7 @@ class SignalTable(_Table):
         None, min_length=1, description="elements of the field by name, or by number from 1, in the device's order"
     )
     unit: str | list[str] = Field(
-        description="rad, deg, turn, m, mm, um, counts; N m, mN m, kN m, N, mN, kN, MN, V, mV, A, mA, counts; "
+        description="rad, deg, turn, m, mm, um, counts; N m, mN m, kN m, MN m, N, mN, kN, MN, V, mV, A, mA, counts; "
         "rad/s, deg/s, turn/s, rpm, m/s, mm/s; for all or for each channel"
     )
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")

@@ -158,19 +158,23 @@ def _leaves(name: str, value: object, titled: bool) -> Iterator[tuple[str, RawCh
 def _titled(structs: np.ndarray) -> dict[str, RawChannel]:
     """The array of each struct by the name that a field says, as dSPACE and Simulink write it, with its unit.
 
-    Empty where one has no such name of its own, or another number of arrays than one.
+    Empty where one has no such name of its own, or is more than one signal: it holds structs or cells, or arrays beside
+    that of its values. Columns of a vector signal have no unit, which is written behind the name of one.
     """
     fields = {field.lower(): field for field in structs.dtype.names or ()}
     key = next((fields[field] for field in _NAMES if field in fields), None)
     made: dict[str, RawChannel] = {}
     for one in structs.flat if key and structs.size <= _MOST_STRUCTS else ():
-        arrays = [one[field] for field in fields.values() if getattr(one[field], "size", 0) >= _SAMPLES]
-        arrays = [array for array in arrays if numeric(array.dtype)]
+        arrays = {low: one[field] for low, field in fields.items() if getattr(one[field], "size", 0)}
+        long = {low: array for low, array in arrays.items() if numeric(array.dtype) and array.size >= _SAMPLES}
         unit = next((_text(one[fields[field]]) for field in _UNITS if field in fields), "")
         title = _PORT.sub("", _text(one[key]).replace('"', ""))
-        if len(arrays) != 1 or not title:
+        nested = any(array.dtype.names is not None or array.dtype == object for array in arrays.values())
+        if not title or nested or len(long) != 1 or not long.keys() <= _VALUES:
             return {}
-        made[f"{title} [{unit}]" if unit else title] = arrays[0]
+        ((_, values),) = long.items()
+        apart = unit and values.size == max(values.shape) and not title.endswith((f"[{unit}]", f"({unit})"))
+        made[f"{title} [{unit}]" if apart else title] = values
     return made if len(made) == structs.size else {}
 
 
@@ -190,8 +194,9 @@ def _stacked(cells: Iterable[object]) -> RawChannel | None:
 
 # Longest array of structs or cells whose content is channels.
 _MOST_STRUCTS = 200
-# Fields of the name and the unit of a struct's array, and samples that this has at least; the port of a Simulink block.
-_NAMES, _UNITS, _SAMPLES = ("name", "label", "signalname"), ("unit", "units"), 16
+# Fields of the name, the values and the unit of a signal's struct, and samples that it has at least; the port of a
+# Simulink block.
+_NAMES, _VALUES, _UNITS, _SAMPLES = ("name", "label", "signalname"), {"values", "data"}, ("unit", "units"), 16
 _PORT = re.compile(r"/(?:Out|In)\d+$")
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14

@@ -170,7 +170,8 @@ def _families(
         arrays: dict[str, list[ChannelSurvey]] = {}
         all_names = {channel.name for channel in topic.channels}
         for channel in topic.channels:
-            if channel.quantity == quantity and channel.rows > A_PART * topic.count:
+            error = channel.name.startswith("E_") and channel.name[2:] in all_names  # of a controller: `E_q` beside `q`
+            if channel.quantity == quantity and channel.rows > A_PART * topic.count and not error:
                 element = element_of(channel.name)
                 array = element["array"] if element else _pattern(_without(unit_apart(channel.name)[0], own))
                 if _DESIRED.search(channel.name) and _DESIRED.sub("", channel.name) in all_names:

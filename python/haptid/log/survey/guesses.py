@@ -24,7 +24,7 @@ from haptid.log.survey.names import (
     unit_apart,
     words_of,
 )
-from haptid.log.units import known_unit
+from haptid.log.units import known_unit, readings
 
 # Positions beyond this, rad, and counts beyond that, are not radians.
 _RADIANS, _COUNTS = 4 * math.pi, 2000.0
@@ -109,21 +109,29 @@ def guessed(
         inner = words_of(m["element"].rpartition(".")[2])
         quantity = next((q for q, known in QUANTITY_WORDS if inner & known), quantity)
     if quantity == "other" and not stated and (alone := only_unit(base)):
-        return replace(channel, quantity=alone[0], unit=alone[1], reason=STATED[1])
+        own = base.rstrip("0123456789_ .")
+        return replace(channel, quantity=alone[0], unit=alone[1], reason=STATED[1] + _or(own))
     known = known_unit(stated) if stated else None
     if known is not None and known[0] != "time":
         if quantity == "other" and known[0] in ("position", "torque"):
             quantity = known[0]
-        return replace(channel, quantity=quantity, unit=known[1], reason=f"{STATED[0]} {stated}")
+        return replace(channel, quantity=quantity, unit=known[1], reason=f"{STATED[0]} {stated}{_or(stated)}")
     if stated and known is None and quantity in ("position", "torque"):
         return replace(channel, quantity=quantity, unit="counts", reason=_own_unit(stated))
-    suffix = known_unit(base.rpartition("_")[2]) if "_" in base else None
-    counted = suffix is not None and suffix[1] == "counts" and not channel.whole  # `q_raw` before a filter, in rad
-    if suffix and suffix[0] == quantity and not counted and base.rpartition("_")[2] not in ("m", "a", "v", "n"):
-        return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1])
+    end = base.rpartition("_")[2] if "_" in base else ""
+    suffix = known_unit(end) if end else None
+    filtered = end.lower() == "raw" and not channel.whole  # `q_raw` before a filter, in rad
+    if suffix and suffix[0] == quantity and not filtered and end not in ("m", "a", "v", "n"):
+        return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1] + _or(end))
     largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
     unit, reason = unit_of(quantity, words | topic, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
+
+
+def _or(unit: str) -> str:
+    """What else a unit may be: `MNM` in capitals is mN m or MN m."""
+    other = [f", which may also be {name}" for name in readings(unit, "torque")[1:]]
+    return "".join(other)
 
 
 def _own_unit(stated: str) -> str:

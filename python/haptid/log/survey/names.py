@@ -92,8 +92,8 @@ _PRESENT = re.compile(
 _RATE = re.compile(
     r"(?i:^d(?P<second>d)?_)|^d(?P<capital>d)?(?=[A-Z]|theta|phi|pos|angle|th\d*$)|(?i:(?P<dot>d)?dot(?=[^a-z]|$))"
 )
-# Errors of a controller: `e_q1`, `e_vel`.
-_ERROR = re.compile(r"[eE]_(?=[A-Za-z])")
+# Errors of a controller: `e_q1`, `e_vel`; `E_pos` is of an axis too.
+_ERROR = re.compile(r"e_(?=[A-Za-z])")
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")

@@ -199,7 +199,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
     rate = own or rate
     by_rates = 0.0
     if len(channels) * count < _NUMBERS and not {"time", "position"} <= {channel.quantity for channel in channels}:
-        content = Content.of(_columns(path, kind, names[:_MOST], Request()))
+        content = _content(channels, path, kind)
         channels, own = _with_times(channels, content.time, path, kind)
         rate = rate or own
         if not any(channel.quantity == "position" for channel in channels):
@@ -311,6 +311,13 @@ def _with_times(
     k = next(k for k, channel in enumerate(channels) if channel.name == name)
     channel, rate = timed(channels[k], _columns(path, kind, [name], Request())[name], "")
     return [*channels[:k], channel, *channels[k + 1 :]], rate
+
+
+def _content(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> Content:
+    """What the columns contain; times alone where a rate is called a torque, which looks so where damping is most."""
+    content = Content.of(_columns(path, kind, [channel.name for channel in channels], Request()))
+    torques = {channel.name for channel in channels if channel.quantity == "torque"}
+    return Content(content.time) if torques & set(content.rates) else content
 
 
 def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[ChannelSurvey]:

@@ -50,11 +50,12 @@ class Database(Container):
         tables = {name for name, kind in base.execute("SELECT name, type FROM sqlite_master") if kind == "table"}
         if not {"topics", "messages"} <= tables:
             raise corrupt(self.path, "ROS 2 database", "it has no tables `topics` and `messages`")
-        stored: dict[str, str] = {}
+        stored: dict[str, str | bytes] = {}
         if "message_definitions" in tables:
             stored = dict(base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"))
         for channel, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
-            definition = str(stored.get(kind) or COMMON.get(str(kind).replace("/msg/", "/"), ""))
+            found = stored.get(kind) or COMMON.get(str(kind).replace("/msg/", "/"), "")
+            definition = found if isinstance(found, bytes) else str(found).encode()  # or a BLOB
             if type(channel) is not int:
                 raise corrupt(self.path, "ROS 2 database", f"the id of topic {name!r} is {channel!r}")
-            self._topic(channel, Topic(str(name), str(kind), str(encoding), definition.encode(), "ros2msg"))
+            self._topic(channel, Topic(str(name), str(kind), str(encoding), definition, "ros2msg"))
