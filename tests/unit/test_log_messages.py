@@ -520,3 +520,13 @@ def test_more_orders_of_joints_than_layouts_are_kept() -> None:
     batch = ros.RosDecoder(text, KIND, cdr=True).decode(data, None)
     for k, name in enumerate(names):
         np.testing.assert_array_equal(batch.values[f"position[{name}]"], values[:, k])
+
+
+def test_json_messages_whose_samples_are_not_all_numbers_are_left_out(tmp_path: Path) -> None:
+    """An object among numbers was a TypeError that no one converted."""
+    good = {"q": list(np.sin(np.arange(64.0))), "tau": list(np.cos(np.arange(64.0)))}
+    bad = {**good, "q": [*good["q"][:-1], {"x": 1}]}
+    sent = [("/a", START + k * 640_000_000, json.dumps(bad if k == 5 else good).encode()) for k in range(30)]
+    path = mcap(tmp_path / "a.mcap", sent, {"/a": ("A", "jsonschema", b"{}", "json")})
+    log = read_log(path, Channels(Signal("/a.q", "rad"), Signal("/a.tau", "N m"), "/a@receive", "ns"))
+    assert log.rate_hz == pytest.approx(100, rel=0.02)

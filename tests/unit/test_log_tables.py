@@ -8,6 +8,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
+import h5py
 import nptdms
 import numpy as np
 import pyarrow as pa
@@ -384,3 +385,32 @@ def test_a_missing_cell_among_its_neighbours_stays_an_error(tmp_path: Path) -> N
     path.write_text("t,q1,tau1\n" + "\n".join(",".join(map(str, row)) for row in values) + "\n")
     with pytest.raises(errors.LogDataError, match="q1"):
         read_log(path, Channels(Signal(("q1",), "rad"), Signal(("tau1",), "N m"), "t"))
+
+
+@pytest.mark.parametrize(
+    "info", ["[1]", "3", "{}", '{"fps": null}', '{"fps": [30]}', '{"fps": 30, "features": [1]}', '{"fps": 1e9}']
+)
+def test_descriptions_of_another_structure_are_one_error(tmp_path: Path, info: str) -> None:
+    """A TypeError over the content of a file, raised where haptid reads it, was taken for a mistake of haptid's."""
+    path, _ = made(tmp_path / "files", "lerobot")
+    (path / "meta" / "info.json").write_text(info)
+    with pytest.raises(errors.LogFileError, match="LeRobot content cannot be read"):
+        format_of(path).names(path)
+
+
+@pytest.mark.parametrize("signal", ["3", "null", "[]", "[1, 3]", '["pos", [null]]', '["pos", [[0]]]', "{}"])
+def test_mappings_of_mujoco_of_another_structure_are_one_error(tmp_path: Path, signal: str) -> None:
+    path = tmp_path / "series.npz"
+    np.savez(path, times=T, data=DATA, signal_mapping=np.array(f'{{"pos": {signal}}}'))
+    with pytest.raises(errors.LogFileError, match="signal_mapping has no columns for 'pos'"):
+        format_of(path).names(path)
+
+
+def test_classes_of_matlab_may_be_text_or_something_else(tmp_path: Path) -> None:
+    """Only MATLAB itself writes them as bytes."""
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as file:
+        for name, kind in (("q", "double"), ("label", "char"), ("tau", 3.5)):
+            file[name] = T
+            file[name].attrs["MATLAB_class"] = kind
+    assert format_of(path).names(path) == ["q", "tau"]

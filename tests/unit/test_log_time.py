@@ -467,3 +467,23 @@ def test_resampled_positions_keep_the_steps_of_their_encoder(tmp_path: Path) -> 
     assert found.narrowed().bandwidth < 0.2
     np.savez(path, t=np.arange(8000) / 100, q=1e3 * q, tau=np.cos(t))
     assert read_log(path, channels).position_steps == ()
+
+
+def stopped(moving: int, frozen: int) -> np.ndarray:
+    """Stamps with jitter, a pause of 5 s, and stamps of a clock that stands still, s."""
+    t = np.sort(np.arange(moving) + 0.3 * np.random.default_rng(0).normal(size=moving)) / 200
+    return np.append(t - t[0], np.full(frozen, t[-1] - t[0] + 5))
+
+
+def test_a_segment_in_which_the_clock_stands_still_has_no_lost_rows(tmp_path: Path) -> None:
+    """Its step is 0, and rows were counted in steps of it."""
+    t = stopped(3500, 2500)
+    assert not row_times.lost_rows(t[3500:], 0.3).any()
+    log = record(tmp_path, t, taken=np.arange(6000) / 200)
+    assert log.segments == ((0, 3500), (3500, 6000))
+    assert log.rate_hz == pytest.approx(200, rel=1e-3)
+
+
+def test_a_clock_that_stands_still_over_most_of_the_log_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(errors.LogTimeError, match=r"clock stands still .* 3499 of 6000 stamps"):
+        record(tmp_path, stopped(2500, 3500), taken=np.arange(6000) / 200)

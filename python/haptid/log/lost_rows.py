@@ -57,10 +57,15 @@ def _window(offset: Array) -> int:
 
 
 def _counted(seconds: Array, m: int) -> tuple[NDArray[np.intp], Array]:
-    """Missing rows by windows of m rows, (rows - 1,), and what the stamps differ from the grid by, steps, (rows,)."""
+    """Missing rows by windows of m rows, (rows - 1,), and what the stamps differ from the grid by, steps, (rows,).
+
+    None are counted where the clock stands still over most windows: it has no step there.
+    """
     rows = seconds.size
     lost = np.zeros(rows - 1, dtype=np.intp)
     step = float(np.median(seconds[m:] - seconds[:-m])) / m
+    if step <= 0:
+        return lost, np.zeros(rows)
     for _ in range(_PASSES):
         slots = np.append(0, np.cumsum(lost + 1))
         offset = (seconds - seconds[0]) / step - slots

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 from haptid._internal.signals import polynomial_filter, running_maximum
+from haptid.errors import LogTimeError
 from haptid.log.lost_rows import lost_rows
 from haptid.log.resampling import Spans
 from haptid.log.sample_counts import WIDEST_MEAN, StepCounts, count_steps
@@ -205,10 +207,16 @@ def _coarse(seconds: Array, fineness: float) -> tuple[float, float]:
 
 
 def irregular_times(
-    seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale | None, sampling: Sampling
+    path: Path, seconds: Array, spans: Spans, recorded: RawSignals, stale: Stale | None, sampling: Sampling
 ) -> RowTimes:
-    """Times of rows whose stamps are not regular."""
+    """Times of rows whose stamps are not regular.
+
+    Raises:
+        LogTimeError: the clock stands still over most of the longest segment.
+    """
     slots, offset, step = _line(seconds, spans)
+    if step <= 0:
+        raise _stands_still(path, seconds)
     follow = np.zeros(seconds.size)
     rate = 0.0
     for a, b in spans if sampling != "regular" else ():
@@ -342,7 +350,10 @@ def _said(value: float, se: float) -> str:
 
 
 def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]:
-    """Number of each row in its segment with missing rows counted, its distance from the line, s, and the step, s."""
+    """Number of each row in its segment with missing rows counted, its distance from the line, s, and the step, s.
+
+    The step is 0 where the clock stands still over most of the longest segment.
+    """
     steps = np.concatenate([np.diff(seconds[a:b]) for a, b in spans])
     median = sampled_median(steps)
     spread = (
@@ -367,6 +378,19 @@ def _line(seconds: Array, spans: Spans) -> tuple[NDArray[np.intp], Array, float]
     for a, b in spans:
         offset[a:b] = seconds[a:b] - seconds[a] - step * slots[a:b]
     return slots, offset, step
+
+
+def _stands_still(path: Path, seconds: Array) -> LogTimeError:
+    """Error of a clock that gives no rate."""
+    repeated = int(np.count_nonzero(seconds[1:] == seconds[:-1]))
+    return LogTimeError(
+        f"{path}: the clock stands still over most of the longest part without a gap: {repeated} of {seconds.size} "
+        "stamps equal the one before, so that the rate is unknown.",
+        where=path,
+        found=repeated / seconds.size,
+        advice="Take the part in which it moves with `time_range`; or, if samples were regular, leave `time` out and "
+        "give `rate_hz`.",
+    )
 
 
 def _lasting(lost: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -136,7 +136,7 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
     sentences += said
     found = regular_times(seconds, spans, stamps.fineness)
     if found is None:
-        found = irregular_times(seconds, spans, recorded, stale, sampling)
+        found = irregular_times(path, seconds, spans, recorded, stale, sampling)
     if sampling == "auto" and not keep_stale:
         found, stale = counted_times(seconds, spans, recorded, stale, found)
     return _assembled(found, spans, gaps, stale, rows, seconds.size, sentences)

@@ -103,10 +103,11 @@ def _flat(dataset: Any) -> str:
 
 
 def _numbers(dataset: Any) -> bool:
-    matlab = dataset.attrs.get("MATLAB_class")
+    matlab = dataset.attrs.get("MATLAB_class")  # bytes where MATLAB wrote it
+    matlab = matlab.encode() if isinstance(matlab, str) else matlab
     if "MATLAB_object_decode" in dataset.attrs:
         return False  # a reference to an object, see `haptid.log.formats.mat`
-    return numeric(dataset.dtype) and (matlab is None or bytes(matlab) not in MATLAB_OTHER)
+    return numeric(dataset.dtype) and not (isinstance(matlab, bytes) and matlab in MATLAB_OTHER)
 
 
 def _channels(dataset: Any) -> dict[str, Address]:

@@ -66,13 +66,25 @@ def describe(folder: Path) -> Description:
     if info.stat().st_size > _MOST_INFO:
         raise corrupt(folder, _KIND, f"meta/info.json has {info.stat().st_size} bytes")
     with opened_file(folder, _KIND):
-        text = json.loads(info.read_text(encoding="utf-8"))
-        fps = float(text["fps"])
-        if not 0 < fps < 1e6:
-            raise ValueError(f"fps is {fps}")
-        features: dict[str, Any] = text.get("features") or {}
+        fps, features = _stated(json.loads(info.read_text(encoding="utf-8")))
         elements = {str(key): found for key, value in features.items() if (found := _elements(value))}
     return Description(fps, elements, tuple(tables))
+
+
+def _stated(info: Any) -> tuple[float, dict[str, Any]]:
+    """Frames per second, and the features by name, that an `info.json` states.
+
+    Raises:
+        ValueError: it has another structure, or no rate that a recording has.
+    """
+    if not isinstance(info, dict):
+        raise ValueError("meta/info.json is no object")
+    fps, features = info.get("fps"), info.get("features") or {}
+    if not isinstance(fps, int | float | str) or not 0 < float(fps) < 1e6:
+        raise ValueError(f"fps is {json.dumps(fps)[:40]}")
+    if not isinstance(features, dict):
+        raise ValueError("the features are no object")
+    return float(fps), features
 
 
 def _elements(feature: Any) -> tuple[str, ...]:

@@ -109,9 +109,11 @@ def _signals(path: Path, archive: zipfile.ZipFile) -> dict[str, int]:
         mapping = json.loads(member.read().decode("utf-32-le" if dtype.byteorder != ">" else "utf-32-be").rstrip("\0"))
     found: dict[str, int] = {}
     for name, signal in mapping.items() if isinstance(mapping, dict) else ():
-        indices: list[int] = list(signal[-1])
+        indices = signal[-1] if isinstance(signal, list) and signal else None
+        if not isinstance(indices, list) or not all(isinstance(column, int) for column in indices):
+            raise ValueError(f"signal_mapping has no columns for {name!r}")
         for k, column in enumerate(indices, 1):
-            found[f"{DATA}[{name}]" if len(indices) == 1 else f"{DATA}[{name}.{k}]"] = int(column)
+            found[f"{DATA}[{name}]" if len(indices) == 1 else f"{DATA}[{name}.{k}]"] = column
     return found
 
 

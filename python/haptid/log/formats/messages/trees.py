@@ -30,14 +30,20 @@ class _TreeDecoder(Decoder):
         found: dict[str, tuple[list[int], list[Any]]] = {}
         for row, message in enumerate(messages):
             try:
-                leaves = list(flatten(stamped(self.tree(message)), self.sampled))
+                leaves = [
+                    (name, np.array(value.values, np.float64))
+                    if isinstance(value, Samples) and (wanted is None or name in wanted)
+                    else (name, value)
+                    for name, value in flatten(stamped(self.tree(message)), self.sampled)
+                ]
             except (ValueError, TypeError, RecursionError, KeyError, AttributeError):
                 batch.other += 1
                 continue
             for name, value in leaves:
-                if isinstance(value, Samples):
-                    if wanted is None or name in wanted:
-                        batch.samples.setdefault(name, {})[row] = np.array(value.values, np.float64)
+                if isinstance(value, np.ndarray):
+                    batch.samples.setdefault(name, {})[row] = value
+                elif isinstance(value, Samples):
+                    continue
                 elif isinstance(value, Numbers):
                     batch.empty[name] = batch.empty.get(name, 0) + 1
                 elif wanted is None or name in wanted or (type(value) is Stamp and HEADER in wanted):
