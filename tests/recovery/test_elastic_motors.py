@@ -317,3 +317,34 @@ def test_structural_stiffness_that_no_encoder_sees_is_refused_with_what_shows_it
     without = axis(joints=[{"name": "mount"}, {"name": "1", "d": 0.3}], motors=motors, terms=terms[1:])
     with pytest.raises(LogMismatchError, match="1 position channels"):
         haptid.propose(without, log)
+
+
+@pytest.mark.parametrize(
+    ("sources", "said", "advice"),
+    [
+        (("a", "shaft b"), "no channel has the position of mount, which a spring holds", "Record its position"),
+        (
+            ("q_mount", "a"),
+            r"the device requires 3: .*a, b[^.]*\. Map one",
+            "in this order",
+        ),
+        (
+            ("x", "y"),
+            r"requires 3: .* If none of them is the position",
+            "If another one is missing",
+        ),
+    ],
+)
+def test_what_is_said_to_be_missing_is_what_the_channels_names_show(sources, said, advice):
+    """Two motors and a mount that gives; by their count alone, any missing channel was the mount's."""
+    terms = [{"kind": "spring", "joints": ["mount"]}, {"kind": "viscous", "joints": "all"}]
+    joints = [{"name": "mount"}, {"name": "1", "d": 0.3}, {"name": "2", "d": 0.3}]
+    motors = [{"name": "a", "drives": {"1": 1.0}}, {"name": "b", "drives": {"2": 1.0}}]
+    model = axis(joints=joints, motors=motors, terms=terms)
+    both = recorded(seconds=3.0)
+    position = haptid.Signal(sources, "rad", side="motor")
+    channels = haptid.Channels(position, haptid.Signal(("u", "v"), "N m", side="motor"), "t")
+    log = haptid.Log(Path("made"), "", both.t, both.position, np.repeat(both.torque, 2, axis=1), channels)
+    with pytest.raises(LogMismatchError, match=said) as caught:
+        haptid.propose(model, log)
+    assert advice in caught.value.advice

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -212,7 +213,7 @@ def torque_map(device: Device, log: Log) -> Array:
 
 
 def _expect_seen(device: Device, log: Log) -> None:
-    """Raise LogMismatchError where joints that springs hold and no motor moves have no position in the log."""
+    """Raise LogMismatchError where joints that springs hold and no motor moves seem to have no position in the log."""
     names = position_channels(device, log.channels.position.side)
     active = [device.joints[k].name for k in device.active]
     held = {
@@ -225,13 +226,25 @@ def _expect_seen(device: Device, log: Log) -> None:
     unseen = [name for k, name in zip(device.active, active, strict=True) if name in held and not moved[k]]
     if not unseen or len(names) - log.position.shape[1] != len(unseen):
         return
+    words = {word for source in log.channels.position.channels for word in re.split(r"[^\w]|_", source)}
+    if words.intersection(unseen):  # it is another one that the log lacks
+        return
+    what = f"the position of {', '.join(unseen)}, which a spring holds and no motor moves"
+    # Channels are in order, not named: which one is missing is known where they have the names of all others.
+    known = words.issuperset(set(names).difference(unseen))
     raise LogMismatchError(
-        f"no channel has the position of {', '.join(unseen)}, which a spring holds and no motor moves: how far it "
-        "gives is nowhere in the log, and its stiffness cannot be told from the inertia that it carries.",
+        (
+            f"no channel has {what}: "
+            if known
+            else f"the log has {log.position.shape[1]} position channels, and the device requires {len(names)}: "
+            f"{', '.join(names)}. If none of them is {what}, "
+        )
+        + "how far it gives is nowhere in the log, and its stiffness cannot be told from the inertia that it carries.",
         where="position",
         found=log.position.shape[1],
         limit=len(names),
-        advice=f"Record its position ({', '.join(names)}) with an encoder, a gyroscope or a camera on what it carries. "
+        advice=("" if known else "If another one is missing, map one channel for each, in this order. Else: ")
+        + f"Record its position ({', '.join(names)}) with an encoder, a gyroscope or a camera on what it carries. "
         "Where it gives in line with a motor's joint, leave the joint out and write an elastic term for that motor: "
         "stiffness is then found from the motor alone, by motion up to the resonance. Or leave it out as rigid: "
         "the diagnosis says up to which frequency that holds.",
