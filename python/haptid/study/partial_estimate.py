@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 from haptid.dynamics.model import DynamicModel
@@ -20,6 +20,16 @@ from haptid.study.study import Study
 _MOST = 0.25
 # Names in a sentence.
 _NAMED = 6
+# Kinds of parameters that accelerations and gravity excite: those of bodies and rotors.
+_BODIES = frozenset({"XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA"})
+# What becomes of the model for use that a study wants.
+_USE = {
+    "consistent": (
+        "is not followed: whether bodies can have the parameters is judged by all of them, and this log does not tell "
+        "all; the model for use is the free fit without those left out"
+    ),
+    "free": "is this fit, without those left out",
+}
 
 
 def told_estimate(
@@ -61,7 +71,18 @@ def told_estimate(
     )
     if others:
         text += f"; {joined_names(others, most=_NAMED)} {'is' if len(others) == 1 else 'are'} not told apart from that"
-    text += ". Torque is predicted for motion like the log's alone. Record motion that moves the link."
+    kinds = {model.device.parameters.kinds[rows.base.independent_columns[k]] for k in left_out}
+    text += f". Torque is predicted for motion like the log's alone. {_advice(kinds)}"
+    if study.use in _USE:
+        text += f' The study\'s use = "{study.use}" {_USE[study.use]}.'
     quantities = replace(own, unbounded=tuple(sorted({*own.unbounded, *unknown})))
     status = "uncertain" if found.status == "ok" else found.status
     return study, replace(found, quantities=quantities, status=status, notes=(text, *found.notes))
+
+
+def _advice(kinds: Set[str]) -> str:
+    """The motion to record for parameters of some kinds, in a sentence."""
+    wanted = ["accelerates the links at other poses"] if kinds & _BODIES else []
+    if kinds - _BODIES:  # friction, offsets and springs
+        wanted.append("takes the joints both ways, at several speeds, over their range")
+    return f"Record motion that {' and '.join(wanted)}."
