@@ -19,7 +19,7 @@ from haptid.errors import LogTimeError
 from haptid.log.lost_rows import lost_rows
 from haptid.log.resampling import Spans
 from haptid.log.sample_counts import WIDEST_MEAN, StepCounts, count_steps
-from haptid.log.spectrum import Spectrum
+from haptid.log.spectrum import Spectrum, lattice_step
 from haptid.log.stale import Stale, find_stale
 
 Sampling = Literal["auto", "stamps", "regular"]
@@ -54,9 +54,12 @@ _WIDE, _NARROW = 51, 11
 _FOLLOWS, _SHORTEST = 0.5, 7
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
 _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
-# Of a log with more rows, pieces say first whether it may have such steps: at half of the share, so many rows in every
-# so many.
-_LONG, _PIECE, _EVERY = 2**17, 2**10, 2**13
+# Of a log with more rows, pieces say first whether it may have such steps, at this share of the share above: the first
+# and the roughest of so many rows each in every so many. The roughest have at least the share of the whole log.
+_LONG, _PIECE, _GROUP, _SUSPECT = 2**17, 2**10, 16, 1 / 3
+# Change of the speed from a step to the next, over its noise and over the speed, from which on a step is rough: one of
+# other periods changes it by a whole speed, and is clear from ten deviations of a step's noise on.
+_ROUGH, _ROUGH_SHARE = 5.0, 0.5
 # Share by which a period of the motion is shorter than that of regular stamps where these only count the rows: clocks
 # agree better than that, and a recorder with another rate than its device's differs by more.
 _LOST = 0.05
@@ -322,11 +325,17 @@ def _miscounted(counts: StepCounts, taken: Array, fresh: NDArray[np.bool_]) -> t
 def _may_be_miscounted(spans: Spans, recorded: RawSignals, taken: Array, fresh: NDArray[np.bool_]) -> bool:
     """Whether pieces of a long log have steps of other periods than its times; true where pieces do not tell.
 
-    Counting all rows takes longer than reading them, and holds all positions in memory.
+    Counting all rows takes longer than reading them, and holds all positions in memory. The speeds of all rows say
+    where to look: a queue that lasts some seconds lies between pieces at even distances. Rows at the end of a segment
+    that fill no piece are not looked at.
     """
-    pieces = [(k, k + _PIECE) for a, b in spans for k in range(a, b - _PIECE + 1, _EVERY)]
-    if _EVERY * len(pieces) < len(taken) // 2:  # most segments are too short
+    starts = np.concatenate([np.arange(a, b - _PIECE + 1, _PIECE) for a, b in spans])
+    if _PIECE * len(starts) < len(taken) // 2:  # most segments are too short
         return True
+    rough = _rough_steps(recorded, starts)
+    first = range(0, len(starts), _GROUP)
+    chosen = np.union1d(first, [k + int(np.argmax(rough[k : k + _GROUP])) for k in first])
+    pieces = [(int(a), int(a) + _PIECE) for a in starts[chosen]]
 
     def joined(x: Array) -> Array:
         """The pieces one after the other, each beginning where the one before ends."""
@@ -342,7 +351,22 @@ def _may_be_miscounted(spans: Spans, recorded: RawSignals, taken: Array, fresh: 
     counts = replace(counts, clear=counts.clear & ~near_a_joint)
     kept = np.append(np.concatenate([fresh[a : b - 1] for a, b in pieces]), True)
     miscounted, clear = _miscounted(counts, joined(taken), kept)
-    return miscounted > 0.5 * _MISCOUNTED * clear
+    return miscounted > _SUSPECT * _MISCOUNTED * clear
+
+
+def _rough_steps(recorded: RawSignals, starts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Steps of each piece after which the speed of a channel changes by more than motion or noise, (pieces,)."""
+    rough = np.zeros(len(starts), dtype=np.intp)
+    for channel in recorded.positions():
+        speed = np.diff(channel)
+        change = np.abs(np.diff(speed))
+        noise = max(1.4826 * sampled_median(change), lattice_step(channel[: 1 << 16]) / 2**0.5)
+        np.abs(speed, out=speed)
+        for k, a in enumerate(starts):
+            own = change[a : a + _PIECE - 2]
+            limit = max(_ROUGH * noise, _ROUGH_SHARE * float(speed[a : a + _PIECE - 1].mean()))
+            rough[k] += np.count_nonzero(own > limit)
+    return rough
 
 
 def _said(value: float, se: float) -> str:
