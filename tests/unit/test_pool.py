@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import warnings
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 import haptid
+from haptid._internal.atomic_folder import publishing
 from haptid.cli import app
 from haptid.errors import LogFileError, MissingDependencyError, SharedRowsError, StudyFileError
 from haptid.executors import DaskExecutor, ProcessExecutor, SerialExecutor
@@ -240,11 +242,13 @@ def test_files_csv_is_written_where_the_rows_give_no_estimate(runs, one_good_of_
     else:
         (one_good_of_three / "part-2.parquet").write_bytes(b"PAR1 nor this PAR1")
     out = tmp_path / "out"
+    out.mkdir()
+    (out / "pool.json").write_text("an earlier result")
     done = CliRunner().invoke(app, ["pool", str(runs.study), str(one_good_of_three), "--out", str(out)])
     assert done.exit_code == 2
     assert "files.csv" in done.output
-    assert not (out / "pool.json").exists()
-    with (out / "files.csv").open() as file:
+    assert [path.name for path in out.iterdir()] == ["pool.json"]
+    with (tmp_path / "out-failed" / "files.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == ["part-1.parquet", "part-2.parquet", "part-10.parquet"]
     assert [not row["problem"] for row in rows] == [False, good, False]
@@ -312,6 +316,27 @@ def test_sources_without_logs_are_errors(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(MissingDependencyError, match=r"haptid\[remote\]"):
         data_files("memory://a")
+
+
+def test_a_folder_of_results_is_no_log(tmp_path):
+    with publishing(tmp_path / "haptid-pool") as folder:
+        (folder / "files.csv").write_text("name\n", encoding="utf-8")
+    (tmp_path / "log.csv").write_text("t,q\n", encoding="utf-8")
+    assert [file.name for file in data_files(str(tmp_path))] == ["log.csv"]
+    with pytest.raises(LogFileError, match="without a name does not exist"):
+        data_files("")
+
+
+def test_files_of_an_archive_under_a_url_are_fetched_from_it(tmp_path):
+    """A path alone does not name the archive that it is in, nor a host."""
+    pytest.importorskip("fsspec")
+    with zipfile.ZipFile(tmp_path / "set.zip", "w") as archive:
+        archive.writestr("day/a.csv", "t,q\n")
+        archive.writestr("day/b/c.csv", "t,q,tau\n")
+    found = data_files(f"zip://day::file://{(tmp_path / 'set.zip').as_posix()}")
+    assert [file.name for file in found] == ["a.csv", "b/c.csv"]
+    with found[1].here() as path:
+        assert path.read_text() == "t,q,tau\n"
 
 
 def test_the_command(runs, found, tmp_path):

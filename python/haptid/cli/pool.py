@@ -23,8 +23,8 @@ treatment is proposed from its own logs. A file that cannot be read is listed wi
 
 - `pool.json`: parameters with 95 % intervals, errors on unseen blocks, work on every file
 - `parameters.csv`: the parameters
-- `files.csv`: every file: worker, seconds of fetching, reading and reducing, bytes, samples, rows, problem; also where
-  the rows of the files give no estimate, then alone
+- `files.csv`: every file: worker, seconds of fetching, reading and reducing, bytes, samples, rows, problem; where
+  the files give no estimate it is alone in `OUT-failed`, and an earlier result in OUT stays
 
 Exit status: 0 on success, 2 on an error in the study, in its own logs, or where no file can be used.
 
@@ -69,9 +69,10 @@ def pool(
         compute_into(out_folder, quiet, as_json, compute)
     except Exception:
         if works:
-            with publishing(out_folder) as folder:
+            failed = out_folder.with_name(f"{out_folder.name}-failed")
+            with publishing(failed) as folder:
                 write_csv(folder / "files.csv", work_table(sorted(works, key=lambda one: natural(one.name))))
-            err.print(f"Work on every file, with its problem, in {out_folder / 'files.csv'}", soft_wrap=True)
+            err.print(f"Work on every file, with its problem, in {failed / 'files.csv'}", soft_wrap=True)
         raise
 
 

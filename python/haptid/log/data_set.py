@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from haptid._internal.atomic_folder import MANIFEST
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.file_format import FORMATS
 from haptid.log.formats.folders import natural
@@ -21,13 +22,15 @@ class DataFile:
 
     Attributes:
         name: its path in the data set, with slashes.
-        place: its path on this machine, or its URL.
+        place: its path on this machine, or in the file system of the URL.
         size: bytes.
+        url: of the data set; empty on this machine.
     """
 
     name: str
     place: str
     size: int
+    url: str = ""
 
     @contextmanager
     def here(self) -> Iterator[Path]:
@@ -36,21 +39,23 @@ class DataFile:
         Raises:
             LogFileError: it cannot be fetched.
         """
-        if "://" not in self.place:
+        if not self.url:
             yield Path(self.place)
             return
         with tempfile.TemporaryDirectory(prefix="haptid-") as folder:
             path = Path(folder) / PurePosixPath(self.name).name
             with _fetching(self.name):
-                system, there = _file_system(self.place)
-                system.get_file(there, str(path))
+                # A path alone does not name its host, nor the archive that it is in.
+                system, _ = _file_system(self.url)
+                system.get_file(self.place, str(path))
             yield path
 
 
 def data_files(source: str) -> tuple[DataFile, ...]:
     """The log files of a data set, in folders of any depth, by the numbers in their names.
 
-    Files and folders whose names begin with a point or an underscore are none of them, such as `_SUCCESS`.
+    Files and folders whose names begin with a point or an underscore are none of them, such as `_SUCCESS`, nor are the
+    files of a folder of results. Links to folders are not followed.
 
     Args:
         source: a folder, or a URL of one; credentials are those of fsspec's configuration or the provider's.
@@ -62,12 +67,15 @@ def data_files(source: str) -> tuple[DataFile, ...]:
     if "://" in source:
         with _fetching(source):
             system, root = _file_system(source)
-            listed = {system.unstrip_protocol(path): info for path, info in system.find(root, detail=True).items()}
-            base = system.unstrip_protocol(root).rstrip("/")
-        found = [DataFile(url[len(base) + 1 :], url, int(info["size"] or 0)) for url, info in listed.items()]
+            listed = system.find(root, detail=True)
+        root = f"{root.strip('/')}/".lstrip("/")
+        found = [
+            DataFile(path.lstrip("/").removeprefix(root), path, int(info["size"] or 0), source)
+            for path, info in listed.items()
+        ]
     else:
         folder = Path(source)
-        _refuse_no_folder(folder)
+        _refuse_no_folder(source)
         paths = [path for path in folder.rglob("*") if path.is_file()]
         found = [
             DataFile(path.relative_to(folder).as_posix(), str(path.absolute()), path.stat().st_size) for path in paths
@@ -75,6 +83,8 @@ def data_files(source: str) -> tuple[DataFile, ...]:
     suffixes = {suffix for kind in FORMATS for suffix in kind.suffixes}
     logs = [file for file in found if PurePosixPath(file.name).suffix.lower() in suffixes]
     logs = [file for file in logs if not any(part[0] in "._" for part in PurePosixPath(file.name).parts)]
+    results = {PurePosixPath(file.name).parent for file in found if PurePosixPath(file.name).name == MANIFEST}
+    logs = [file for file in logs if PurePosixPath(file.name).parent not in results]
     if not logs:
         raise LogFileError(
             f"{source} has no log files.",
@@ -86,14 +96,15 @@ def data_files(source: str) -> tuple[DataFile, ...]:
     return tuple(sorted(logs, key=lambda file: natural(file.name)))
 
 
-def _refuse_no_folder(folder: Path) -> None:
+def _refuse_no_folder(source: str) -> None:
     """Raise LogFileError where there is no folder."""
-    if folder.is_dir():
+    if source and Path(source).is_dir():
         return
-    there = folder.exists()
+    there = bool(source) and Path(source).exists()
+    shown = source or "A data set without a name"
     raise LogFileError(
-        f"{folder} is a file, not a folder of log files." if there else f"{folder} does not exist.",
-        where=str(folder),
+        f"{shown} is a file, not a folder of log files." if there else f"{shown} does not exist.",
+        where=source,
         advice="Give the folder that it is in, or identify it alone with `haptid identify`."
         if there
         else "Give a folder of log files, or its URL.",
