@@ -40,20 +40,33 @@ decimation = {decimation}
 """
 
 
+def periodic_motion(
+    model: haptid.DynamicModel, rng: np.random.Generator, size: float, largest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """One period of positions and torques of parameters drawn at random, (coordinates, PERIOD) each.
+
+    Args:
+        size: of the motion's waves, at 1 rad/s.
+        largest: parameter.
+    """
+    n = len(model.device.active)
+    t = np.arange(PERIOD) / RATE_HZ
+    omega = 2 * np.pi * np.array([3, 7, 13, 22, 31]) * RATE_HZ / PERIOD
+    sizes = size / omega**0.7
+    angle = omega[:, None] * t + rng.uniform(0, 2 * np.pi, (n, 5, 1))
+    q = np.einsum("k,jkn->jn", sizes, np.sin(angle))
+    qd = np.einsum("k,jkn->jn", sizes * omega, np.cos(angle))
+    qdd = -np.einsum("k,jkn->jn", sizes * omega**2, np.sin(angle))
+    beta = rng.uniform(0.2, 1.0, len(model.base)) * largest
+    return q, haptid.inverse_dynamics(model, beta, q, qd, qdd)
+
+
 def write_log(folder: Path, samples: int) -> None:
     """Tile one periodic motion; noise differs all along."""
     model = haptid.DynamicModel(haptid.read_device("puma560"))
     rng = np.random.default_rng(0)
-    n = len(model.device.active)
-    t = np.arange(PERIOD) / RATE_HZ
-    omega = 2 * np.pi * np.array([3, 7, 13, 22, 31]) * RATE_HZ / PERIOD
-    size = 0.8 / omega**0.7
-    angle = omega[:, None] * t + rng.uniform(0, 2 * np.pi, (n, 5, 1))
-    q = np.einsum("k,jkn->jn", size, np.sin(angle))
-    qd = np.einsum("k,jkn->jn", size * omega, np.cos(angle))
-    qdd = -np.einsum("k,jkn->jn", size * omega**2, np.sin(angle))
-    beta = rng.uniform(0.2, 1.0, len(model.base))
-    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    q, tau = periodic_motion(model, rng, 0.8, 1.0)
+    n = len(q)
     copies = -(-samples // PERIOD)
     columns = {"t": np.arange(samples) / RATE_HZ}
     columns |= {f"q{k + 1}": np.tile(q[k], copies)[:samples] for k in range(n)}

@@ -30,8 +30,9 @@ import haptid
 from haptid.executors import DaskExecutor
 from haptid.study import read_study
 from haptid.study.pool import Pool, identify_pool
+from long_log import PERIOD, RATE_HZ, periodic_motion
 
-DEVICE, RATE_HZ, PERIOD = "phantom_premium_15", 1000.0, 20_000
+DEVICE = "phantom_premium_15"
 SIZES, FILE = (10**5, 10**6, 10**7, 10**8), 500_000
 # Files of the runs on a cluster, at three sizes; pairs of runs with one worker and two; empty tasks.
 FILES, PAIRS, EMPTY = (4, 8, 16), 4, 200
@@ -77,16 +78,8 @@ def write_files(folder: Path, samples: int) -> None:
     folder.mkdir()
     model = haptid.DynamicModel(haptid.read_device(DEVICE))
     rng = np.random.default_rng(0)
-    n = len(model.device.active)
-    t = np.arange(PERIOD) / RATE_HZ
-    omega = 2 * np.pi * np.array([3, 7, 13, 22, 31]) * RATE_HZ / PERIOD
-    size = 0.25 / omega**0.7
-    angle = omega[:, None] * t + rng.uniform(0, 2 * np.pi, (n, 5, 1))
-    q = np.einsum("k,jkn->jn", size, np.sin(angle))
-    qd = np.einsum("k,jkn->jn", size * omega, np.cos(angle))
-    qdd = -np.einsum("k,jkn->jn", size * omega**2, np.sin(angle))
-    beta = rng.uniform(0.2, 1.0, len(model.base)) * 1e-3
-    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+    q, tau = periodic_motion(model, rng, 0.25, 1e-3)
+    n = len(q)
     noise = 0.05 * tau.std(axis=1, keepdims=True)
     for k in range(max(1, samples // FILE)):
         columns = {"t": np.arange(FILE) / RATE_HZ}
@@ -97,7 +90,7 @@ def write_files(folder: Path, samples: int) -> None:
 
 
 def subset(folder: Path, samples: int) -> Path:
-    """A study, and a folder of links to as many files as have so many samples; of fewer than a file, its begin."""
+    """A study, and a folder of links to files with that number of samples together; the beginning of one for fewer."""
     own = folder / f"{samples} samples"
     if own.exists():
         return own
@@ -200,7 +193,7 @@ def scheduling(address: str) -> dict[str, float]:
 
 
 def returned(size: int) -> bytes:
-    """So many bytes."""
+    """Zeros of a size in bytes, as a task returns them."""
     return bytes(size)
 
 
