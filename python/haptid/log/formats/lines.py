@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from abc import abstractmethod
 from collections.abc import Collection, Iterator
 from typing import IO, Any
 
@@ -34,9 +35,9 @@ class _Changed(io.RawIOBase):
     def __init__(self, file: IO[bytes]) -> None:
         self.file, self.rest = file, b""
 
+    @abstractmethod
     def change(self, block: bytes) -> bytes:
         """A block of whole lines as it is to be read."""
-        raise NotImplementedError
 
     def readable(self) -> bool:
         return True
