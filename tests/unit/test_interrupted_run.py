@@ -19,6 +19,7 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
+from haptid.observation.cache import RFactorCache
 from haptid.study import read_study
 from haptid.study.identify import identify
 from small_study import DEVICE, STUDY, columns
@@ -124,6 +125,7 @@ def test_ctrl_c_and_the_same_command_again(study: Path, wanted: np.ndarray, tmp_
     for _ in range(9):
         listen()
     os.close(ours)
+    run.communicate(timeout=PATIENCE)
     text = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.decode())  # without colours and cursor
     assert run.returncode == 130
     assert re.search(r"observing log.parquet: [\d.e+]+ samples/s", text)  # how fast,
@@ -154,6 +156,22 @@ def segments(study: Path) -> Iterator[tuple[int, int]]:
         log = made.runs[0].motion.log
         for treatment in (made.proposal.treatment, made.proposal.reference):
             yield from planning.Plan.of(made.model, haptid.treat(log, treatment)).segments()
+
+
+def test_an_interruption_is_none_of_writing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may come when a part has just its name: it stays an interruption, and the part is kept."""
+    replace = os.replace
+
+    def interrupted(source: str, place: Path) -> None:
+        replace(source, place)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    kept = RFactorCache(tmp_path / "parts")
+    with pytest.raises(KeyboardInterrupt):
+        kept.put(kept.folder / "one.npz", b"content")
+    assert [path.name for path in kept.folder.iterdir()] == ["one.npz"]
+    assert (kept.folder / "one.npz").read_bytes() == b"content"
 
 
 def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:

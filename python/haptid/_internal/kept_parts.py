@@ -38,7 +38,7 @@ class KeptParts:
                 file.flush()
                 os.replace(file.name, path)
             except BaseException:
-                os.unlink(file.name)
+                Path(file.name).unlink(missing_ok=True)  # an interruption may come after the renaming
                 raise
 
     def count(self) -> int:
