@@ -123,8 +123,7 @@ def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Arr
     x, (fit, basis) = np.asarray(x, dtype=np.float64), _polynomials(window, degree, order)
     half = window // 2
     filtered, weights = np.empty(x.shape), basis[half] @ fit
-    for place in np.ndindex(filtered.shape[1:]):
-        filtered[half : len(filtered) - half, *place] = paired_sums(x[:, *place], weights)
+    filtered[half : len(filtered) - half] = paired_sums(x, weights)
     filtered[:half] = np.tensordot(basis[:half] @ fit, x[:window], axes=1)
     filtered[-half:] = np.tensordot(basis[-half:] @ fit, x[-window:], axes=1)
     return filtered
@@ -141,7 +140,7 @@ def _polynomials(window: int, degree: int, order: int) -> tuple[Array, Array]:
 
 
 def paired_sums(x: Array, weights: Array | tuple[float, ...]) -> Array:
-    """Sums of samples around each with symmetric or antisymmetric weights, (n - len(weights) + 1,).
+    """Sums of samples around each with symmetric or antisymmetric weights, (n, ...) to (n - len(weights) + 1, ...).
 
     Samples at equal distances are added first: antisymmetric weights of a constant signal give exactly zero, so that
     dry friction has no sign at rest.

@@ -64,13 +64,14 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
         return None
     spread = np.unique(np.linspace(0, n - size, min(WINDOWS, n // size)).astype(int))
     starts = [int(k) for k in spread if any(a <= k and k + size <= b for a, b in segments)]
-    windows = [_window(position[k : k + size], torque[k : k + size], k / n - 0.5, size / n) for k in starts]
-    if len(windows) < 8:
+    if len(starts) < 8:
         return None
-    shapes, rates, torques = (np.concatenate(parts) for parts in zip(*windows, strict=True))
+    together = [np.stack([channels[k : k + size] for k in starts], axis=1) for channels in (position, torque)]
+    times = np.array(starts) / n - 0.5 + size / n * np.linspace(0, 1, size - _ROWS + 1)[:, None]
+    shapes, rates, torques = (_one_after_another(x) for x in _columns(*together, times))
     scale = np.sqrt(np.mean(shapes**2, axis=0))
     Q = np.linalg.qr(shapes / np.where(scale > 0, scale, 1.0))[0]
-    upper, lower = np.zeros(len(windows)), np.zeros(len(windows))
+    upper, lower = np.zeros(len(starts)), np.zeros(len(starts))
     for rate, y in zip(np.moveaxis(rates, 2, 0), torques.T, strict=True):
         constant, growing, left = (x - Q @ (Q.T @ x) for x in (*rate.T, y))
         power = float(constant @ constant) or 1.0
@@ -78,8 +79,8 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
         left -= constant * float(constant @ left) / power
         noise = float(left @ left)
         if noise > 0:
-            upper += (growing * left).reshape(len(windows), -1).sum(axis=1) / noise
-            lower += (growing * growing).reshape(len(windows), -1).sum(axis=1) / noise
+            upper += (growing * left).reshape(len(starts), -1).sum(axis=1) / noise
+            lower += (growing * growing).reshape(len(starts), -1).sum(axis=1) / noise
     if not lower.any():
         return None
     slope = float(upper.sum() / lower.sum())
@@ -89,16 +90,24 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
     return ClockDrift(-slope * dt, se * dt)
 
 
-def _window(position: Array, torque: Array, start: float, length: float) -> tuple[Array, Array, Array]:
-    """Columns of the model (rows, columns); rates of torque, constant and growing, (rows, 2, torques); torques."""
+def _columns(position: Array, torque: Array, times: Array) -> tuple[Array, Array, Array]:
+    """Columns of the model; rates of the torques, constant and growing, (2, torques); the torques, smoothed.
+
+    Windows are filtered together, as calls for one of them take longer than its numbers. Each result is (rows, windows,
+    ...).
+
+    Args:
+        position, torque: (samples of a window, windows, channels).
+        times: of the rows, as shares of the log, (rows, windows).
+    """
     inside = slice(_ROWS // 2, -(_ROWS // 2))
+    q, qd, qdd = (polynomial_filter(position, _ROWS, 3, order)[inside] for order in (0, 1, 2))
+    tau, rate = (polynomial_filter(torque, _ROWS, 3, order)[inside] for order in (0, 1))
+    sign = np.tanh(qd / (0.1 * (qd.std(axis=0) + 1e-300)))
+    shape = np.concatenate([q, np.sin(q), np.cos(q), qd, qdd, sign, np.ones((*times.shape, 1))], axis=2)
+    return shape, np.stack([rate, times[..., None] * rate], axis=2), tau
 
-    def smooth(x: Array, order: int) -> Array:
-        return polynomial_filter(x, _ROWS, 3, order)[inside]
 
-    q, qd, qdd = (smooth(position, k) for k in (0, 1, 2))
-    tau, rate = smooth(torque, 0), smooth(torque, 1)
-    spread = qd.std(axis=0) + 1e-300
-    shape = np.column_stack([q, np.sin(q), np.cos(q), qd, qdd, np.tanh(qd / (0.1 * spread)), np.ones(len(q))])
-    t = start + length * np.linspace(0, 1, len(q))
-    return shape, np.stack([rate, t[:, None] * rate], axis=1), tau
+def _one_after_another(windows: Array) -> Array:
+    """Rows of all windows, (rows, windows, ...) to (windows x rows, ...)."""
+    return np.swapaxes(windows, 0, 1).reshape(-1, *windows.shape[2:])
