@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import signal
 import sys
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +41,21 @@ def test_an_item_that_loses_every_process_is_an_error() -> None:
     with pytest.raises(errors.ExecutorError) as raised:
         list(ProcessExecutor(2).map(always_killed, range(3)))
     assert (raised.value.where, raised.value.found) == (1, 3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals are sent to a process there")
+def test_an_interruption_does_not_reach_a_process_that_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, started = BaseProcess.start, []
+
+    def interrupted(process: BaseProcess) -> None:
+        start(process)
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGINT)
+        started.append(process.pid)
+
+    monkeypatch.setattr(BaseProcess, "start", interrupted)
+    assert dict(ProcessExecutor(2).map(doubled, range(3))) == {0: 0, 1: 2, 2: 4}
+    assert len(started) == 2  # none was lost, and none started in its place
 
 
 def test_an_error_comes_back_as_it_is() -> None:

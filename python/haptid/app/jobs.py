@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from haptid._internal.atomic_folder import write_file
+from haptid._internal.interruption import interruption_held
 from haptid.errors import WorkbenchError
 
 # Records that are kept, and what a cancelled process may take to end before it is killed, s.
@@ -122,7 +123,8 @@ class Jobs:
             self._process = context.Process(
                 target=run_work, args=(there, str(self._root), kind, arguments), name=f"haptid {kind}", daemon=True
             )
-            self._process.start()
+            with interruption_held():
+                self._process.start()
             there.close()
             self._reader = threading.Thread(target=self._follow, args=(record, here, self._process), daemon=True)
             self._reader.start()

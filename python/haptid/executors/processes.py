@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
+from haptid._internal.interruption import interruption_held
 from haptid.errors import SettingError
 from haptid.executors.executor import Item, Made, lost_item
 
@@ -105,17 +106,15 @@ class _Crew:
     def _start(self) -> tuple[Connection, BaseProcess]:
         ours, theirs = self.context.Pipe()
         process = self.context.Process(target=_serve, args=(theirs, self.function), daemon=True)
-        process.start()
+        with interruption_held():
+            process.start()
         theirs.close()
         return ours, process
 
 
 def _serve(connection: Connection, function: bytes) -> None:
-    """Loop of a worker process: receive an item, send the result, until the pipe is closed.
-
-    It ignores SIGINT, which a terminal sends to every process: the parent decides what an interruption means.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Loop of a worker process: receive an item, send the result, until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it could not be held back
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
     call = pickle.loads(function)
