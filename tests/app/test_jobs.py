@@ -163,21 +163,32 @@ def test_results_are_compared_and_drift_is_refused_for_shared_rows(bench):
     shutil.rmtree(other)
 
 
-@pytest.mark.usefixtures("identified", "small_pictures")
-def test_drift_over_dates_is_that_of_the_library(bench, monkeypatch):
-    """A second day with a heavier forearm: its parameters drift, by the slopes that the library computes."""
-    for seed, name in ((3, "sweep-2.csv"), (4, "check-2.csv")):
+@pytest.fixture
+def second_day(bench, monkeypatch):
+    """A result of a second day with a heavier forearm; the folder is as before afterwards."""
+    made = [bench.folder / "logs" / "sweep-2.csv", bench.folder / "logs" / "check-2.csv"]
+    for seed, path in zip((3, 4), made, strict=True):
         day = columns(seed)
         day["tau2"] = 1.05 * day["tau2"]
-        pyarrow.csv.write_csv(pa.table(day), bench.folder / "logs" / name)
+        pyarrow.csv.write_csv(pa.table(day), path)
     text = (bench.folder / STUDY).read_text().replace("sweep.csv", "sweep-2.csv").replace("check.csv", "check-2.csv")
-    (bench.folder / "studies" / "second.toml").write_text(text)
+    study, result = bench.folder / "studies" / "second.toml", "results/second"
+    study.write_text(text)
     monkeypatch.chdir(bench.folder)
-    assert CliRunner().invoke(app, ["identify", "studies/second.toml", "--out", "results/second"]).exit_code == 0
-    paths = f"{OUT},results/second"
+    assert CliRunner().invoke(app, ["identify", "studies/second.toml", "--out", result]).exit_code == 0
+    yield result
+    shutil.rmtree(bench.folder / result)
+    for path in (*made, study):
+        path.unlink()
+
+
+@pytest.mark.usefixtures("identified", "small_pictures")
+def test_drift_over_dates_is_that_of_the_library(bench, second_day):
+    """Parameters of a heavier forearm drift, by the slopes that the library computes."""
+    paths = f"{OUT},{second_day}"
     status, found = bench.ask("GET", f"/api/compare?paths={paths}&times=2026-03-02,2026-03-09")
     assert (status, [part["key"] for part in found["sections"]]) == (200, ["comparison", "drift"])
-    assert found["command"] == f"haptid compare {OUT} results/second --times 2026-03-02,2026-03-09"
+    assert found["command"] == f"haptid compare {OUT} {second_day} --times 2026-03-02,2026-03-09"
     results = [haptid.Result.load(bench.folder / path) for path in paths.split(",")]
     lines = drift(haptid.compare(*results, labels=["1", "2"]), [0.0, 7.0])
     assert lines.drifts
