@@ -1,4 +1,4 @@
-"""Text in UTF-16, as Windows tools write it."""
+"""Text in UTF-16 and in code pages, as Windows tools write it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from haptid import errors
 from haptid.log.file_format import format_of
+from haptid.log.survey import survey
 
 N = 120
 T = np.arange(N) * 0.01
@@ -56,3 +57,26 @@ def test_an_error_in_utf_16_text_names_its_line(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(errors.LogFileError, match="odd number"):
         format_of(path).names(path)
+
+
+@pytest.mark.parametrize(
+    ("page", "names", "units"),
+    [
+        ("cp1252", ["Zeit [s]", "Größe 1 [°]", "Stellkraft [µm]"], ["s", "°", "µm"]),
+        ("gbk", ["时间 [s]", "关节角 [°]", "力矩 [N·m]"], ["s", "°", "N·m"]),
+        ("utf-8", ["Zeit [s]", "Größe 1 [°]", "力矩 [N·m]"], ["s", "°", "N·m"]),
+    ],
+)
+def test_code_pages_of_spreadsheets_are_read(tmp_path: Path, page: str, names: list[str], units: list[str]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes((";".join(names) + "\n" + rows(";", ",")).encode(page))
+    kind = format_of(path)
+    assert kind.names(path) == names
+    assert list(kind.units(path).values()) == units
+    np.testing.assert_allclose(np.column_stack(list(read(path, names).values())), DATA, atol=1e-6)
+
+
+def test_degrees_of_a_code_page_below_the_header_are_drafted(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(("Zeit;Winkel;Moment\ns;°;Nm\n" + rows(";", ",")).encode("cp1252"))
+    assert 'position = { channels = ["Winkel"], unit = "deg" }' in survey(path).table

@@ -21,7 +21,7 @@ from haptid._internal.arrays import Array
 from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
-from haptid.log.formats.encoding import opened_text, opened_utf8
+from haptid.log.formats.encoding import encoding_of, opened_text, opened_utf8, text_of
 from haptid.log.formats.headers import NUMBER, fitting_header, is_number, numbered, two_levels
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
@@ -210,7 +210,7 @@ def _end(path: Path, dialect: _Dialect) -> tuple[int, int]:
     line = re.split(rb"[\r\n]", block)[-1]
     if len(line) == len(block):  # the only row, or no row at all
         return size, 0
-    cells = len(_cells(line.decode("utf-8", errors="replace"), dialect.separator))
+    cells = len(_cells(text_of(line), dialect.separator))
     if not 0 < cells < len(dialect.names):
         return size, 0
     return max(dialect.start, size - BLOCK_BYTES) + len(block) - len(line), cells
@@ -288,7 +288,8 @@ def _dialect(path: Path) -> _Dialect:
         whole = not file.read(1)
     lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines(keepends=True)
     offset = len(raw) - sum(map(len, lines))
-    texts = [line.decode("utf-8", errors="replace").rstrip("\r\n") for line in lines]
+    encoding = encoding_of(raw)
+    texts = [line.decode(encoding, errors="replace").rstrip("\r\n") for line in lines]
     if not whole and len(texts) > 1:
         del texts[-1]
     filled = [k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)][:SNIFFED]
@@ -429,7 +430,7 @@ def _row_bound(path: Path, dialect: _Dialect) -> int:
 def _fault(path: Path, dialect: _Dialect, indices: dict[str, int], skipped: frozenset[bytes]) -> LogError | None:
     """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
-    above = [_cells(line.decode("utf-8", errors="replace"), dialect.separator) for line in skipped]
+    above = [_cells(text_of(line), dialect.separator) for line in skipped]
     with opened_text(path) as file:
         blanks = dialect.separator == " "
         rows = csv.reader((" ".join(line.split()) for line in file) if blanks else file, delimiter=dialect.separator)

@@ -1,25 +1,44 @@
-"""Encodings of text logs: UTF-8, and UTF-16 with its mark, as Windows tools and PowerShell's `>` write."""
+"""Encodings of text logs: UTF-8, UTF-16 with its mark, and the code pages in which Windows programs save tables."""
 
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import IO, TextIO
 
 from haptid.errors import LogFileError
 
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+# Bytes that tell the encoding, and most of a character that may be cut at their end.
+_HEAD, _CUT = 2**16, 3
+# Bytes above 7-bit codes, and pairs of GB 2312: symbols, full-width letters and the 3755 usual characters. In Western
+# texts such bytes stand alone, or in other pairs.
+_HIGH, _CHINESE = re.compile(rb"[\x80-\xff]+"), re.compile(rb"(?:[\xa1\xa3\xb0-\xd7][\xa1-\xfe])+")
 
 
 def encoding_of(head: bytes) -> str:
-    """Encoding of a text with these first bytes."""
-    return "utf-16" if head[:2] in UTF_16_MARKS else "utf-8-sig"
+    """Encoding of a text with these first bytes: of one that is no UTF-8, Western European, or simplified Chinese."""
+    if head[:2] in UTF_16_MARKS:
+        return "utf-16"
+    try:
+        head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - _CUT or error.reason != "unexpected end of data":
+            runs = _HIGH.findall(head)
+            return "gbk" if all(_CHINESE.fullmatch(run) for run in runs[:-1] or runs) else "cp1252"
+    return "utf-8-sig"
+
+
+def text_of(raw: bytes) -> str:
+    """The text of some bytes."""
+    return raw.decode(encoding_of(raw), errors="replace")
 
 
 def opened_text(path: Path) -> TextIO:
     """The characters of a text, its mark left out and its line ends kept."""
     with path.open("rb") as file:
-        encoding = encoding_of(file.read(2))
+        encoding = encoding_of(file.read(_HEAD))
     return path.open(encoding=encoding, errors="replace", newline="")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid.log.formats.encoding import opened_text, opened_utf8
+from haptid.log.formats.encoding import opened_text, opened_utf8, text_of
 from haptid.log.formats.sniff import RawChannel, collect, corrupt, opened_file
 
 _KIND = "text"
@@ -34,7 +34,7 @@ def is_transposed(path: Path) -> bool:
     first = next(
         (line for line in head.split(b"\n") if line.strip() and not line.lstrip().startswith((b"#", b"%"))), b""
     )
-    cells = _cells(first.decode("utf-8-sig", errors="replace"))[:-1]
+    cells = _cells(text_of(first))[:-1]
     numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in cells)
     share = len(first) / max(1, len(cells))
     columns = size / max(1, lines) / max(1.0, share)
