@@ -199,3 +199,14 @@ def test_structs_without_names_of_their_own_are_numbered(tmp_path: Path, second:
     rows = [("q", DATA[:, 1]), (second, DATA[:, 2])]
     io.savemat(path, {"signals": np.array(rows, dtype=[("label", object), ("values", object)])})
     assert format_of(path).names(path) == ["signals[1].values", "signals[2].values"]
+
+
+def test_times_beside_the_samples_of_each_array_are_no_signals(tmp_path: Path) -> None:
+    """As of Simulink's `To File`, where each array has the times as its first row."""
+    path = tmp_path / "run.mat"
+    signals = {"data_theta": DATA[:, 1], "data_alpha": DATA[:, 2], "data_vm": np.sin(5 * T)}
+    io.savemat(path, {name: np.stack((T, x)) for name, x in signals.items()})
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert channels["time"] == "data_theta[1]"
+    assert channels["position"] == {"channels": ["data_theta[2]"], "unit": "rad"}
+    assert channels["torque"]["channels"] == ["data_vm[2]"]

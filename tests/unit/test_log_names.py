@@ -87,6 +87,14 @@ TAU = Q + np.cos(5.0 * T)
          ("t", "s"), (["position_id1", "position_id2"], "rad"), (["iq1", "iq2"], "A")),
         ("t;Gelenkwinkel 1;Gelenkwinkel 2;Motorstrom 1;Motorstrom 2", (T, Q, Q, TAU, TAU),
          ("t", "s"), (["Gelenkwinkel 1", "Gelenkwinkel 2"], "rad"), (["Motorstrom 1", "Motorstrom 2"], "A")),
+        ("t;qpos_waist;qpos_wrist_angle;qpos_wrist_rotate;effort_waist;effort_wrist_angle;effort_wrist_rotate",
+         (T, Q, Q, Q, TAU, TAU, TAU), ("t", "s"), (["qpos_waist", "qpos_wrist_angle", "qpos_wrist_rotate"], "rad"),
+         (["effort_waist", "effort_wrist_angle", "effort_wrist_rotate"], "N m")),
+        ("t;position.waist;position.elbow;position.wrist_angle;effort.waist;effort.elbow;effort.wrist_angle",
+         (T, Q, Q, Q, TAU, TAU, TAU), ("t", "s"), (["position.waist", "position.elbow", "position.wrist_angle"], "rad"),
+         (["effort.waist", "effort.elbow", "effort.wrist_angle"], "N m")),
+        ("t;hip_pos;knee_pos;hip_pos_angle;hip_tau;knee_tau", (T, Q, Q, Q, TAU, TAU),
+         ("t", "s"), (["hip_pos", "knee_pos"], "rad"), (["hip_tau", "knee_tau"], "N m")),
         ("t;q_counts;tau", (T, 50 * Q, TAU), ("t", "s"), (["q_counts"], "counts"), (["tau"], "N m")),  # of a mean
         ("t;E_pos;tau", (T, Q, np.gradient(Q, T)), ("t", "s"), (["E_pos"], "rad"), (["tau"], "N m")),
         ("t;E_q;q;tau", (T, Q, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
@@ -121,6 +129,14 @@ def test_headers_of_recorders(
     assert (channels["time"], channels["time_unit"]) == time
     assert (channels["position"]["channels"], channels["position"]["unit"]) == position
     assert (channels["torque"]["channels"], channels["torque"]["unit"]) == torque
+
+
+def test_torques_without_a_name_are_at_the_joint(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rate = np.gradient(Q, T)
+    np.savetxt(path, np.column_stack((T, Q, rate, TAU)), delimiter=",", header="t,r482,r63,r80", comments="")
+    torque = tomllib.loads(survey(path).table)["channels"]["torque"]
+    assert torque == {"channels": ["r80"], "unit": "N m"}
 
 
 def test_torques_that_look_like_velocities_are_torques(tmp_path: Path) -> None:

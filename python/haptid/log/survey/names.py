@@ -94,6 +94,8 @@ _RATE = re.compile(
 )
 # Errors of a controller: `e_q1`, `e_vel`; `E_pos` is of an axis too.
 _ERROR = re.compile(r"e_(?=[A-Za-z])")
+# A word of angles behind another one: part of a joint's name where the quantity is said beside it.
+ANGLE = re.compile(r"(?i:(?<=[a-z0-9])[ _]angle(?![a-z]))")
 _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
@@ -163,11 +165,19 @@ def last_part(name: str) -> str:
     return re.split(r"[/.]", name)[-1]
 
 
+def is_quantity(part: str) -> bool:
+    """Whether a part of a name says a quantity and nothing else."""
+    return any(words_of(part) <= known for _, known in QUANTITY_WORDS)
+
+
 def quantity_of(name: str) -> Quantity:
     """By the words of a name's last part, else by all of them; "joint" alone names a position, and no topic's field."""
     if name.lower() == "us":  # the inputs beside `ts` and `qs`; elsewhere microseconds
         return "torque"
     last = words_of(last_part(name))
+    parts = re.split(r"[/.]", name)
+    if parts[-2:-1] and is_quantity(parts[-2]):
+        last = words_of(ANGLE.sub("", parts[-1]))
     if last & NEITHER or _ERROR.match(last_part(name)) or words_of(name) & _SETTINGS:
         return "other"
     rate = _RATE.search(name.rpartition(".")[2])

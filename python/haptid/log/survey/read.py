@@ -206,7 +206,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
             channels = _recognised(channels, content)
         period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
         by_rates = _usual(1.0 / period) if period > 0 else 0.0
-    channels = _turning(channels, path, kind)
+    channels = _turning(_without_times(channels, path, kind), path, kind)
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = [_wrapped(c, path, kind) if c.quantity == "position" and c.usable else c for c in channels]
     named = (m["element"] for c in channels if (m := element_of(c.name)))
@@ -289,6 +289,21 @@ def _with_stamps_in_parts(channels: list[ChannelSurvey], path: Path, kind: Forma
             ]
             return [*others[:k], made, *others[k:]], rate
     return channels, 0.0
+
+
+def _without_times(channels: Sequence[ChannelSurvey], path: Path, kind: Format) -> list[ChannelSurvey]:
+    """Channels of which none is the times once more, as where every array has them beside its samples."""
+    times = [channel for channel in channels if channel.quantity == "time"]
+    spans = {(channel.low, channel.high, channel.count): channel.name for channel in times}
+    made = []
+    for channel in channels:
+        time = spans.get((channel.low, channel.high, channel.count))
+        if time is not None and channel not in times:
+            own, same = _columns(path, kind, [channel.name, time], Request()).values()
+            if np.array_equal(own, same):
+                channel = replace(channel, quantity="other", unit="", reason=f"the same as {time}")
+        made.append(channel)
+    return made
 
 
 def _is_part(channel: ChannelSurvey, rows: int) -> bool:
