@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy import io
@@ -99,6 +100,7 @@ def test_arrays_with_sides_of_one_element(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(found["tau[2]"], DATA[:, 2])
 
 
+@pytest.mark.filterwarnings("ignore")  # of the package, where it is imported here first
 def test_signals_of_a_simulink_run_are_named_by_themselves() -> None:
     """A data set of two timeseries: one with its times, one with a start and a step, samples along the last axis.
 
@@ -210,3 +212,67 @@ def test_times_beside_the_samples_of_each_array_are_no_signals(tmp_path: Path) -
     assert channels["time"] == "data_theta[1]"
     assert channels["position"] == {"channels": ["data_theta[2]"], "unit": "rad"}
     assert channels["torque"]["channels"] == ["data_vm[2]"]
+
+
+def stored(group: h5py.Group, name: str, value: np.ndarray | str | list[object]) -> None:
+    """Write a variable as MATLAB does in files of level 7.3: a list is a cell, or a field of an array of structs."""
+    if isinstance(value, list):
+        cells = group.create_dataset(name, (len(value), 1), dtype=h5py.ref_dtype)
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        inner = group.file.require_group("#refs#")
+        for k, cell in enumerate(value):
+            own = f"{group.name}.{name}.{k}".replace("/", ".")
+            stored(inner, own, cell)
+            cells[k, 0] = inner[own].ref
+        return
+    text = isinstance(value, str)
+    array = np.array([[ord(c)] for c in value], dtype=np.uint16) if text else np.atleast_2d(value)
+    data = group.create_dataset(name, data=array)
+    data.attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
+
+
+def as_matlab(path: Path) -> None:
+    """Give a file the header of level 7.3."""
+    raw = bytearray(path.read_bytes())
+    raw[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(bytes(raw))
+
+
+def test_signals_in_structs_of_level_7_3_have_their_names(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        out = file.create_group("out")
+        stored(out, "time", T)
+        signals = out.create_group("signals")
+        stored(signals, "values", [DATA[:, 1], DATA[:, 2]])
+        stored(signals, "label", ["theta", "Torque 1"])
+        stored(signals, "unit", ["rad", "mNm"])
+        for field in signals.values():
+            del field.attrs["MATLAB_class"]
+        one = file.create_group("one")
+        stored(one, "data", DATA[:, 2])
+        stored(one, "name", "speed")
+        stored(file, "runs", [DATA[:50], DATA[50:]])
+    as_matlab(path)
+    named = ["out.signals.theta [rad]", "out.signals.Torque 1 [mNm]", "one.speed"]
+    runs = [f"runs[{run}][{k}]" for run in (1, 2) for k in (1, 2, 3)]
+    assert sorted(format_of(path).names(path)) == sorted(["out.time", *named, *runs])
+    found = read(path, [*named, "out.signals[2].values", "runs[2][3]"])
+    np.testing.assert_array_equal(found["out.signals.Torque 1 [mNm]"], DATA[:, 2])
+    np.testing.assert_array_equal(found["out.signals[2].values"], DATA[:, 2])
+    np.testing.assert_array_equal(found["runs[2][3]"], DATA[50:, 2])
+    channels = tomllib.loads(survey(path).table)["channels"]
+    assert (channels["position"]["unit"], channels["torque"]["unit"]) == ("rad", "mN m")
+
+
+def test_signals_of_structs_that_hold_more_than_one_keep_their_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        run = file.create_group("run")
+        stored(run, "name", ["first", "second"])
+        stored(run, "q", [DATA[:, 1], DATA[:, 1]])
+        stored(run, "data", [DATA[:, 2], DATA[:, 2]])
+        for field in run.values():
+            del field.attrs["MATLAB_class"]
+    as_matlab(path)
+    assert sorted(format_of(path).names(path)) == ["run[1].data", "run[1].q", "run[2].data", "run[2].q"]

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from haptid.errors import LogFileError
+from haptid.log.formats.matlab_references import element_name, matlab_class, referenced, titled_values
 from haptid.log.formats.sniff import (
     Address,
     Budget,
@@ -24,6 +25,7 @@ from haptid.log.formats.sniff import (
 )
 
 _KIND = "HDF5"
+_DEEPEST = 12
 # Classes of MATLAB that are stored as integers and are not numbers.
 MATLAB_OTHER = frozenset({b"char", b"cell", b"logical", b"function_handle", b"struct"})
 
@@ -32,7 +34,7 @@ def names(path: Path) -> list[str]:
     """Names of the channels of all datasets of numbers."""
     require(path, _KIND, "HDF5", "MAT 7.3")
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
-        return [name for dataset in _datasets(file) for name in _channels(dataset)]
+        return [own for name, dataset in _datasets(file, titled=True).items() for own in _channels(name, dataset)]
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -53,7 +55,8 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of channels, each (stop - start,)."""
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
-        places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}
+        every = _datasets(file, titled=False) | _datasets(file, titled=True)
+        places = {own: (dataset, at) for name, dataset in every.items() for own, at in _channels(name, dataset).items()}
         return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
 
 
@@ -64,8 +67,8 @@ def _only(at: Address, start: int, stop: int) -> Address:
 
 def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     budget = Budget(path)
-    for dataset in _datasets(file):
-        name, found = _flat(dataset), _channels(dataset)
+    for name, dataset in (_datasets(file, titled=False) | _datasets(file, titled=True)).items():
+        found = _channels(name, dataset)
         requested = [w for w in wanted if w in found or w == name]
         if not requested:
             continue
@@ -81,36 +84,56 @@ def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tup
         yield from ((w, np.asarray(dataset[found[w]])) for w in requested if w in found)
 
 
-def _datasets(file: h5py.File) -> list[Any]:
-    """Every dataset of the file itself; links to other files are not followed."""
-    found: list[Any] = []
-    visited = 0
+def _datasets(file: h5py.File, titled: bool) -> dict[str, Any]:
+    """Every dataset of the file itself by its full name; links to other files are not followed.
 
-    def visit(name: str | bytes, item: object) -> None:
+    Cells and arrays of structs of MATLAB are references to their content, `out.signals[2].values` as in a MAT 5 file.
+
+    Args:
+        titled: whether those of structs that say a name of their array have it, `out.signals.q1 [rad]`.
+    """
+    found: dict[str, Any] = {}
+    visited, groups = 0, list[str]()
+
+    def count() -> None:
         nonlocal visited
-        name = name if isinstance(name, str) else name.decode(errors="replace")  # bytes where it is no UTF-8
         visited += 1
         check_members(Path(file.filename), visited, "groups and datasets")
-        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-            found.append(item)
+
+    def visit(name: str | bytes, item: object) -> None:
+        name = name if isinstance(name, str) else name.decode(errors="replace")  # bytes where it is no UTF-8
+        count()
+        name = name.strip("/").replace("/", ".")
+        if not name.startswith(("#", *(f"{group}." for group in groups))):
+            add(name, item, 0)
+
+    def add(name: str, item: object, depth: int) -> None:
+        if isinstance(item, h5py.Group) and (titles := titled_values(item) if titled else {}):
+            groups.append(name)
+            found.update({f"{name}.{title}": values for title, values in titles.items()})
+        elif isinstance(item, h5py.Dataset):
+            cells = referenced(item) if depth < _DEEPEST else []
+            if not cells:
+                found[name] = item
+            for k, cell in enumerate(cells, 1):
+                count()
+                own = element_name(name, k, cells, item)
+                add(own, cell, depth + 1)
+                for field, inner in cell.items() if isinstance(cell, h5py.Group) else ():
+                    add(f"{own}.{field}", inner, depth + 1)
 
     file.visititems(visit)
     return found
 
 
-def _flat(dataset: Any) -> str:
-    return str(dataset.name).strip("/").replace("/", ".")
-
-
 def _numbers(dataset: Any) -> bool:
-    matlab = dataset.attrs.get("MATLAB_class")  # bytes where MATLAB wrote it
-    matlab = matlab.encode() if isinstance(matlab, str) else matlab
+    matlab = matlab_class(dataset)
     if "MATLAB_object_decode" in dataset.attrs:
         return False  # a reference to an object, see `haptid.log.formats.mat`
-    return numeric(dataset.dtype) and not (isinstance(matlab, bytes) and matlab in MATLAB_OTHER)
+    return numeric(dataset.dtype) and matlab not in MATLAB_OTHER
 
 
-def _channels(dataset: Any) -> dict[str, Address]:
+def _channels(name: str, dataset: Any) -> dict[str, Address]:
     if not _numbers(dataset) or dataset.shape is None or "MATLAB_empty" in dataset.attrs:
         return {}
-    return addresses(_flat(dataset), dataset.shape)
+    return addresses(name, dataset.shape)

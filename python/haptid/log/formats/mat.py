@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import struct
 import warnings
 import zlib
@@ -19,6 +18,7 @@ from scipy import io
 from haptid.errors import LogFileError, MissingDependencyError
 from haptid.log.formats import hdf5, mat4
 from haptid.log.formats.mat_objects import objects, unread
+from haptid.log.formats.signal_titles import NAMES, SAMPLES, UNITS, VALUES, title_of
 from haptid.log.formats.sniff import (
     Budget,
     RawChannel,
@@ -162,19 +162,20 @@ def _titled(structs: np.ndarray) -> dict[str, RawChannel]:
     that of its values. Columns of a vector signal have no unit, which is written behind the name of one.
     """
     fields = {field.lower(): field for field in structs.dtype.names or ()}
-    key = next((fields[field] for field in _NAMES if field in fields), None)
+    key = next((fields[field] for field in NAMES if field in fields), None)
     made: dict[str, RawChannel] = {}
     for one in structs.flat if key and structs.size <= _MOST_STRUCTS else ():
         arrays = {low: one[field] for low, field in fields.items() if getattr(one[field], "size", 0)}
-        long = {low: array for low, array in arrays.items() if numeric(array.dtype) and array.size >= _SAMPLES}
-        unit = next((_text(one[fields[field]]) for field in _UNITS if field in fields), "")
-        title = _PORT.sub("", _text(one[key]).replace('"', ""))
+        long = {low: array for low, array in arrays.items() if numeric(array.dtype) and array.size >= SAMPLES}
+        unit = next((_text(one[fields[field]]) for field in UNITS if field in fields), "")
         nested = any(array.dtype.names is not None or array.dtype == object for array in arrays.values())
-        if not title or nested or len(long) != 1 or not long.keys() <= _VALUES:
+        if nested or len(long) != 1 or not long.keys() <= VALUES:
             return {}
         ((_, values),) = long.items()
-        apart = unit and values.size == max(values.shape) and not title.endswith((f"[{unit}]", f"({unit})"))
-        made[f"{title} [{unit}]" if apart else title] = values
+        title = title_of(_text(one[key]), unit if values.size == max(values.shape) else "")
+        if not title:
+            return {}
+        made[title] = values
     return made if len(made) == structs.size else {}
 
 
@@ -194,10 +195,6 @@ def _stacked(cells: Iterable[object]) -> RawChannel | None:
 
 # Longest array of structs or cells whose content is channels.
 _MOST_STRUCTS = 200
-# Fields of the name, the values and the unit of a signal's struct, and samples that it has at least; the port of a
-# Simulink block.
-_NAMES, _VALUES, _UNITS, _SAMPLES = ("name", "label", "signalname"), {"values", "data"}, ("unit", "units"), 16
-_PORT = re.compile(r"/(?:Out|In)\d+$")
 # Types of data elements; an array; classes of arrays that hold arrays, and the last class.
 _TYPES, MI_MATRIX = frozenset((*range(1, 8), 9, *range(12, 19))), 14
 _NESTED, _LAST_CLASS, _OPAQUE = (1, 2, 3, 16, 17), 18, 17
