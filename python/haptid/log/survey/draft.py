@@ -12,7 +12,7 @@ from haptid.log.formats.sniff import channel_list
 from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
-from haptid.log.survey.families import SI, WANTED, Family, families
+from haptid.log.survey.families import SI, WANTED_WORDS, ChannelFamily, channel_families
 from haptid.log.survey.guesses import STATED
 from haptid.log.survey.joint_names import are_named, owners
 from haptid.log.survey.names import COMMAND_WORDS, NEITHER, element_of, unit_apart, words_of
@@ -40,7 +40,7 @@ _NAMED = 8
 _FEW = 0.2
 
 
-def _fit(position: Family, torque: Family) -> tuple[object, ...]:
+def _fit(position: ChannelFamily, torque: ChannelFamily) -> tuple[object, ...]:
     """Order of pairs: both usable, equally many, joints before motors, of one group or topic, then their own ranks."""
     same = position.topic is torque.topic and position.prefix == torque.prefix
     equal = len(position.channels) == len(torque.channels)
@@ -56,15 +56,15 @@ def channels_table(
     straight: Sequence[bool],
 ) -> str:
     """A `[channels]` table of the most likely signals; empty where there are no positions or torques."""
-    positions = [family.of(joints) for family in families(topics, "position", joints)]
-    torques = [family.of(motors) for family in families(topics, "torque", [*joints, *motors])]
+    positions = [family.of(joints) for family in channel_families(topics, "position", joints)]
+    torques = [family.of(motors) for family in channel_families(topics, "torque", [*joints, *motors])]
     if joints and any(len(family.channels) == len(joints) for family in positions):
         positions = [family for family in positions if len(family.channels) == len(joints)]
     if not positions:
         return ""
     if joint_like := [family for family in positions if not family.of_a_point]:
         positions, torques = joint_like, [family for family in torques if not family.of_a_point]
-    rates = [family.of(joints) for family in families(topics, "velocity", joints)]
+    rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]
     pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
     if joints and len(position.channels) > len(joints) == len(moved := _moved(position)):
@@ -88,7 +88,7 @@ def channels_table(
     return "\n".join(lines) + "\n"
 
 
-def _unlike(position: Family, joints: Sequence[tuple[str, ...]]) -> str:
+def _unlike(position: ChannelFamily, joints: Sequence[tuple[str, ...]]) -> str:
     """What to check where positions are not as many as the device's joints, or have names that are none of them."""
     count = len(position.channels)
     names = ", ".join(joint[-1] for joint in joints[:_NAMED]) + (", ..." if len(joints) > _NAMED else "")
@@ -112,7 +112,7 @@ def _unlike(position: Family, joints: Sequence[tuple[str, ...]]) -> str:
     return ""
 
 
-def _moved(position: Family) -> list[int]:
+def _moved(position: ChannelFamily) -> list[int]:
     """Channels, by number, of joints that are not held while others move; all where the unit is none of a position."""
     scales = [SI.get(channel.unit, 0.0) for channel in position.channels]
     if not all(scales):
@@ -122,11 +122,11 @@ def _moved(position: Family) -> list[int]:
     return [k for k in range(len(scales)) if k not in held]
 
 
-def _left(topics: Sequence[TopicSurvey], position: Family) -> list[str]:
+def _left(topics: Sequence[TopicSurvey], position: ChannelFamily) -> list[str]:
     """Channels of no known name, as many as the positions and beside them: a question, and lines to uncomment."""
     left = [
         family
-        for family in families(topics, "other")
+        for family in channel_families(topics, "other")
         if len(family.channels) == len(position.channels)
         and family.topic is position.topic
         and family.rank[:2] == (True, True)
@@ -137,14 +137,14 @@ def _left(topics: Sequence[TopicSurvey], position: Family) -> list[str]:
     return [asked, *(f'# torque = {{ {_where(family)}, unit = "N m" }}' for family in left)] if left else []
 
 
-def _velocity_line(rates: Sequence[Family], position: Family) -> list[str]:
+def _velocity_line(rates: Sequence[ChannelFamily], position: ChannelFamily) -> list[str]:
     """The velocities of the positions, one for each and in the same rows."""
     units = [_RATE_UNITS.get(channel.unit, "") for channel in position.channels]
     samples = min(channel.count for channel in position.channels)
     for family in (rate.ordered(position) for rate in rates):
         own = [channel.unit or unit for channel, unit in zip(family.channels, units, strict=False)]
         fits = family.topic is position.topic and len(family.channels) == len(units) and all(own)
-        wanted = bool(words_of(family.array) & WANTED) != bool(words_of(position.array) & WANTED)
+        wanted = bool(words_of(family.array) & WANTED_WORDS) != bool(words_of(position.array) & WANTED_WORDS)
         if fits and not wanted and family.rank[0] and min(c.count for c in family.channels) == samples:
             stated = basic_string(own[0]) if len(set(own)) == 1 else f"[{', '.join(map(basic_string, own))}]"
             return [f"velocity = {{ {_where(family)}, unit = {stated} }}  # used where less noisy than differences"]
@@ -162,7 +162,7 @@ def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
     return channel
 
 
-def _merge_line(position: Family, torque: Family, kind: Format) -> list[str]:
+def _merge_line(position: ChannelFamily, torque: ChannelFamily, kind: Format) -> list[str]:
     """How torques come to the rows of the positions, where they have rows of their own."""
     if torque.topic is not position.topic:
         return ['merge = { onto = "position", method = "linear" }  # two topics, merged by time']
@@ -173,11 +173,11 @@ def _merge_line(position: Family, torque: Family, kind: Format) -> list[str]:
     if own < _FEW * samples and position.topic.rate_hz:
         seconds = math.ceil(samples / position.topic.rate_hz)
         return [f'merge = {{ method = "hold", largest_gap = {seconds} }}  # guess: {own} commands, each held']
-    method = "hold" if words & (COMMAND_WORDS | WANTED | {"control"}) else "linear"
+    method = "hold" if words & (COMMAND_WORDS | WANTED_WORDS | {"control"}) else "linear"
     return [f'merge = {{ method = "{method}" }}  # rows of several sources, merged by time']
 
 
-def _instead(others: Sequence[Family], chosen: Family) -> list[str]:
+def _instead(others: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str]:
     """Other channels that may be meant, as comments."""
     taken = {(chosen.topic.name, channel.name) for channel in chosen.channels}
     rest = [
@@ -188,7 +188,7 @@ def _instead(others: Sequence[Family], chosen: Family) -> list[str]:
     return [f"# also there: {', '.join(c.name for c in family.channels)}" for family in rest[:3]]
 
 
-def _time_line(position: Family, torque: Family | None, kind: Format) -> str:
+def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Format) -> str:
     if kind is MESSAGES:
         headers = all(f.topic.header for f in (position, torque) if f is not None)
         stamp = "header" if headers else "receive"
@@ -208,7 +208,7 @@ def _time_line(position: Family, torque: Family | None, kind: Format) -> str:
     return f"time = {basic_string(time.name)}\ntime_unit = {basic_string(time.unit)}  # guess: {time.reason}"
 
 
-def _where(family: Family) -> str:
+def _where(family: ChannelFamily) -> str:
     """The keys that name the channels of a family."""
     elements = [m["element"] for c in family.channels if (m := element_of(c.name)) and m["array"] == family.array]
     if len(elements) == len(family.channels) and not family.array.endswith("#") and "#" not in family.array:
@@ -221,7 +221,7 @@ def _where(family: Family) -> str:
     return where
 
 
-def _signal_line(key: str, family: Family) -> str:
+def _signal_line(key: str, family: ChannelFamily) -> str:
     units = dict.fromkeys(channel.unit for channel in family.channels)
     reasons = dict.fromkeys(channel.reason for channel in family.channels)
     where = _where(family)

@@ -22,11 +22,11 @@ from haptid.log.survey.names import (
 from haptid.log.units import known_unit
 
 # Less likely to be measured at the motor: the wanted value, that of a model, or an outside torque.
-WANTED = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
+WANTED_WORDS = frozenset({"target", "desired", "des", "reference", "ref", "command", "cmd", "goal", "action",
                      "actions", "setpoint", "set", "soll", "external", "ext", "et", "model", "predicted", "pred",
                      "last", "prev", "residual", "disturbance", "gravity", "friction"})  # fmt: skip
 # More likely than a command, where both are there.
-MEASURED = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
+MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", "fb", "fbk", "meas", "msr", "ist"})
 # What was done to a signal: another one than that without the word.
 _TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
 # rad or m of a unit of positions.
@@ -38,12 +38,17 @@ _SAME_RANGE = 1e-3
 # What is desired of a measured signal beside it: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`.
 _DESIRED = re.compile(r"_d(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
-_KIND = frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"} | WANTED | MEASURED | _TREATED
+_KIND = (
+    frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"}
+    | WANTED_WORDS
+    | MEASURED_WORDS
+    | _TREATED
+)
 _SEPARATOR = re.compile(r"([./ _])")
 
 
 @dataclass(frozen=True)
-class Family:
+class ChannelFamily:
     """Channels of one quantity that belong together, in order; `known` where they were found by the joints' names."""
 
     topic: TopicSurvey
@@ -58,9 +63,9 @@ class Family:
         usable = sum(channel.usable for channel in self.channels)
         return (
             usable > 0,
-            not words & WANTED,
+            not words & WANTED_WORDS,
             not all(channel.unit == "counts" for channel in self.channels),
-            bool(words & MEASURED),
+            bool(words & MEASURED_WORDS),
             _DRIVE.index(drive_unit(words)),
             usable,
             min(channel.count for channel in self.channels),
@@ -83,7 +88,7 @@ class Family:
         """Name before the last point."""
         return self.array.rpartition(".")[0]
 
-    def of(self, joints: Sequence[tuple[str, ...]]) -> Family:
+    def of(self, joints: Sequence[tuple[str, ...]]) -> ChannelFamily:
         """The channels of these joints, in their order; all channels where not every joint is found by a name."""
         if not joints:
             return self
@@ -94,7 +99,7 @@ class Family:
         order = matched([unit_apart(c.name)[0] for c in self.channels], joints)
         return replace(self, channels=tuple(self.channels[k] for k in order), known=True) if order else self
 
-    def ordered(self, other: Family) -> Family:
+    def ordered(self, other: ChannelFamily) -> ChannelFamily:
         """The channels in the order of another family that has the same elements."""
         own = {m["element"]: c for c in self.channels if (m := element_of(c.name))}
         wanted = [m["element"] for c in other.channels if (m := element_of(c.name))]
@@ -103,7 +108,7 @@ class Family:
             return replace(self, channels=tuple(own[element] for element in wanted))
         return self
 
-    def only(self, kept: Sequence[int], count: int) -> Family:
+    def only(self, kept: Sequence[int], count: int) -> ChannelFamily:
         """Some of the channels, by number, of a family of this many; of another size as it is."""
         return replace(self, channels=tuple(self.channels[k] for k in kept)) if len(self.channels) == count else self
 
@@ -125,11 +130,13 @@ def _no_joint(part: str, separator: str) -> bool:
     return separator != "_" or (bool(words) and words <= _KIND)
 
 
-def families(topics: Iterable[TopicSurvey], quantity: Quantity, joints: Sequence[tuple[str, ...]] = ()) -> list[Family]:
+def channel_families(
+    topics: Iterable[TopicSurvey], quantity: Quantity, joints: Sequence[tuple[str, ...]] = ()
+) -> list[ChannelFamily]:
     """Families of a quantity, the best first; names that differ in the name of one of the joints are of one family."""
     names = "|".join(re.escape(name) for name in sorted({x for joint in joints for x in joint}, key=len, reverse=True))
     own = re.compile(rf"(?<![^\W_])(?:{names})(?![^\W_])", re.I) if names else None
-    found: list[Family] = []
+    found: list[ChannelFamily] = []
     for topic in topics:
         arrays: dict[str, list[ChannelSurvey]] = {}
         all_names = {channel.name for channel in topic.channels}
@@ -143,7 +150,7 @@ def families(topics: Iterable[TopicSurvey], quantity: Quantity, joints: Sequence
                 arrays.setdefault(array, []).append(channel)
         groups = _joined(arrays)
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
-            found.append(Family(topic, array, tuple(c for c in channels if not _is_copy(c, channels))))
+            found.append(ChannelFamily(topic, array, tuple(c for c in channels if not _is_copy(c, channels))))
     return sorted(found, key=lambda family: family.rank, reverse=True)
 
 
@@ -207,7 +214,7 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
         words = [words_of(base_of(c.name)) for c in channels]
         if not any("/" in c.name or element_of(c.name) for c in channels) and all(own - _KIND for own in words):
             other = frozenset.union(*words, words_of(array)) & (
-                WANTED | MEASURED | _TREATED | {"motor", "joint", "rotor"}
+                WANTED_WORDS | MEASURED_WORDS | _TREATED | {"motor", "joint", "rotor"}
             )
             alike.setdefault((other, drive_unit(words_of(array)), channels[0].rows), []).append(channels)
     for members in alike.values():
@@ -221,7 +228,7 @@ def _pattern(name: str) -> str:
     """A channel's name without what tells it from those of other joints: numbers, or the joint's name in a path."""
     parts = re.split(r"([/.])", name)
     numbered = any(re.search(r"\d", part) for part in parts[-3:])
-    side = len(parts) > 2 and words_of(parts[-3]) & (WANTED | MEASURED | {"motor", "joint"})
+    side = len(parts) > 2 and words_of(parts[-3]) & (WANTED_WORDS | MEASURED_WORDS | {"motor", "joint"})
     if len(parts) > 2 and not numbered and not side and is_quantity(parts[-1]):
         parts[-3] = "#"
     elif (
