@@ -3,6 +3,8 @@
 Recorders are not ideal: stamps jitter, rows are lost, recording pauses, and a sample is written twice. Each of these is
 recognised, acted on by itself, and reported in a sentence with its size. A log without any is taken as it is.
 
+0. A clock that stood still while the joints moved on, and never caught up, is taken to have run, see
+   `haptid.log.stopped_clock`.
 1. Gaps. A step longer than a quarter period of the fastest motion, or than ten steps and an eighth of that period,
    splits the log into segments; shorter ones are bridged.
 2. Regular stamps, also rounded ones and ones with missing rows, are the grid.
@@ -45,6 +47,7 @@ from haptid.log.row_times import (
 from haptid.log.spectrum import fastest
 from haptid.log.stale import Stale, polled
 from haptid.log.stamps import FEWEST_SAMPLES, Stamps
+from haptid.log.stopped_clock import running_times
 
 # A step up to this many regular ones, and four standard deviations of the jitter, is no gap between segments.
 SHORTEST_GAP = 4.5
@@ -131,6 +134,9 @@ def time_base(path: Path, stamps: Stamps, recorded: RawSignals, sampling: Sampli
     rows = np.delete(np.arange(stamps.seconds.size), again) if again.size else None
     recorded = recorded.without(again)
     seconds = stamps.seconds if rows is None else stamps.seconds[rows]
+    if sampling == "auto":
+        seconds, said = running_times(seconds, recorded.positions)
+        sentences += said
     stale = None if keep_stale else recorded.stale()
     spans, gaps, said = _segments(path, seconds, recorded)
     sentences += said
