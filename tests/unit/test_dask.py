@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import socketserver
+import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -66,7 +69,55 @@ def test_the_command_and_the_workbench_share_a_study(address: str, tmp_path: Pat
         np.testing.assert_allclose(shared, alone.beta, rtol=0, atol=1e-12 * np.abs(alone.beta).max())
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("tcp://127.0.0.1:9", "Timed out"),
+        ("nowhere", "missing port number"),
+        ("http://127.0.0.1:8787", "unknown address scheme 'http'"),
+        ("", "missing port number"),
+    ],
+)
+def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch, address: str, why: str) -> None:
     monkeypatch.setattr("haptid.executors.cluster.PATIENCE", 1.0)
-    with pytest.raises(errors.ExecutorError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
-        list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))
+    with pytest.raises(errors.ExecutorError, match=f"no Dask scheduler answers at {address}.*({why})"):
+        list(DaskExecutor(address).map(abs, [1]))
+
+
+def test_a_program_that_is_no_scheduler_is_told(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    """Such as a page of the web on the port beside, or a worker of the same cluster."""
+    monkeypatch.setattr("haptid.executors.cluster.PATIENCE", 1.0)
+    with (
+        socketserver.ThreadingTCPServer(("127.0.0.1", 0), _WebPage) as server,
+        distributed.Client(address, set_as_default=False) as client,
+    ):
+        Thread(target=server.serve_forever, daemon=True).start()
+        with pytest.raises(errors.ExecutorError, match="what listens there does not speak"):
+            DaskExecutor(f"tcp://127.0.0.1:{server.server_address[1]}").check()
+        server.shutdown()
+        worker = next(iter(client.scheduler_info()["workers"]))
+    with pytest.raises(errors.ExecutorError, match="it is the address of a Worker"):
+        DaskExecutor(worker).check()
+
+
+class _WebPage(socketserver.BaseRequestHandler):
+    def handle(self) -> None:
+        self.request.sendall(b"HTTP/1.0 400 Bad Request\r\n\r\n")
+        self.request.recv(1)  # until the other side ends
+
+
+@pytest.mark.parametrize("command", [["identify"], ["fleet", "."], ["pool", "."], ["bench"]])
+def test_a_wrong_scheduler_is_one_error_of_each_command(tmp_path: Path, command: list[str]) -> None:
+    """In a process of its own, as what Dask leaves undone is printed at its end."""
+    study = str(write_study(tmp_path))
+    given = [command[0], study, *command[1:]]
+    if command == ["bench"]:
+        experiment = Path(__file__).parents[2] / "examples" / "phantom" / "experiment.toml"
+        given = ["bench", "phantom_premium_15", str(experiment), "--count", "2"]
+    out = str(tmp_path / "out.parquet")
+    call = [sys.executable, "-m", "haptid", *given, "--out", out, "--scheduler", "nowhere", "--quiet"]
+    done = subprocess.run(call, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: no Dask scheduler answers at nowhere: missing port number")
+    assert done.stderr.rstrip().endswith("give the address that the scheduler prints.")
+    assert "Traceback" not in done.stderr

@@ -16,9 +16,11 @@ Kept = TypeVar("Kept", bound=KeptParts)
 
 
 def workers(count: int, scheduler: str | None) -> Executor:
-    """The executor: a Dask cluster, several processes, or serial."""
+    """The executor: a Dask cluster, which must answer, several processes, or serial."""
     if scheduler is not None:
-        return DaskExecutor(scheduler)
+        cluster = DaskExecutor(scheduler)
+        cluster.check()  # before logs are read
+        return cluster
     return SerialExecutor() if count == 1 else ProcessExecutor(count)
 
 
