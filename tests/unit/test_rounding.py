@@ -26,10 +26,13 @@ def model():
     return two_links()
 
 
-def log(model, beta, seed: int, step: float) -> haptid.Log:
-    """Three harmonics whose period is a whole number of samples, rounded; torque with white noise of a thousandth."""
+def log(model, beta, seed: int, step: float, apart: float = 1.0) -> haptid.Log:
+    """Three harmonics whose period is a whole number of samples, rounded; torque with white noise of a thousandth.
+
+    With frequencies that are apart by another factor the motion does not come back.
+    """
     rng, t = np.random.default_rng(seed), DT * np.arange(SAMPLES * TURNS)
-    w = 2 * np.pi / (SAMPLES * DT) * np.arange(1, 4)
+    w = 2 * np.pi / (SAMPLES * DT) * np.arange(1, 4) ** apart
     a, p = rng.normal(size=(2, 3)) / np.arange(1, 4), rng.uniform(0, 2 * np.pi, (2, 3, 1))
     q, qd, qdd = (
         np.einsum("jk,jkn->jn", 0.4 * a * w**k, np.sin(w[:, None] * t + p + 0.5 * np.pi * k)) for k in range(3)
@@ -66,6 +69,19 @@ def test_rounding_moves_estimates_as_far_as_is_found_and_intervals_hold_the_trut
     assert abs(np.sqrt(np.mean(np.square(found))) - 1) < of_deviation(int(many)) + 0.15  # eight lattices: t of 8 dof
     assert np.sqrt(np.mean(np.square(scatter))) > 10
     assert np.mean(inside) > 0.95 - of_share(0.95, many)
+
+
+def test_motion_that_does_not_come_back_is_in_the_scatter_of_blocks(model):
+    """Nothing is added, or little by chance; lattices of one step added more than the blocks' own variance."""
+    beta, off, added = model.base.of(true_parameters(model)), [], 0.0
+    for seed in range(DRAWS):
+        estimate, _, rounding = effect(model, log(model, beta, seed, 0.1 * COARSE, apart=0.9))
+        off += list((estimate.beta - beta) / estimate.se)
+        if rounding is not None:
+            added += float(np.mean(np.sum(rounding.beyond()[:, : len(beta)] ** 2, axis=0) / estimate.se**2))
+    many = DRAWS * len(beta) / 4
+    assert abs(np.sqrt(np.mean(np.square(off))) - 1) < of_deviation(int(many)) + 0.1  # blocks: t of few dof
+    assert added / DRAWS < 0.3
 
 
 def test_a_fine_encoder_costs_nothing(model):

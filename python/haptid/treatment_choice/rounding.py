@@ -4,7 +4,12 @@ Rounding depends on the position alone. Where a motion comes back to the same sa
 period, and what of them lies in the columns of the model is in the parameters and not in the residual: no scatter of
 the residual shows it. Noise drawn at random does not show it either, since it averages out over the periods. Positions
 that are rounded once more, on lattices that lie elsewhere between the steps of the encoder, have errors that repeat as
-those of the log do; by how much they move the estimates is their error, as far as blocks do not show it.
+those of the log do; by how much they move the estimates is their error, as far as blocks do not show it. Where the
+motion does not come back, the scatter of blocks shows all of it, and nothing is added.
+
+Smoothed positions are not the true ones, but a function of positions on the encoder's own lattice: on lattices of the
+same step their errors have phases that depend on what the smoothing took away, as the columns do, and add up where
+those of the log do not. So each lattice has a step of its own, a little larger or smaller.
 """
 
 from __future__ import annotations
@@ -27,8 +32,10 @@ from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_
 from haptid.treatment_choice.first_fit import residual_memory, solve_excited
 from haptid.treatment_choice.nuisance_problem import NuisanceProblem
 
-# Lattices that positions are rounded to.
-_LATTICES = 8
+# Lattices that positions are rounded to, and by how much their steps differ from the encoder's, at most.
+_LATTICES, _STEPS = 8, 0.1
+# Random signs, and the standard deviations above their mean from which on the errors of blocks add up.
+_SIGNS, _BEYOND = 100, 2.0
 # Lattices after which it ends where the shifts of all estimates are below such a share of their standard errors.
 _FIRST, _MATTERS = 2, 0.2
 # Cut-off of the filter behind which positions stand for the true ones, over the motion's bandwidth, at most: with much
@@ -76,7 +83,7 @@ def rounding_effect(
     treatment: Treatment,
     delays: Delays | None,
 ) -> Rounding | None:
-    """What the rounding of the positions may have moved the estimates by; None where it matters nowhere.
+    """What the rounding of the positions may have moved the estimates by; None where blocks show all that matters.
 
     Args:
         estimate: from the logs.
@@ -93,23 +100,39 @@ def rounding_effect(
     cutoffs = np.minimum(np.broadcast_to(treatment.cutoff_hz, (channels,)), highest)
     smoother = replace(treatment, torque_delay_s=0.0, cutoff_hz=tuple(cutoffs.tolist()))
     rng = np.random.default_rng(0)
-    # Each channel's places are spread evenly over a step, in an order of its own.
+    # Each channel's places are spread evenly over a step, in an order of its own, and so are the sizes of the steps.
     places = np.array([rng.permutation(_LATTICES) for _ in range(channels)]).T / _LATTICES
+    spread = np.linspace(1 - _STEPS, 1 + _STEPS, _LATTICES)
+    sizes = np.array([rng.permutation(spread) for _ in range(channels)]).T
     refit = _Refit.of(estimate, delays if delays is not None and delays.accepted else None)
     try:
         smooth = [np.asarray(treat(log, smoother).q[:]) for log in logs]
         plain = refit.motors(logs, smooth)
         at = solve_excited(plain, refit.weights, refit.known).beta
         before, parts = refit.by_block(plain, at), list[Array]()
-        for place in places:
-            rounded = [_rounded(q, own, place) for q, own in zip(smooth, steps, strict=True)]
+        for place, size in zip(places, sizes, strict=True):
+            rounded = [_rounded(q, own * size, place) for q, own in zip(smooth, steps, strict=True)]
             parts.append(refit.by_block(refit.motors(logs, rounded), at) - before)
             if len(parts) == _FIRST and np.all(np.abs(np.sum(parts, axis=1)) < _MATTERS * refit.se):
                 return None
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return None
     made = np.array(parts)
+    if not _add_up(made / np.where(refit.se > 0, refit.se, np.inf)):
+        return None
     return Rounding(made.sum(axis=1), np.mean(np.sum(made**2, axis=1), axis=0), refit.se)
+
+
+def _add_up(parts: Array) -> bool:
+    """Whether what lattices move the estimates by adds up over the blocks beyond chance: random signs of blocks.
+
+    Args:
+        parts: of each lattice and block, over standard errors, (lattices, blocks, p + delays).
+    """
+    own = parts - parts.mean(axis=0)  # what all lattices do alike is attenuation, which SIMEX shows
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(_SIGNS, *own.shape[:2]))
+    chance = np.sum(np.einsum("slb,lbk->slk", signs, own) ** 2, axis=(1, 2))
+    return bool(np.sum(own.sum(axis=1) ** 2) > np.mean(chance) + _BEYOND * np.std(chance))
 
 
 def _rounded(q: Array, steps: Array, place: Array) -> Array:
