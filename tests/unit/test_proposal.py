@@ -162,7 +162,11 @@ def test_a_delay_is_named(phantom, late, words):
 
 
 def test_a_delay_that_is_not_identifiable_keeps_its_prior_and_its_uncertainty(phantom):
-    proposal = haptid.propose(phantom, recorded(phantom, late=0.5, noise=20.0))
+    made = recorded(phantom, late=0.5, noise=20.0)
+    noisy = dataclasses.replace(made.channels.torque, constant_ok=True)  # it is refused otherwise
+    proposal = haptid.propose(
+        phantom, dataclasses.replace(made, channels=dataclasses.replace(made.channels, torque=noisy))
+    )
     delays = proposal.delays
     assert np.abs(delays.seconds - 5e-4).max() < 3 * delays.se.max()
     assert delays.se.min() > 5e-4

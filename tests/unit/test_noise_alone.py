@@ -1,0 +1,61 @@
+"""Torque channels that are not connected and show noise: of many values, and of no weight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import haptid
+from diagnosed import log, phantom
+from haptid.advice.recorder import faults
+from haptid.log.noise_alone import check_torques, noise_alone
+
+TREATMENT = haptid.Treatment(cutoff_hz=60.0, parallel_cutoff_hz=30.0, torque_delay_s=0.0)
+
+
+def with_noise(size: float, share: float = 0.0) -> haptid.Log:
+    """A clean log whose third torque channel is noise of this deviation, and this share of the torque."""
+    made = log(3, noise=0.0)
+    torque = np.array(made.torque)
+    torque[:, 2] = share * torque[:, 2] + size * np.random.default_rng(1).standard_normal(len(torque))
+    return replace(made, torque=torque)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0])
+def test_a_channel_of_noise_is_refused(size: float) -> None:
+    made = with_noise(size)
+    assert noise_alone(made).tolist() == [False, False, True]
+    with pytest.raises(haptid.errors.LogDataError, match=r"torque channel u3 shows noise alone .*constant_ok = true"):
+        haptid.observe(phantom(), haptid.treat(made, TREATMENT))
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0])
+def test_a_channel_of_noise_that_is_allowed_hardly_counts(size: float) -> None:
+    made = with_noise(size)
+    torque = replace(made.channels.torque, constant_ok=True)
+    made = replace(made, channels=replace(made.channels, torque=torque))
+    rows = haptid.observe(phantom(), haptid.treat(made, TREATMENT))
+    assert any(note.startswith("torque channel u3 shows noise alone") for note in rows.notes)
+    found = haptid.estimate(rows, haptid.WLS())
+    clean = haptid.estimate(haptid.observe(phantom(), haptid.treat(log(3, noise=0.0), TREATMENT)), haptid.WLS())
+    for motor in rows.motors[:2]:
+        assert motor.residual(found.beta) < 1.1 * motor.residual(clean.beta)
+    assert [(fault.kind, fault.channel) for fault in faults(made)] == [("dead torque", 2)]
+
+
+def test_a_noisy_torque_is_no_noise_alone() -> None:
+    made = log(3, noise=0.0)
+    rms = float(np.std(made.torque[:, 2]))
+    assert not noise_alone(with_noise(3 * rms, share=1.0)).any()
+    assert check_torques(made) == ()
+
+
+def test_a_torque_that_is_switched_is_no_noise_alone() -> None:
+    """As of a controller that chatters: the torque is right in the mean alone."""
+    made, rng = log(3, noise=0.0), np.random.default_rng(2)
+    torque = np.array(made.torque)
+    limit = 2 * float(np.abs(torque[:, 2]).max())
+    torque[:, 2] = limit * np.sign(torque[:, 2] / limit + rng.uniform(-1, 1, len(torque)))
+    assert not noise_alone(replace(made, torque=torque)).any()
