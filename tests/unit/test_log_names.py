@@ -55,7 +55,15 @@ TAU = Q + np.cos(5.0 * T)
         ("millis;ticks1;ticks2;pwm1;pwm2", (1e3 * T, *np.rint([500 * Q, 500 * Q, 99 * TAU, 99 * TAU])),
          ("millis", "ms"), (["ticks1", "ticks2"], "counts"), (["pwm1", "pwm2"], "counts")),
         ("time;cart_position;pendulum_angle;cart_force;pendulum_torque", (T, Q, Q, TAU, TAU), ("time", "s"),
-         (["cart_position", "pendulum_angle"], "rad"), (["cart_force", "pendulum_torque"], "N m")),
+         (["cart_position", "pendulum_angle"], ["m", "rad"]), (["cart_force", "pendulum_torque"], ["N", "N m"])),
+        ("t;x;F", (T, Q, TAU), ("t", "s"), (["x"], "m"), (["F"], "N")),
+        ("t;x;xdot;u", (T, Q, np.gradient(Q, T), TAU), ("t", "s"), (["x"], "m"), (["u"], "N")),
+        ("t;cart_pos_m;FORCE_MN", (T, Q, 50 * TAU), ("t", "s"), (["cart_pos_m"], "m"), (["FORCE_MN"], "mN")),
+        ("t;piston_pos;piston_force", (T, 50 * Q, TAU), ("t", "s"), (["piston_pos"], "mm"), (["piston_force"], "N")),
+        ("t;angle_x;angle_y;tau_x;tau_y", (T, Q, Q, TAU, TAU), ("t", "s"), (["angle_x", "angle_y"], "rad"),
+         (["tau_x", "tau_y"], "N m")),
+        ("t;PL.FB;VL.FB;IL.CMD;IL.FB", (T, Q, np.gradient(Q, T), TAU + 0.02 * np.sin(40 * T), TAU),
+         ("t", "s"), (["PL.FB"], "rad"), (["IL.FB"], "N m")),
         ("time;elbow_pos;elbow_angle;elbow_torque", (T, Q, Q, TAU),  # two signals of one joint
          ("time", "s"), (["elbow_pos"], "rad"), (["elbow_torque"], "N m")),
         ("s;rad1;rad2;nm1;nm2", (T, Q, Q, TAU, TAU), ("s", "s"), (["rad1", "rad2"], "rad"), (["nm1", "nm2"], "N m")),
@@ -120,8 +128,8 @@ def test_headers_of_recorders(
     header: str,
     columns: tuple[np.ndarray, ...],
     time: tuple[str, str],
-    position: tuple[list[str], str],
-    torque: tuple[list[str], str],
+    position: tuple[list[str], str | list[str]],
+    torque: tuple[list[str], str | list[str]],
 ) -> None:
     path = tmp_path / "log.csv"
     np.savetxt(path, np.column_stack(columns), fmt="%.5f", delimiter=";", header=header, comments="", encoding="utf-8")
@@ -129,6 +137,21 @@ def test_headers_of_recorders(
     assert (channels["time"], channels["time_unit"]) == time
     assert (channels["position"]["channels"], channels["position"]["unit"]) == position
     assert (channels["torque"]["channels"], channels["torque"]["unit"]) == torque
+
+
+def test_x_y_and_z_of_a_point_are_no_joints(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((T, Q, 2 * Q, Q**2, TAU)), delimiter=",", header="t,x,y,z,F", comments="")
+    assert survey(path).table == ""
+
+
+@pytest.mark.parametrize(("straight", "unit"), [(True, "m"), (False, "rad")])
+def test_the_device_decides_what_moves_straight(tmp_path: Path, straight: bool, unit: str) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((T, Q, TAU)), delimiter=",", header="t,slider_pos,tau", comments="")
+    channels = tomllib.loads(survey(path, joints=[("slider",)], straight=[straight]).table)["channels"]
+    assert channels["position"]["unit"] == unit
+    assert channels["torque"]["unit"] == ("N" if straight else "N m")
 
 
 def test_torques_without_a_name_are_at_the_joint(tmp_path: Path) -> None:

@@ -73,6 +73,8 @@ def channels_table(
         torque = torque and torque.only(moved, count)
     lines = ["[channels]  # units and choices are guesses: check each of them"]
     lines.append(_time_line(position, torque, kind))
+    lengths = [channel.unit in _STRAIGHT[0] for channel in position.channels]
+    straight = straight if len(straight) == len(lengths) or not any(lengths) else lengths
     if len(straight) == len(position.channels):
         position = replace(position, channels=tuple(map(_of_joint, position.channels, straight)))
         if torque is not None and len(torque.channels) == len(straight):
@@ -152,13 +154,15 @@ def _velocity_line(rates: Sequence[ChannelFamily], position: ChannelFamily) -> l
 
 
 def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
-    """A channel of a prismatic joint whose unit was guessed as that of an angle or a moment."""
+    """A channel of a prismatic joint whose unit was guessed as an angle's or a moment's, and the other way round."""
     if straight and channel.unit in ("rad", "deg"):
         largest = max(abs(channel.low), abs(channel.high))
         unit = "mm" if largest > _METRES else "m"
         return replace(channel, unit=unit, reason=f"its joint is prismatic, and it reaches {largest:.3g}")
     if straight and channel.unit == "N m":
-        return replace(channel, unit="N", reason="its joint is prismatic")
+        return replace(channel, unit="N", reason=f"its joint is prismatic; {channel.reason}")
+    if not straight and channel.unit in ("m", "mm") and not channel.reason.startswith(STATED):
+        return replace(channel, unit="rad", reason="its joint is revolute")
     return channel
 
 

@@ -18,6 +18,7 @@ from haptid.log.survey.names import (
     base_of,
     drive_unit,
     element_of,
+    is_straight,
     only_unit,
     quantity_of,
     time_unit,
@@ -39,6 +40,10 @@ _AMPERES = 200.0
 # Steps of times that are pauses, in the median; share by which mean and median differ where there is no one rate, and
 # of rows with the stamp of the row before.
 _PAUSE, _UNEVEN, _SHARED = 10.0, 0.25, 0.05
+# Forces and torques beyond this, in MN or MN m, are no machine's.
+_MEGA = 100.0
+# Positions beyond this, of what moves straight, are in mm.
+_METRES = 5.0
 # Torques that are whole numbers, and reach more than this, are in a driver's unit.
 _WHOLE = 10.0
 
@@ -121,10 +126,15 @@ def guessed(
     end = base.rpartition("_")[2] if "_" in base else ""
     suffix = known_unit(end) if end else None
     filtered = end.lower() == "raw" and not channel.whole  # `q_raw` before a filter, in rad
-    if suffix and suffix[0] == quantity and not filtered and end not in ("m", "a", "v", "n"):
-        return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1] + _or(end))
+    plain = end not in ("m", "a", "v", "n") or (end == "m" and is_straight(words))
     largest = max(abs(channel.low), abs(channel.high)) if channel.count else 0.0
-    unit, reason = unit_of(quantity, words | topic, largest, channel, source)
+    if suffix and suffix[0] == quantity and not filtered and plain:
+        if base.isupper() and suffix[1][0] == "M":
+            unit, reason = _milli_or_mega(suffix[1], largest)
+            return replace(channel, quantity=quantity, unit=unit, reason=reason)
+        return replace(channel, quantity=quantity, unit=suffix[1], reason=STATED[1] + _or(end))
+    of_all = frozenset() if quantity == "position" and not is_straight(words) and is_straight(words | topic) else topic
+    unit, reason = unit_of(quantity, words | of_all, largest, channel, source)
     return replace(channel, quantity=quantity, unit=unit, reason=reason)
 
 
@@ -132,6 +142,13 @@ def _or(unit: str) -> str:
     """What else a unit may be: `MNM` in capitals is mN m or MN m."""
     other = [f", which may also be {name}" for name in readings(unit, "torque")[1:]]
     return "".join(other)
+
+
+def _milli_or_mega(unit: str, largest: float) -> tuple[str, str]:
+    """Unit and reason where the name is in capitals, which do not tell milli from mega: no machine has such a mega."""
+    milli = unit.replace("M", "m", 1)
+    meant, other = (milli, unit) if largest > _MEGA else (unit, milli)
+    return meant, f"{STATED[1]}, in capitals, which may also be {other}; up to {largest:.4g}"
 
 
 def _own_unit(stated: str) -> str:
@@ -145,6 +162,9 @@ def unit_of(
     if quantity == "position":
         if channel.whole and (largest > _COUNTS or words & COUNTED_WORDS):
             return "counts", f"whole numbers up to {largest:.4g}; a gain in rad per count is required"
+        if is_straight(words):
+            unit = "mm" if largest > _METRES else "m"
+            return unit, f"{_UNSTATED}; called as what moves straight, up to {largest:.3g}"
         if {"pos", "estimate"} <= words:
             return "turn", "called as by ODrive, which counts turns"
         if largest > _RADIANS and not (source == "rosjoint" and channel.high - channel.low < _RADIANS):

@@ -24,6 +24,9 @@ _POSITION = frozenset({"q", "qi", "qm", "ql", "jp", "pos", "position", "position
                        "posizione", "qs", "thetas"})  # fmt: skip
 # Names of joints, of angles of any kind, and positions in the table of a KUKA arm's FRI client.
 _ANGLE = frozenset({"th", "phi", "joint", "j", "axis", "mp", "displacement", "stroke"}) | {"ticks", "counts", "pulses"}
+# What moves straight: its positions are lengths.
+_STRAIGHT = frozenset({"cart", "slider", "slide", "carriage", "piston", "rail", "prismatic", "linear", "gantry",
+                            "displacement", "stroke", "wagen", "schlitten", "kolben", "weg"})  # fmt: skip
 # In this order: a word that tells the quantity, before one that may belong to any.
 QUANTITY_WORDS: tuple[tuple[Quantity, frozenset[str]], ...] = (
     ("velocity", _VELOCITY),
@@ -204,6 +207,11 @@ def drive_unit(words: frozenset[str]) -> str:
         return ""
     kinds = (("current", _CURRENT), ("voltage", _VOLTAGE), ("duty", _DUTY))
     return next((kind for kind, known in kinds if words & known), "")
+
+
+def is_straight(words: frozenset[str]) -> bool:
+    """Whether words of a position are those of what moves straight, a cart's `x` too."""
+    return words == {"x"} or bool(words & _STRAIGHT and not words & {"angle", "ang", "angular", "theta", "winkel"})
 
 
 def is_time(name: str) -> bool:

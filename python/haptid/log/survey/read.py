@@ -29,10 +29,11 @@ from haptid.log.merging import SPARSE
 from haptid.log.registers import register_of
 from haptid.log.request import Request
 from haptid.log.stamp_parts import fraction_unit, sum_of
-from haptid.log.survey.channels import A_PART, ChannelSurvey, Survey, TopicSurvey
+from haptid.log.survey.channels import A_PART, ChannelSurvey, Quantity, Survey, TopicSurvey
 from haptid.log.survey.draft import channels_table
+from haptid.log.survey.families import WANTED_WORDS
 from haptid.log.survey.guesses import MAY_TURN, STATED, commanded, guessed, timed, unit_of, usual_step
-from haptid.log.survey.names import element_of, is_time, words_of
+from haptid.log.survey.names import COMMAND_WORDS, element_of, is_straight, is_time, words_of
 from haptid.log.turns import turning_unit
 from haptid.log.units import scale
 
@@ -203,7 +204,7 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         channels, own = _with_times(channels, content.time, path, kind)
         rate = rate or own
         if not any(channel.quantity == "position" for channel in channels):
-            channels = _recognised(channels, content)
+            channels = _lettered(_recognised(channels, content))
         period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
         by_rates = _usual(1.0 / period) if period > 0 else 0.0
     channels = _turning(_without_times(channels, path, kind), path, kind)
@@ -339,20 +340,41 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
     """Channels without telling names by how they move."""
     made = []
     rates = dict(zip(content.positions, content.rates, strict=False))
+    groups = [group for group in (content.torques, *content.others) if group]
+    groups.sort(
+        key=lambda group: bool(words_of(" ".join(group)) & (WANTED_WORDS | COMMAND_WORDS))
+    )  # measured ones first
+    torques, *left = groups or [()]
     for channel in channels:
-        largest = max(abs(channel.low), abs(channel.high))
+        largest, words = max(abs(channel.low), abs(channel.high)), words_of(channel.name)
         if channel.name in content.positions:
-            unit, reason = unit_of("position", frozenset(), largest, channel, "")
+            unit, reason = unit_of("position", words if is_straight(words) else frozenset(), largest, channel, "")
             reason = f"their rates are in {rates.get(channel.name, 'no column')} and on; {reason}"
             channel = replace(channel, quantity="position", unit=unit, reason=reason)
         elif channel.name in content.rates:
             channel = replace(channel, quantity="velocity")
-        elif channel.name in content.torques:
+        elif channel.name in torques:
             unit, reason = unit_of("torque", frozenset(), largest, channel, "")
-            others = " or ".join(" to ".join(dict.fromkeys((group[0], group[-1]))) for group in content.others)
+            others = " or ".join(" to ".join(dict.fromkeys((group[0], group[-1]))) for group in left)
             reason = f"the first that is left beside positions and rates{others and ', or '}{others}; {reason}"
             channel = replace(channel, quantity="torque", unit=unit, reason=reason)
         made.append(channel)
+    return made
+
+
+def _lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
+    """Channels with a cart's `x` and `F`, where nothing else is a position or a torque, and there is no y and z."""
+    quantities = {channel.quantity for channel in channels}
+    letters = {channel.name.lower(): channel for channel in channels if channel.quantity == "other"}
+    made = list(channels)
+    found: tuple[tuple[str, Quantity], ...] = (("x", "position"), ("f", "torque"))
+    for letter, quantity in found:
+        channel = letters.get(letter)
+        if channel is None or quantity in quantities or letters.keys() & {"y", "z", "fy", "fz"}:
+            continue
+        largest = max(abs(channel.low), abs(channel.high))
+        unit, reason = unit_of(quantity, frozenset({letter}), largest, channel, "")
+        made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
     return made
 
 
