@@ -66,9 +66,9 @@ def clock_drift(position: Array, torque: Array, segments: Spans, dt: float) -> C
     starts = [int(k) for k in spread if any(a <= k and k + size <= b for a, b in segments)]
     if len(starts) < 8:
         return None
-    together = [np.stack([channels[k : k + size] for k in starts], axis=1) for channels in (position, torque)]
+    q, tau = (np.stack([channels[k : k + size] for k in starts], axis=1) for channels in (position, torque))
     times = np.array(starts) / n - 0.5 + size / n * np.linspace(0, 1, size - _ROWS + 1)[:, None]
-    shapes, rates, torques = (_one_after_another(x) for x in _columns(*together, times))
+    shapes, rates, torques = (_one_after_another(x) for x in _columns(q, tau, times))
     scale = np.sqrt(np.mean(shapes**2, axis=0))
     Q = np.linalg.qr(shapes / np.where(scale > 0, scale, 1.0))[0]
     upper, lower = np.zeros(len(starts)), np.zeros(len(starts))
