@@ -72,3 +72,25 @@ def test_a_header_that_comes_again_is_left_out(tmp_path: Path, separator: str) -
     path.write_text(header + "".join(rows[:100]) + header + "".join(rows) + f"1{separator}x{separator}2\n")
     with pytest.raises(LogFileError, match="q is `x`, not a number"):
         kind.columns(path, ["t", "q", "u"], Request())
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("name", ["run.lvm", "run.txt"])
+def test_measurements_of_labview(tmp_path: Path, name: str, decimal: str) -> None:
+    path, end = tmp_path / name, "***End_of_Header***"
+    t = 0.004 * np.arange(300)
+    data = np.column_stack((t, np.sin(3 * t), np.cos(2 * t)))
+    about = [
+        "LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", f"Decimal_Separator\t{decimal}",
+        "Multi_Headings\tNo", "X_Columns\tOne", "Date\t2019/03/04", "Time\t10:11:12.1", f"{end}\t", "\t",
+        "Channels\t2\t\t", "Samples\t300\t300\t", "Date\t2019/03/04\t2019/03/04\t", "Y_Unit_Label\tmA\tdeg\t",
+        "X_Dimension\tTime\tTime\t", "X0\t0\t0\t", f"Delta_X\t{0.004}\t{0.004}\t", f"{end}\t\t\t",
+        "X_Value\tCurrent\tEncoder\tComment",
+    ]  # fmt: skip
+    text = "\n".join([*about, *("\t".join(f"{x:.6f}" for x in row) for row in data)]) + "\n"
+    path.write_text(text.replace(".", decimal) if decimal == "," else text)
+    kind = format_of(path)
+    names = ["X_Value", "Current", "Encoder"]
+    assert kind.names(path) == names
+    assert kind.units(path) == {"X_Value": "s", "Current": "mA", "Encoder": "deg"}
+    np.testing.assert_allclose(np.column_stack(list(kind.columns(path, names).values())), data, atol=1e-6)

@@ -72,7 +72,7 @@ class Format:
 
 
 FORMATS = (
-    Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log"), "csv", asks=True),
+    Format("CSV", (".csv", ".tsv", ".txt", ".dat", ".log", ".lvm"), "csv", asks=True),
     Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
     Format("MATLAB", (".mat",), "mat"),
     Format("NumPy", (".npz", ".npy"), "npz"),

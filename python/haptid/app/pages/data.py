@@ -27,6 +27,7 @@ LOG_ENDINGS = (
     ".txt",
     ".tsv",
     ".dat",
+    ".lvm",
     ".parquet",
     ".mat",
     ".npz",

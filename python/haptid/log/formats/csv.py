@@ -22,7 +22,7 @@ from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import encoding_of, opened_text, opened_utf8, text_of
-from haptid.log.formats.headers import NUMBER, fitting_header, is_number, numbered, two_levels
+from haptid.log.formats.headers import NUMBER, fitting_header, is_number, labview_header, numbered, two_levels
 from haptid.log.formats.lines import BLOCK_BYTES, Collapsed, Part, Without, blocks
 from haptid.log.formats.sniff import RawChannel, check_members, corrupt, empty, opened_file, repeated_name, require
 from haptid.log.request import Request
@@ -292,7 +292,8 @@ def _dialect(path: Path) -> _Dialect:
     texts = [line.decode(encoding, errors="replace").rstrip("\r\n") for line in lines]
     if not whole and len(texts) > 1:
         del texts[-1]
-    filled = [k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)][:SNIFFED]
+    below, measured = labview_header(texts)
+    filled = [k for k, text in enumerate(texts) if k >= below and text.strip() and not COMMENT.match(text)][:SNIFFED]
     if not filled:
         raise empty(path, "no header and no rows")
     separator, decimal = _separator([texts[k] for k in filled])
@@ -328,6 +329,8 @@ def _dialect(path: Path) -> _Dialect:
             stated.append(f"{head} lines before the header are not used")
     if units:
         stated.append("the line below the header is taken as units")
+    elif measured:
+        units = tuple((measured + [""] * len(header))[: len(header)])
     else:
         units = tuple(_unit(match["unit"]) if (match := _UNIT.search(cell)) else "" for cell in header)
     if separator == " " or decimal == ",":

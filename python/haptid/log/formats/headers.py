@@ -6,6 +6,8 @@ import re
 from collections import Counter
 
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+# Lines in which the headers of a LabVIEW measurement end.
+_LABVIEW = 100
 # The last name of a header, and the first number of the row that follows without an end of line.
 _GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 
@@ -13,8 +15,8 @@ _GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
     """The header with as many names as rows have cells; None where it is none of theirs.
 
-    A separator at the end of each line makes a cell more, numbers of rows have no name in tables of R, and a recorder
-    that ends no line after its header has the first row in it.
+    A separator at the end of each line makes a cell more, comments of LabVIEW have cells in few rows, numbers of rows
+    have no name in tables of R, and a recorder that ends no line after its header has the first row in it.
     """
     if not rows or len(header) == width:
         return header
@@ -22,7 +24,7 @@ def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list
     if glued and sum(is_number(cell, ".") for cell in header[width:]) > width // 2:
         return [*header[: width - 1], glued["name"].strip()]
     if len(header) > width:
-        return None if any(header[width:]) else header[:width]
+        return None if any(header[width:]) and header[width:] != ["Comment"] else header[:width]
     regular = [row for row in rows if len(row) == width]
     if not any(cell for row in regular for cell in row[len(header) :]):
         return [*header, *[""] * (width - len(header))]
@@ -30,6 +32,16 @@ def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list
     if len(header) == width - 1 and counts == [str(k + int(counts[0] == "1")) for k in range(len(counts))]:
         return ["row", *header]
     return None
+
+
+def labview_header(texts: list[str]) -> tuple[int, list[str]]:
+    """Line below the headers of a LabVIEW measurement, and the units of its columns; line 0 and none of other texts."""
+    ends = [k for k, text in enumerate(texts[:_LABVIEW]) if text.startswith("***End_of_Header***")]
+    if not ends or not texts[0].startswith("LabVIEW Measurement"):
+        return 0, []
+    about = {text.partition("\t")[0]: text.split("\t")[1:] for text in texts[: ends[-1]]}
+    times = ["s"] if "Time" in about.get("X_Dimension", []) else [""]
+    return ends[-1] + 1, times + [unit.strip() for unit in about.get("Y_Unit_Label", [])]
 
 
 def two_levels(upper: list[str], lower: list[str]) -> list[str] | None:
