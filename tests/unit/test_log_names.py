@@ -316,3 +316,14 @@ def test_a_study_of_several_logs_needs_a_device(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "2 logs" in result.output
     assert "--device DEVICE" in result.output
+
+
+def test_a_log_without_a_known_position_asks_by_its_channels(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, Q, 2 * Q, Q**2, TAU, Q + TAU))
+    np.savetxt(path, table, delimiter=",", header="t,px,py,pz,a,b", comments="")
+    result = CliRunner().invoke(app, ["channels", str(path)])
+    asked = result.output.partition("[channels]  #")[2]
+    assert "px, py, pz: of a point in space" in asked
+    assert '"px", "py", "pz", "a", "b"' in asked
+    assert tomllib.loads(f"[channels]  #{asked}")["channels"] == {"time": "t", "time_unit": "s"}

@@ -66,7 +66,7 @@ def channels(
 
 
 def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
-    from haptid.log.survey.draft import WITHOUT_TORQUE
+    from haptid.log.survey.draft import WITHOUT_TORQUE, unrecognised
 
     out.print(f"{surveyed.path}: {surveyed.format}", highlight=False)
     for note in surveyed.notes:
@@ -76,6 +76,8 @@ def _show(surveyed: Survey, draft: str, study: Path | None) -> None:
     out.print()
     if not surveyed.table:
         out.print("No channels of positions were recognised; name them in [channels].", highlight=False)
+        if study is None:
+            sys.stdout.write(unrecognised(surveyed.topics))
     if study is not None and surveyed.lacking:
         lacking = " and ".join(f"{key}s" for key in surveyed.lacking)
         out.print(

@@ -15,6 +15,7 @@ from haptid.errors import HaptidError
 from haptid.log.file_format import format_of, logs_in
 from haptid.log.formats.folders import log_files, table_files
 from haptid.log.survey import Survey, survey
+from haptid.log.survey.draft import unrecognised
 
 # Of more runs than these each identifies, and is held out in turn: one run is seldom all of the motion.
 _FEW = 2
@@ -63,7 +64,7 @@ def draft_study(
         device_path = _relative(path, folder)
         device_path = device_path if "/" in device_path or device_path.endswith(".toml") else f"./{device_path}"
     lines = ["schema = 1", f"name = {basic_string(device.name)}", f"device = {basic_string(device_path)}", ""]
-    lines.append(surveyed.table or "[channels]  # no channels of positions were recognised: name them here\n")
+    lines.append(surveyed.table or unrecognised(surveyed.topics))
     for k, log in enumerate(logs):
         note = f"  # {odd[k]}" if k in odd else ""
         lines += ["[[logs]]", f"path = {basic_string(_relative(Path(log), folder))}{note}"]

@@ -34,8 +34,8 @@ WITHOUT_TORQUE = (
     "load, current or PWM (Present_Load, Present_Current, Present_PWM) or ROS effort, while the motors drive the joints"
 )
 _NO_TORQUE = "# torque = ...  # no channel of torques, currents or commands was found"
-# Joints that are named in a comment.
-_NAMED = 8
+# Joints that are named in a comment; points, and channels of no known quantity.
+_NAMED, _POINTS, _LISTED = 8, 3, 24
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
 _FEW = 0.2
 
@@ -87,6 +87,31 @@ def channels_table(
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line(rates, position)
+    return "\n".join(lines) + "\n"
+
+
+def unrecognised(topics: Sequence[TopicSurvey]) -> str:
+    """A `[channels]` table in comments, where no channel is known as a position: what to name, and from which."""
+    lines = ["[channels]  # no channels of positions were recognised: name them here"]
+    for topic in topics:
+        left = [c.name for c in topic.channels if c.usable and c.quantity == "other"]
+        heads = [head for head in dict.fromkeys(name[:-1] for name in left) if {head + end for end in "xyz"} <= {*left}]
+        if heads:
+            names = " and ".join(f"{head}x, {head}y, {head}z" for head in heads[:_POINTS])
+            lines.append(
+                f"# {names}: of a point in space, which does not tell how the joints stand; record each joint's own "
+                "position, and its motor's torque, current or command"
+            )
+        if left:
+            prefix = f"{topic.name}." if topic.name else ""
+            shown = ", ".join(basic_string(prefix + name) for name in left[:_LISTED])
+            more = f", and {len(left) - _LISTED} more" if len(left) > _LISTED else ""
+            lines.append(f"# of no known quantity: {shown}{more}")
+    times = [c for topic in topics for c in topic.channels if c.quantity == "time"]
+    lines += [f"time = {basic_string(times[0].name)}\ntime_unit = {basic_string(times[0].unit)}"] if times else []
+    lines += ['# position = { channels = ["..."], unit = "rad" }  # of each joint, in the order of the device']
+    if not any(c.quantity == "torque" for topic in topics for c in topic.channels):
+        lines += ['# torque = { channels = ["..."], unit = "N m" }  # of each motor']
     return "\n".join(lines) + "\n"
 
 
