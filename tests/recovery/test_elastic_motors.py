@@ -24,8 +24,10 @@ from haptid.errors import (
 from haptid.estimation import MotorSide
 from haptid.estimation.nonlinear import variable_projection
 from haptid.experiment import bench
+from haptid.log.spectrum import spectra
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, noise_shares
 from haptid.treatment_choice.hidden_joints import complete_logs
+from haptid.treatment_choice.noise_effect import encoder_noise, possible_noise
 
 
 def test_inverse_dynamics_of_one_axis_is_the_closed_form():
@@ -270,6 +272,19 @@ def test_shares_of_noise_are_those_of_rows_in_closed_form():
     assert 0.02 < expected[1] < 0.5
     shares = noise_shares(found, [log], [log.position - quasi_static(0.0).position])
     np.testing.assert_allclose(shares, expected, rtol=0.01)
+
+
+def test_noise_of_the_positions_is_no_more_than_the_residual_holds():
+    """A spectrum may take motion for noise; what the encoders do have is not reduced."""
+    clean, settings = recorded(seconds=10.0), haptid.Treatment(cutoff_hz=40.0, decimation=10, parallel_cutoff_hz=16.0)
+    rough = 1e-3 * np.random.default_rng(0).standard_normal(clean.position.shape)
+    for log, times, reduced in ((clean, 1e6, True), (replace(clean, position=clean.position + rough), 1.0, False)):
+        rows = haptid.observe(axis(), haptid.treat(log, settings))
+        found = [replace(one, noise=times * one.noise) for one in spectra(log)]
+        beta = haptid.estimate(rows, haptid.WLS()).beta
+        (noise,) = possible_noise(rows, beta, [log], [found], settings)
+        share = noise.std(axis=0) / encoder_noise([log], [found])[0].std(axis=0)
+        assert (share < 0.1).all() if reduced else (share > 0.7).all()
 
 
 def test_stiffness_that_noise_hides_is_refused_with_the_motion_that_shows_it():

@@ -26,7 +26,7 @@ from haptid.log import Log
 from haptid.log.spectrum import bandwidth, spectra
 from haptid.motion.motion import treat
 from haptid.observation.observation import Observation, observe
-from haptid.treatment_choice.noise_effect import encoder_noise
+from haptid.treatment_choice.noise_effect import possible_noise
 
 # Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
 _KNOWN, _NOISE = 0.25, 0.1
@@ -69,7 +69,9 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
         return
     logs = [m.log for m in found.observation.motions if m.log is not None]
     logs = [part for log in logs for part in log.busiest(_SECONDS).parts()]
-    shares = noise_shares(found, logs, encoder_noise(logs, [spectra(log) for log in logs]))
+    treatment, found_spectra = found.observation.motions[0].treatment, [spectra(log) for log in logs]
+    rows = observe(model, *(treat(log, treatment) for log in logs))
+    shares = noise_shares(found, logs, possible_noise(rows, found.free, logs, found_spectra, treatment))
     _expect_little_noise(found, shares, highest, _NOISE)
     expect_known(found, highest)
     for drive in model.device.elastic:

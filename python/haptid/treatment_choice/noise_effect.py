@@ -42,24 +42,64 @@ def noise_effect(
     """
     if treatment.cutoff_hz is None:
         return {}
-    noise = encoder_noise(logs, spectra)
-
-    def fit(positions: Sequence[Array]) -> Array:
-        moved = [replace(log, position=q) for log, q in zip(logs, positions, strict=True)]
-        return least_squares(observe(rows.model, *(treat(log, treatment) for log in moved)))
-
-    measured = [np.asarray(log.position[:]) for log in logs]
     untimed = replace(treatment, torque_delay_s=0.0)
     try:
         as_is = least_squares(rows)
-        more = [fit([q + sign * n for q, n in zip(measured, noise, strict=True)]) for sign in (1, -1)]
-        twice = fit([np.asarray(treat(log, untimed).q[:]) for log in logs])
+        noise = possible_noise(rows, as_is, logs, spectra, treatment)
+        more, less = (least_squares(_moved(rows, logs, noise, sign, treatment)) for sign in (1, -1))
+        filtered = [replace(log, position=np.asarray(treat(log, untimed).q[:])) for log in logs]
+        twice = least_squares(observe(rows.model, *(treat(log, treatment) for log in filtered)))
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return {}
     return {
-        "encoder noise": _NOISE_KNOWN * (0.5 * (more[0] + more[1]) - as_is)[None],
+        "encoder noise": _NOISE_KNOWN * (0.5 * (more + less) - as_is)[None],
         "position filter": _FILTER_KNOWN * (twice - as_is)[None],
     }
+
+
+def possible_noise(
+    rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]], treatment: Treatment
+) -> list[Array]:
+    """`encoder_noise`, of each channel no more than the residual of the torque can hold.
+
+    Noise in the columns is an error of the torque. A spectrum of positions alone takes it to be in the motion's band
+    as it is just above, where motion may go on: of rotors that noise of the torque moves, for one. So each channel's
+    noise is reduced to what by itself explains no more than the residual of every motor.
+
+    Args:
+        rows: of the logs.
+        beta: their least squares, (p,), SI.
+        logs: recordings.
+        spectra: of each log's position channels.
+        treatment: of the logs.
+    """
+    noise, left = encoder_noise(logs, spectra), _squares_left(rows, beta)
+
+    def by_noise(noise: Sequence[Array]) -> Array:
+        both = [_squares_left(_moved(rows, logs, noise, sign, treatment), beta) for sign in (1, -1)]
+        return np.asarray(0.5 * (both[0] + both[1]) - left)
+
+    if np.all(by_noise(noise) <= left):
+        return noise
+    for k in range(noise[0].shape[1]):
+        made = by_noise([np.where(np.arange(n.shape[1]) == k, n, 0.0) for n in noise])
+        share = np.min(left[made > left] / made[made > left], initial=1.0)
+        for n in noise:
+            n[:, k] *= np.sqrt(share)
+    return noise
+
+
+def _moved(
+    rows: Observation, logs: Sequence[Log], noise: Sequence[Array], sign: int, treatment: Treatment
+) -> Observation:
+    """Rows with noise added to the positions, or subtracted."""
+    moved = [replace(log, position=np.asarray(log.position[:]) + sign * n) for log, n in zip(logs, noise, strict=True)]
+    return observe(rows.model, *(treat(log, treatment) for log in moved))
+
+
+def _squares_left(rows: Observation, beta: Array) -> Array:
+    """Sum of the squares of each motor's residual, (motors,)."""
+    return np.array([np.sum((m.whole[:, -1] - m.whole[:, :-1] @ beta[m.columns]) ** 2) for m in rows.motors])
 
 
 def encoder_noise(logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]) -> list[Array]:
