@@ -334,6 +334,20 @@ def test_structural_stiffness_that_no_encoder_sees_is_refused_with_what_shows_it
         haptid.propose(without, log)
 
 
+def test_a_spring_on_a_measured_joint_without_a_motor_is_refused():
+    """No torque that is measured has the spring's: its stiffness was left out without a word."""
+    terms = [{"kind": "spring", "joints": ["mount"]}, {"kind": "viscous", "joints": "all"}]
+    motors = [{"name": "a", "drives": {"1": 1.0}}]
+    joints = [{"name": "mount"}, {"name": "1", "d": 0.3}]
+    both = recorded(seconds=3.0)
+    signals = haptid.Signal(("mount", "theta"), "rad"), haptid.Signal(("u",), "N m", side="motor")
+    log = haptid.Log(Path("made"), "", both.t, both.position, both.torque, haptid.Channels(*signals, "t"))
+    with pytest.raises(LogMismatchError, match="a spring holds mount, which no motor moves") as caught:
+        haptid.propose(axis(joints=joints, motors=motors, terms=terms), log)
+    assert "elastic term" in caught.value.advice
+    haptid.propose(axis(joints=joints, motors=motors, terms=terms[1:]), log)
+
+
 @pytest.mark.parametrize(
     ("sources", "said", "advice"),
     [

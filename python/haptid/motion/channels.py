@@ -40,6 +40,7 @@ def check_channels(device: Device, log: Log) -> tuple[str, ...]:
     ):
         if count != len(names):
             raise _wrong_count(kind, count, names)
+    _expect_torque_of_springs(device)
     joints = [device.joints[k] for k in device.active]
     ranges = [joint.position_limits for joint in joints]
     return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
@@ -233,7 +234,7 @@ def _expect_seen(device: Device, log: Log) -> None:
         if term.kind == "spring"
         for name in (active if term.joints == "all" else term.joints or ())
     }
-    moved = (device.drive_rows[[drive.motorised for drive in device.drives]] != 0).any(axis=0)
+    moved = _moved(device)
     unseen = [name for k, name in zip(device.active, active, strict=True) if name in held and not moved[k]]
     if not unseen or len(names) - log.position.shape[1] != len(unseen):
         return
@@ -260,6 +261,28 @@ def _expect_seen(device: Device, log: Log) -> None:
         "stiffness is then found from the motor alone, by motion up to the resonance. Or leave it out as rigid: "
         "the diagnosis says up to which frequency that holds.",
     )
+
+
+def _expect_torque_of_springs(device: Device) -> None:
+    """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one."""
+    moved = {device.joints[k].name for k, own in zip(device.active, _moved(device), strict=True) if own}
+    active = {device.joints[k].name for k in device.active}
+    springs = [term for term in device.tables.terms if term.kind == "spring" and term.joints not in (None, "all")]
+    unseen = sorted({name for term in springs for name in term.joints or ()} & active - moved)
+    if unseen:
+        raise LogMismatchError(
+            f"a spring holds {', '.join(unseen)}, which no motor moves: its torque is in no torque that is measured, "
+            "and its stiffness cannot be told.",
+            where=", ".join(unseen),
+            advice="Where it gives in line with a motor's joint, leave it out and write an elastic term for that "
+            "motor, whose position and link's are then measured. Else remove the spring term: parameters that the "
+            "motors' torques tell do not depend on it.",
+        )
+
+
+def _moved(device: Device) -> np.ndarray:
+    """Which active joints motors with a torque act on, (active,)."""
+    return np.asarray((device.drive_rows[[drive.motorised for drive in device.drives]] != 0).any(axis=0))
 
 
 def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
