@@ -100,3 +100,21 @@ def test_what_is_no_log_says_how_to_make_one(tmp_path: Path, name: str, content:
     path.write_bytes(content)
     with pytest.raises(errors.LogFileError, match=words):
         format_of(path)
+
+
+def test_dumps_of_ports_in_folders_of_their_own(tmp_path: Path) -> None:
+    """As of YARP's dumper: a count, the time of the port and the samples in each line, none with a header."""
+    t = 1.3e9 + 0.01 * np.arange(300)
+    q, tau = np.sin(3 * (t - t[0])), np.cos(2 * (t - t[0]))
+    for port, late, samples in (("state:o", 0.0, (30 * q, 40 * q)), ("torques:o", 1e-3, (tau, 2 * tau))):
+        (tmp_path / port).mkdir()
+        columns = np.column_stack((500 + np.arange(300), t + late, *samples))
+        np.savetxt(tmp_path / port / "data.log", columns, fmt=["%d", "%.6f", "%.6f", "%.6f"])
+        (tmp_path / port / "info.log").write_text("Type: Bottle;\n")
+    found = survey(tmp_path)
+    channels = tomllib.loads(found.table)["channels"]
+    assert channels["time"] == "time"
+    assert channels["position"] == {"field": "state", "joints": [1, 2], "unit": "deg"}
+    assert channels["torque"] == {"field": "torques", "joints": [1, 2], "unit": "N m"}
+    assert channels["merge"] == {"method": "linear"}
+    assert found.topics[0].rate_hz == pytest.approx(100, rel=1e-3)

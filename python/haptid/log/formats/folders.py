@@ -11,6 +11,10 @@ _INFO = "meta/info.json"
 _TABLES, _MOST_TABLES = (".csv", ".tsv", ".txt", ".dat", ".npy", ".mat"), 64
 
 
+# What YARP's dumper writes into the folder of each port: a count, the time, and the samples in each line.
+DUMP = "data.log"
+
+
 def bag_files(folder: Path) -> list[Path]:
     """The files of a bag's folder; their numbers are counted, not spelled: bag_10 follows bag_9."""
     files = [file for file in folder.iterdir() if file.suffix.lower() in BAG_SUFFIXES and file.is_file()]
@@ -32,9 +36,11 @@ def parquet_files(folder: Path) -> list[Path]:
 
 
 def table_files(folder: Path) -> list[Path]:
-    """Tables and arrays in a folder: signals of one recording, a file for each."""
+    """Tables and arrays in a folder: signals of one recording, a file for each; or a folder for each with a dump."""
     files = [file for file in folder.iterdir() if file.suffix.lower() in _TABLES and file.is_file()]
-    return sorted(files, key=lambda file: natural(file.name)) if 1 < len(files) <= _MOST_TABLES else []
+    files = files or [file for file in folder.glob(f"*/{DUMP}") if file.is_file()]
+    key = [(natural(file.relative_to(folder).as_posix()), file) for file in files]
+    return [file for _, file in sorted(key)] if 1 < len(files) <= _MOST_TABLES else []
 
 
 def log_files(path: Path) -> list[Path]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import LogFileError
-from haptid.log.formats.folders import table_files
+from haptid.log.formats.folders import DUMP, table_files
 from haptid.log.formats.sniff import RawChannel, check_members
 from haptid.log.request import Request
 
@@ -114,11 +114,12 @@ def _timed(files: Sequence[_File]) -> list[_File]:
         inside = list(file.channels.values())
         if len(inside) < 2 or inside[0] != "column[1]" or len(files) < 2:
             return []
+        inside = inside[1:] if file.path.name == DUMP and len(inside) > 2 else inside  # its first column counts
         t = file.kind.columns(file.path, inside[:1])[inside[0]].astype(np.float64)
         grown = 1 + int(np.argmin(np.append(np.diff(t) > 0, False)))
         if grown < 2 or (t[grown:] != t[-1]).any() or t[grown - 1] != t[-1]:
             return []
-        stem, own = file.path.stem, inside[1:]
+        stem, own = _stem(file.path), inside[1:]
         names = [stem] if len(own) == 1 else [f"{stem}[{k}]" for k in range(1, len(own) + 1)]
         made.append(_File(file.path, file.kind, dict(zip(names, own, strict=True)), times=t[:grown]))
     ends = np.array([file.times[[0, -1]] for file in made if file.times is not None])
@@ -176,8 +177,13 @@ def _tables(folder: Path) -> Iterator[_File]:
                 kind.columns(file, inside)
         except LogFileError:
             continue
-        named: Callable[[str], str] = _name_of(file.stem, inside)
+        named: Callable[[str], str] = _name_of(_stem(file), inside)
         yield _File(file, kind, {named(name): name for name in inside})
+
+
+def _stem(file: Path) -> str:
+    """Name of a file's signal: of a dump that of its folder, without the direction of its port."""
+    return file.parent.name.partition(":")[0] if file.name == DUMP else file.stem
 
 
 def _name_of(stem: str, inside: Sequence[str]) -> Callable[[str], str]:
