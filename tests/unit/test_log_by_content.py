@@ -187,3 +187,19 @@ def test_accelerations_of_another_rate_are_no_torques_and_torques_of_equal_wheel
     assert found.torques == ("tau0", "tau1", "tau2")
     alone = Content.of(dict(zip(names[:9], table.T[:9], strict=True)))  # of another rate: torques of equal inertias
     assert alone.torques == (() if scale == 1.0 else ("acc0", "acc1", "acc2"))
+
+
+def test_joints_that_move_in_step_are_all_drafted(tmp_path: Path) -> None:
+    """Positions and then their rates in one array, from point to point, and inputs that are one row shorter."""
+    n = 900
+    s = np.clip((np.arange(n) - 60) / (n - 120), 0, 1)
+    shape, rate = 10 * s**3 - 15 * s**4 + 6 * s**5, np.gradient(10 * s**3 - 15 * s**4 + 6 * s**5, DT)
+    travels, rng = np.array([0.19, 0.8, 2.1, -1.6, 0.2, -0.004]), np.random.default_rng(1)
+    noise = 2e-4 * rng.standard_normal((n, 6))
+    state = np.hstack((1.0 + shape[:, None] * travels, rate[:, None] * travels + noise))
+    torque = 4 * np.cos(state[:, :6]) + 0.3 * rng.standard_normal((n, 6))
+    for name, array in (("time", DT * np.arange(n)), ("trajectory", state), ("input", torque[1:])):
+        np.savetxt(tmp_path / f"{name}.csv", array, delimiter=",", fmt="%.6g")
+    table = survey(tmp_path).table
+    assert tomllib.loads(table)["channels"]["position"]["joints"] == [1, 2, 3, 4, 5, 6]
+    assert "is it input[1..6]?" in table

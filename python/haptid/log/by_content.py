@@ -6,6 +6,7 @@ have little effect there. Torques are what is left. All of it is a guess for a p
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -75,8 +76,15 @@ class Content:
         time = next((k for k in range(len(names)) if steady[k] and not _counts(rows[k])), None)
         found = _chains(rows[moving])
         first = next(k for k in range(len(names)) if not steady[k])
-        at = _whole_block({moving[i]: moving[j] for i, j in found.items()}, first, len(names))
-        heads = _measured(rows, sorted(i for i in at if i not in set(at.values())))
+        arrays = [name.partition("[")[0] for name in names]
+        pairs = {moving[i]: moving[j] for i, j in found.items()}
+        own = Counter(arrays[i] for i, j in pairs.items() if arrays[i] == arrays[j] != names[i])
+        if own:  # positions and rates are one array
+            first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
+        at = _whole_block(pairs, first, len(names))
+        heads = sorted(i for i in at if i not in set(at.values()))
+        if len(set(arrays)) == 1 or {arrays[k] for k in heads} != {arrays[first]}:
+            heads = _measured(rows, heads)  # no array has the planned positions of its own
         used = {*at, *at.values(), *_second_rates(at, heads, len(names))}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
@@ -87,7 +95,6 @@ class Content:
             groups = [group for group in groups if not _accelerations(rows, group, rates, step, alone)]
             if groups:
                 break
-        arrays = [name.partition("[")[0] for name in names]
         groups.sort(key=lambda group: bool(heads) and arrays[group[0]] != arrays[heads[0]])  # the positions' own first
 
         def named(group: list[int]) -> tuple[str, ...]:
@@ -165,7 +172,8 @@ def _whole_block(at: dict[int, int], first: int, size: int) -> dict[int, int]:
     if usual < 2 or first + 2 * usual > size or not any(i in block and j == i + usual for i, j in at.items()):
         return at
     rates = range(first + usual, first + 2 * usual)
-    return {i: j for i, j in at.items() if i not in block and j not in rates} | {k: k + usual for k in block}
+    others = {i: j for i, j in at.items() if i not in block and j not in block and j not in rates}
+    return others | {k: k + usual for k in block}
 
 
 def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
