@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ from scipy import signal
 
 import haptid
 from haptid.errors import LogFileError
-from haptid.log import as_array, checks, is_long
+from haptid.log import as_array, checks, is_long, row_times
 from haptid.log.lazy import CHUNK, OnDisk
+from haptid.log.row_times import RawSignals
+from haptid.log.spectrum import lattice_step
 from haptid.motion.streaming import SAMPLES_FILTERED, filtered, memory
 from small_study import write_study
 
@@ -74,6 +77,40 @@ def test_the_longest_step_is_found_piece_by_piece(size: int) -> None:
     steps = np.abs(np.diff(column))
     assert (at, largest) == (int(np.argmax(steps)), steps.max())
     np.testing.assert_array_equal(sample, steps[:: max(1, steps.size // checks.SAMPLED)])
+
+
+def test_an_opened_log_holds_its_times_once_and_no_row_marks(tmp_path: Path) -> None:
+    """Times, and the activity of the positions: 8 bytes a sample each, beside the chunks that are cached."""
+    n, rng = 2**20, np.random.default_rng(0)
+    t = 1e-3 * np.arange(n)
+    columns = {"t": t, "q": np.sin(t) + 1e-4 * rng.normal(size=n), "u": np.cos(t)}
+    parquet.write_table(pa.table(columns), tmp_path / "log.parquet", row_group_size=2**17)
+    channels = haptid.Channels(haptid.Signal(("q",), "rad"), haptid.Signal(("u",), "N m"), time="t")
+    tracemalloc.start()
+    try:
+        log = haptid.open_log(tmp_path / "log.parquet", channels)
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(log.t, t)
+    assert held < 26 * n
+
+
+def test_rough_steps_by_pieces_are_those_of_the_whole_channel() -> None:
+    rng = np.random.default_rng(1)
+    channel = np.sin(3e-3 * np.arange(3 * 4096)) + 1e-5 * rng.normal(size=3 * 4096)
+    channel[5000:5200:3] += 0.01
+    recorded = RawSignals(np.zeros(0, bool), np.zeros(0, bool), lambda: [channel], list)
+    starts = np.arange(0, channel.size - row_times._PIECE + 1, row_times._PIECE)
+    change = np.abs(np.diff(channel, n=2))
+    noise = max(1.4826 * float(np.median(change)), lattice_step(channel) / 2**0.5)
+    wanted = []
+    for a in starts:
+        speed = float(np.abs(np.diff(channel[a : a + row_times._PIECE])).mean())
+        limit = max(row_times._ROUGH * noise, row_times._ROUGH_SHARE * speed)
+        wanted.append(int((change[a : a + row_times._PIECE - 2] > limit).sum()))
+    assert max(wanted) > 50
+    assert row_times._rough_steps(recorded, starts).tolist() == wanted
 
 
 def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -257,6 +257,7 @@ def open_log(
         found.segments,
         found.report,
     )
+    del reader  # with its times and marks of all rows, before samples are read
     return _with_drift(log, found.report)
 
 

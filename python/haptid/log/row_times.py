@@ -357,15 +357,15 @@ def _may_be_miscounted(spans: Spans, recorded: RawSignals, taken: Array, fresh: 
 def _rough_steps(recorded: RawSignals, starts: NDArray[np.intp]) -> NDArray[np.intp]:
     """Steps of each piece after which the speed of a channel changes by more than motion or noise, (pieces,)."""
     rough = np.zeros(len(starts), dtype=np.intp)
-    for channel in recorded.positions():
-        speed = np.diff(channel)
-        change = np.abs(np.diff(speed))
-        noise = max(1.4826 * sampled_median(change), lattice_step(channel[: 1 << 16]) / 2**0.5)
-        np.abs(speed, out=speed)
+    for channel in recorded.positions():  # one piece's steps in memory at a time
+        every = max(1, (channel.size - 2) // MOST_STEPS)
+        first, second, third = (channel[k : channel.size - 2 + k : every] for k in range(3))
+        some = np.abs((third - second) - (second - first))
+        noise = max(1.4826 * sampled_median(some), lattice_step(channel[: 1 << 16]) / 2**0.5)
         for k, a in enumerate(starts):
-            own = change[a : a + _PIECE - 2]
-            limit = max(_ROUGH * noise, _ROUGH_SHARE * float(speed[a : a + _PIECE - 1].mean()))
-            rough[k] += np.count_nonzero(own > limit)
+            speed = np.diff(channel[a : a + _PIECE])
+            limit = max(_ROUGH * noise, _ROUGH_SHARE * float(np.abs(speed).mean()))
+            rough[k] += np.count_nonzero(np.abs(np.diff(speed)) > limit)
     return rough
 
 

@@ -158,7 +158,7 @@ def at_rate(path: Path, start: int, stop: int, rate_hz: float, recorded: RawSign
     found, spans = RowTimes("regular", 1 / rate_hz, (float(t[0]),), t, np.arange(t.size)), ((0, t.size),)
     if not keep_stale:
         found, stale = counted_times(t, spans, recorded, stale, found)
-    return _assembled(found, spans, (), stale, None, t.size, [], t if found.method == "regular" else None)
+    return _assembled(found, spans, (), stale, None, t.size, [])
 
 
 def _assembled(
@@ -169,7 +169,6 @@ def _assembled(
     rows: NDArray[np.intp] | None,
     count: int,
     sentences: Sequence[str],
-    grid: Array | None = None,
 ) -> TimeBase:
     """Grid and resampling of both signals, with sentences."""
     points = []
@@ -178,10 +177,12 @@ def _assembled(
         points.append(int(np.rint(own)) + 1)
     edges = np.cumsum([0, *points])
     segments = tuple((int(a), int(b)) for a, b in pairwise(edges))
-    if grid is None:
+    whole = spans == ((0, count),)
+    if whole and found.method == "regular" and not found.missing:
+        grid = found.times  # of every row: one array in memory
+    else:
         grid = np.concatenate([uniform(f, found.step, n) for f, n in zip(found.first, points, strict=True)])
     t = freeze(grid)
-    whole = spans == ((0, count),)
     on_grid = found.slots
     if on_grid is not None:
         on_grid = on_grid.copy()
