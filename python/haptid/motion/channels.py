@@ -265,7 +265,7 @@ def _expect_seen(device: Device, log: Log) -> None:
 
 def _expect_torque_of_springs(device: Device) -> None:
     """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one."""
-    moved = {device.joints[k].name for k, own in zip(device.active, _moved(device), strict=True) if own}
+    moved = {joint.name for joint, own in zip(device.joints, _moved(device), strict=True) if own}
     active = {device.joints[k].name for k in device.active}
     springs = [term for term in device.tables.terms if term.kind == "spring" and term.joints not in (None, "all")]
     unseen = sorted({name for term in springs for name in term.joints or ()} & active - moved)
@@ -281,7 +281,7 @@ def _expect_torque_of_springs(device: Device) -> None:
 
 
 def _moved(device: Device) -> np.ndarray:
-    """Which active joints motors with a torque act on, (active,)."""
+    """Which joints motors with a torque act on, (joints,)."""
     return np.asarray((device.drive_rows[[drive.motorised for drive in device.drives]] != 0).any(axis=0))
 
 
