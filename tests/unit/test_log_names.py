@@ -327,3 +327,19 @@ def test_a_log_without_a_known_position_asks_by_its_channels(tmp_path: Path) -> 
     assert "px, py, pz: of a point in space" in asked
     assert '"px", "py", "pz", "a", "b"' in asked
     assert tomllib.loads(f"[channels]  #{asked}")["channels"] == {"time": "t", "time_unit": "s"}
+
+
+def test_torques_are_in_the_order_of_the_positions(tmp_path: Path) -> None:
+    """By the joints' names, or as they come where these differ, which the draft says."""
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, *(k * Q for k in (1, 2, 3, 4)), *(k * TAU for k in (1, 2, 3, 4))))
+    header = "t,q_SP,q_WP,q_WR,q_BASE,tau_BASE,tau_WR,tau_SP,tau_WP"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    made = survey(path).table
+    assert tomllib.loads(made)["channels"]["torque"]["channels"] == ["tau_SP", "tau_WP", "tau_WR", "tau_BASE"]
+    assert "check the order" not in made
+    twice = header.replace("tau_BASE,tau_WR,tau_SP,tau_WP", "tau_SP,tau_WR,tau_WR,tau_BASE")
+    np.savetxt(path, table, delimiter=",", header=twice, comments="")
+    made = survey(path).table
+    assert tomllib.loads(made)["channels"]["torque"]["channels"] == ["tau_SP", "tau_WR (1)", "tau_WR (2)", "tau_BASE"]
+    assert "called WR (1), WR (2) where those of the positions are WP, WR: check the order" in made

@@ -34,6 +34,8 @@ WITHOUT_TORQUE = (
     "load, current or PWM (Present_Load, Present_Current, Present_PWM) or ROS effort, while the motors drive the joints"
 )
 _NO_TORQUE = "# torque = ...  # no channel of torques, currents or commands was found"
+# Fewest joints whose names are compared.
+_FEWEST = 2
 # Joints that are named in a comment; points, and channels of no known quantity.
 _NAMED, _POINTS, _LISTED = 8, 3, 24
 # Torques on fewer rows than this share of the positions' are commands that are held until the next.
@@ -83,7 +85,7 @@ def channels_table(
     if torque is None:
         lines += _left(topics, position) or [f"{_NO_TORQUE}; {WITHOUT_TORQUE}"]
     else:
-        lines.append(_signal_line("torque", torque))
+        lines.append(_signal_line("torque", torque) + _other_order(position, torque))
         lines += _instead(torques, torque)
         lines += _merge_line(position, torque, kind)
     lines += _velocity_line(rates, position)
@@ -113,6 +115,17 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
     if not any(c.quantity == "torque" for topic in topics for c in topic.channels):
         lines += ['# torque = { channels = ["..."], unit = "N m" }  # of each motor']
     return "\n".join(lines) + "\n"
+
+
+def _other_order(position: ChannelFamily, torque: ChannelFamily) -> str:
+    """What to check where torques are called by other joints than the positions."""
+    pairs = list(zip(position.heads, torque.heads, strict=False))
+    both = [set(own) for own in zip(*pairs, strict=True)] if len(position.channels) == len(torque.channels) else []
+    odd = [pair for pair in pairs if pair[0] != pair[1]]
+    if not both or len(pairs) < _FEWEST or not both[0] & both[1] or not odd:
+        return ""
+    ones, others = (", ".join(names) for names in zip(*odd[:_NAMED], strict=True))
+    return f"; their joints are called {others} where those of the positions are {ones}: check the order"
 
 
 def _unlike(position: ChannelFamily, joints: Sequence[tuple[str, ...]]) -> str:

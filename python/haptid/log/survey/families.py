@@ -16,6 +16,7 @@ from haptid.log.survey.names import (
     drive_unit,
     element_of,
     is_quantity,
+    last_part,
     unit_apart,
     words_of,
 )
@@ -106,7 +107,15 @@ class ChannelFamily:
         named = len(own) == len(wanted) or not all(map(str.isdecimal, wanted))  # a number is none of the same joint
         if len(own) == len(self.channels) and set(own) >= set(wanted) and len(wanted) == len(other.channels) and named:
             return replace(self, channels=tuple(own[element] for element in wanted))
+        by_name, wanted = dict(zip(self.heads, self.channels, strict=True)), list(other.heads)
+        if len(by_name) == len(self.channels) == len(wanted) and by_name.keys() == set(wanted):
+            return replace(self, channels=tuple(by_name[head] for head in wanted))
         return self
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """What the channels' names differ in: the joints' names or numbers."""
+        return tuple(_joint_words(c.name, self.channels) for c in self.channels)
 
     def only(self, kept: Sequence[int], count: int) -> ChannelFamily:
         """Some of the channels, by number, of a family of this many; of another size as it is."""
@@ -148,9 +157,10 @@ def channel_families(
                 if _DESIRED.search(channel.name) and _DESIRED.sub("", channel.name) in all_names:
                     array += " desired"
                 arrays.setdefault(array, []).append(channel)
-        groups = _joined(arrays)
+        groups, place = _joined(arrays), {channel.name: k for k, channel in enumerate(topic.channels)}
         for array, channels in (*groups.items(), *_of_unlike_names(groups)):
-            found.append(ChannelFamily(topic, array, tuple(c for c in channels if not _is_copy(c, channels))))
+            kept = sorted((c for c in channels if not _is_copy(c, channels)), key=lambda c: place[c.name])
+            found.append(ChannelFamily(topic, array, tuple(kept)))
     return sorted(found, key=lambda family: family.rank, reverse=True)
 
 
@@ -211,14 +221,16 @@ def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[s
     """
     alike: dict[tuple[object, ...], list[list[ChannelSurvey]]] = {}
     for array, channels in groups.items():
-        words = [words_of(base_of(c.name)) for c in channels]
+        words = [words_of(last_part(base_of(c.name))) for c in channels]
         if not any("/" in c.name or element_of(c.name) for c in channels) and all(own - _KIND for own in words):
             other = frozenset.union(*words, words_of(array)) & (
                 WANTED_WORDS | MEASURED_WORDS | _TREATED | {"motor", "joint", "rotor"}
             )
             alike.setdefault((other, drive_unit(words_of(array)), channels[0].rows), []).append(channels)
     for members in alike.values():
-        names = [frozenset.union(*(words_of(base_of(c.name)) - _KIND for c in channels)) for channels in members]
+        names = [
+            frozenset.union(*(words_of(last_part(base_of(c.name))) - _KIND for c in channels)) for channels in members
+        ]
         if len(members) > 1 and sum(map(len, names)) == len(frozenset.union(*names)):
             channels = [channel for own in members for channel in own]
             yield " ".join(channel.name for channel in channels), channels
