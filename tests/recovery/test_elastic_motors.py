@@ -282,7 +282,7 @@ def test_noise_of_the_positions_is_no_more_than_the_residual_holds():
         rows = haptid.observe(axis(), haptid.treat(log, settings))
         found = [replace(one, noise=times * one.noise) for one in spectra(log)]
         beta = haptid.estimate(rows, haptid.WLS()).beta
-        (noise,) = possible_noise(rows, beta, [log], [found], settings)
+        (noise,) = possible_noise(rows, beta, [log], [found])
         share = noise.std(axis=0) / encoder_noise([log], [found])[0].std(axis=0)
         assert (share < 0.1).all() if reduced else (share > 0.7).all()
 

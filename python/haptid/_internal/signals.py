@@ -16,6 +16,9 @@ from scipy.linalg import blas
 
 from haptid._internal.arrays import Array, freeze
 
+# Samples that a polynomial filter takes at a time: its sums stay in the processor's cache.
+_IN_CACHE = 1 << 14
+
 
 def butterworth(order: int, cutoff: float) -> Array:
     """Second-order sections of a Butterworth low-pass, (sections, 6), by the bilinear transform.
@@ -123,7 +126,10 @@ def polynomial_filter(x: Array, window: int, degree: int, order: int = 0) -> Arr
     x, (fit, basis) = np.asarray(x, dtype=np.float64), _polynomials(window, degree, order)
     half = window // 2
     filtered, weights = np.empty(x.shape), basis[half] @ fit
-    filtered[half : len(filtered) - half] = paired_sums(x, weights)
+    step = max(window, _IN_CACHE // max(1, x[:1].size))
+    for low in range(half, len(x) - half, step):
+        high = min(low + step, len(x) - half)
+        filtered[low:high] = paired_sums(x[low - half : high + half], weights)
     filtered[:half] = np.tensordot(basis[:half] @ fit, x[:window], axes=1)
     filtered[-half:] = np.tensordot(basis[-half:] @ fit, x[-window:], axes=1)
     return filtered

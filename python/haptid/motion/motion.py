@@ -60,7 +60,7 @@ class Motion:
     log: Log | None = None
     t0: float = 0.0
     rates: tuple[Array, Array] | None = field(default=None)
-    _shared: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    _shared: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is computed from its positions, which another process computes again."""
@@ -327,10 +327,33 @@ def _timed(motion: Motion, treatment: Treatment) -> Motion:
     lead = (treatment.position_lead_s - motion.treatment.position_lead_s) / motion.dt
     shift = treatment.torque_shift_s
     shift = tuple(np.divide(shift, motion.dt)) if isinstance(shift, tuple) else shift / motion.dt
-    q, tau = shifted(motion.q, -lead, SMOOTH), shifted(motion.tau, shift, CUBIC)
-    timed = replace(motion, q=q, tau=tau, treatment=treatment)
+    q, shared = _evaluated_later(motion.q, motion._shared, lead)
+    tau = shifted(motion.tau, shift, CUBIC)
+    timed = replace(motion, q=q, tau=tau, treatment=treatment, _shared=shared)
     timed.usable  # noqa: B018 - raises here if the log is too short for its filter
     return timed
+
+
+def _evaluated_later(q: Array, shared: dict[Any, Any], lead: float) -> tuple[Array, dict[Any, Any]]:
+    """Positions evaluated later by some samples, and what motions that have them share; the last ones are kept."""
+    if not lead:
+        return q, shared
+    if isinstance(q, OnDisk) or q.size > _SHARED:
+        return shifted(q, -lead, SMOOTH), {}
+    source, by, later = shared.get("later", (None, 0.0, None))
+    if source is not q or by != lead:
+        later = shifted(q, -lead, SMOOTH), {}
+        shared["later"] = (q, lead, later)
+    return later
+
+
+def with_positions(motion: Motion, position: Array) -> Motion:
+    """The motion of a log with other positions in its channels, (n, channels), treated alike; its torque stays."""
+    assert motion.log is not None
+    log = replace(motion.log, position=position)
+    q, shared = _positions(log, motion.treatment.position_filter(motion.dt))
+    q, shared = _evaluated_later(q, shared, motion.treatment.position_lead_s / motion.dt)
+    return replace(motion, q=q, log=log, _shared=shared)
 
 
 def shifted(channels: Array, samples: float | tuple[float, ...], half: int) -> Array:

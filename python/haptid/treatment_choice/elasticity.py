@@ -71,7 +71,7 @@ def expect_elasticity(found: Estimate, highest: float) -> None:
     logs = [part for log in logs for part in log.busiest(_SECONDS).parts()]
     treatment, found_spectra = found.observation.motions[0].treatment, [spectra(log) for log in logs]
     rows = observe(model, *(treat(log, treatment) for log in logs))
-    shares = noise_shares(found, logs, possible_noise(rows, found.free, logs, found_spectra, treatment))
+    shares = noise_shares(found, logs, possible_noise(rows, found.free, logs, found_spectra))
     _expect_little_noise(found, shares, highest, _NOISE)
     expect_known(found, highest)
     for drive in model.device.elastic:

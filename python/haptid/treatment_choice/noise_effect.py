@@ -18,7 +18,7 @@ from haptid._internal.arrays import Array
 from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum
-from haptid.motion.motion import treat
+from haptid.motion.motion import treat, with_positions
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.first_fit import least_squares
@@ -45,10 +45,9 @@ def noise_effect(
     untimed = replace(treatment, torque_delay_s=0.0)
     try:
         as_is = least_squares(rows)
-        noise = possible_noise(rows, as_is, logs, spectra, treatment)
-        more, less = (least_squares(_moved(rows, logs, noise, sign, treatment)) for sign in (1, -1))
-        filtered = [replace(log, position=np.asarray(treat(log, untimed).q[:])) for log in logs]
-        twice = least_squares(observe(rows.model, *(treat(log, treatment) for log in filtered)))
+        more, less = map(least_squares, _with_possible_noise(rows, as_is, logs, spectra)[1])
+        filtered = [np.asarray(treat(log, untimed).q[:]) for log in logs]
+        twice = least_squares(_with_positions(rows, filtered))
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         return {}
     return {
@@ -58,7 +57,7 @@ def noise_effect(
 
 
 def possible_noise(
-    rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]], treatment: Treatment
+    rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]
 ) -> list[Array]:
     """`encoder_noise`, of each channel no more than the residual of the torque can hold.
 
@@ -71,30 +70,38 @@ def possible_noise(
         beta: their least squares, (p,), SI.
         logs: recordings.
         spectra: of each log's position channels.
-        treatment: of the logs.
     """
+    return _with_possible_noise(rows, beta, logs, spectra)[0]
+
+
+def _with_possible_noise(
+    rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]
+) -> tuple[list[Array], tuple[Observation, Observation]]:
+    """`possible_noise`, and the rows with it added to the positions and subtracted."""
     noise, left = encoder_noise(logs, spectra), _squares_left(rows, beta)
 
-    def by_noise(noise: Sequence[Array]) -> Array:
-        both = [_squares_left(_moved(rows, logs, noise, sign, treatment), beta) for sign in (1, -1)]
-        return np.asarray(0.5 * (both[0] + both[1]) - left)
+    def moved(noise: Sequence[Array]) -> tuple[Observation, Observation]:
+        measured = [np.asarray(log.position[:]) for log in logs]
+        more, less = ([q + sign * n for q, n in zip(measured, noise, strict=True)] for sign in (1, -1))
+        return _with_positions(rows, more), _with_positions(rows, less)
 
-    if np.all(by_noise(noise) <= left):
-        return noise
+    def explained(both: tuple[Observation, Observation]) -> Array:
+        return np.asarray(0.5 * sum(_squares_left(one, beta) for one in both) - left)
+
+    both = moved(noise)
+    if np.all(explained(both) <= left):
+        return noise, both
     for k in range(noise[0].shape[1]):
-        made = by_noise([np.where(np.arange(n.shape[1]) == k, n, 0.0) for n in noise])
+        made = explained(moved([np.where(np.arange(n.shape[1]) == k, n, 0.0) for n in noise]))
         share = np.min(left[made > left] / made[made > left], initial=1.0)
         for n in noise:
             n[:, k] *= np.sqrt(share)
-    return noise
+    return noise, moved(noise)
 
 
-def _moved(
-    rows: Observation, logs: Sequence[Log], noise: Sequence[Array], sign: int, treatment: Treatment
-) -> Observation:
-    """Rows with noise added to the positions, or subtracted."""
-    moved = [replace(log, position=np.asarray(log.position[:]) + sign * n) for log, n in zip(logs, noise, strict=True)]
-    return observe(rows.model, *(treat(log, treatment) for log in moved))
+def _with_positions(rows: Observation, positions: Sequence[Array]) -> Observation:
+    """Rows of the same motions with other positions of their logs, each (samples, channels)."""
+    return observe(rows.model, *(with_positions(motion, q) for motion, q in zip(rows.motions, positions, strict=True)))
 
 
 def _squares_left(rows: Observation, beta: Array) -> Array:

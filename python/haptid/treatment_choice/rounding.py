@@ -25,7 +25,7 @@ from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.estimation import Estimate
 from haptid.log import Log
 from haptid.log.spectrum import Spectrum, widest
-from haptid.motion.motion import treat
+from haptid.motion.motion import treat, with_positions
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import MotorRows, Observation, observe
 from haptid.treatment_choice.delay_estimate import Delays, delay_columns, delay_prior
@@ -107,12 +107,12 @@ def rounding_effect(
     refit = _Refit.of(estimate, delays if delays is not None and delays.accepted else None)
     try:
         smooth = [np.asarray(treat(log, smoother).q[:]) for log in logs]
-        plain = refit.motors(logs, smooth)
+        plain = refit.motors(smooth)
         at = solve_excited(plain, refit.weights, refit.known).beta
         before, parts = refit.by_block(plain, at), list[Array]()
         for place, size in zip(places, sizes, strict=True):
             rounded = [_rounded(q, own * size, place) for q, own in zip(smooth, steps, strict=True)]
-            parts.append(refit.by_block(refit.motors(logs, rounded), at) - before)
+            parts.append(refit.by_block(refit.motors(rounded), at) - before)
             if len(parts) == _FIRST and np.all(np.abs(np.sum(parts, axis=1)) < _MATTERS * refit.se):
                 return None
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
@@ -176,10 +176,10 @@ class _Refit:
         weights = estimate.weights / np.sqrt(max(memory / step, 1.0))
         return _Refit(rows, raw_parameters(rows.model, beta), beta, se, weights, known)
 
-    def motors(self, logs: Sequence[Log], positions: Sequence[Array]) -> Sequence[MotorRows]:
+    def motors(self, positions: Sequence[Array]) -> Sequence[MotorRows]:
         """R factors with other positions of the logs."""
-        model, treatment = self.rows.model, self.rows.motions[0].treatment
-        motions = [treat(replace(log, position=q), treatment) for log, q in zip(logs, positions, strict=True)]
+        model = self.rows.model
+        motions = [with_positions(motion, q) for motion, q in zip(self.rows.motions, positions, strict=True)]
         if not len(self.known):
             return observe(model, *motions).motors
         columns = [delay_columns(model, motion) for motion in motions]
