@@ -3,9 +3,11 @@
 from html.parser import HTMLParser
 
 import pytest
+from jinja2 import Environment
 from typer.testing import CliRunner
 
 from haptid.cli import app
+from haptid.report import page as pages
 from haptid.report.page import page
 from haptid.report.sections import SECTIONS
 from reported import made
@@ -103,3 +105,26 @@ def test_the_command_makes_the_page_again_and_says_what_is_wrong(tmp_path):
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == before
     assert CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "b.html"), "-q"]).stdout == ""
     assert CliRunner().invoke(app, ["report", str(tmp_path / "nowhere")]).exit_code == 2
+
+
+@pytest.fixture
+def templates(monkeypatch, tmp_path):
+    """Templates as a new process has them, whose compiled ones are kept in a folder of the test's."""
+    monkeypatch.setattr("sys.pycache_prefix", str(tmp_path / "compiled"))
+    monkeypatch.setattr("sys.dont_write_bytecode", False)
+    pages._environment.cache_clear()
+    yield pages._environment
+    pages._environment.cache_clear()
+
+
+def test_templates_are_compiled_once_for_all_runs(templates, monkeypatch):
+    first = page("title", "about", [])
+    templates.cache_clear()
+    monkeypatch.setattr(Environment, "compile", lambda *_: pytest.fail("compiled again"))
+    assert page("title", "about", []) == first
+
+
+@pytest.mark.usefixtures("templates")
+def test_a_page_is_written_where_compiled_templates_cannot_be(tmp_path):
+    (tmp_path / "compiled").write_text("no folder")
+    assert "<title>title" in page("title", "about", [])

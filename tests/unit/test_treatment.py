@@ -12,6 +12,7 @@ from scipy import signal
 import haptid
 from haptid.errors import MotionTooShortError, TreatmentError
 from haptid.motion import WindowedSinc
+from haptid.motion.motion import with_positions
 from haptid.motion.streaming import delayed, lost
 
 
@@ -134,6 +135,36 @@ def test_motions_of_one_log_share_their_differences_and_nothing_else():
     part, whole = alone.kinematics(100, 200), first.kinematics(4, 2996)
     for piece, all_samples in zip(part, whole, strict=True):
         assert (piece == all_samples[:, 96:196]).all()
+
+
+def walks(rng):
+    """A log of two joints that wander, at 1 kHz."""
+    channels = haptid.Channels(haptid.Signal(("a", "b"), "rad"), haptid.Signal(("u", "v"), "N m"), rate_hz=1000.0)
+    q, tau = np.cumsum(rng.normal(size=(2, 3000, 2)), axis=1)
+    return haptid.Log("made", "", 1e-3 * np.arange(3000), q, tau, channels)
+
+
+def test_motions_with_one_delay_share_their_positions_and_those_with_another_do_not():
+    log = walks(np.random.default_rng(1))
+    late = haptid.Treatment(40.0, torque_delay_s=1.4e-3)
+    first, again = haptid.treat(log, late), haptid.treat(log, late)
+    assert again.q is first.q
+    assert (again.qd == first.qd).all()
+    other = haptid.treat(log, replace(late, torque_delay_s=0.3e-3))
+    for motion in (other, haptid.treat(log, late)):  # the other one has taken the place of what was kept
+        alone = haptid.Motion(1e-3, motion.q, motion.tau, motion.treatment)
+        assert (motion.qdd == alone.qdd).all()
+    assert not np.allclose(other.q, first.q)
+
+
+def test_a_motion_with_other_positions_is_that_of_a_log_with_them():
+    rng = np.random.default_rng(2)
+    log, moved = walks(rng), np.cumsum(rng.normal(size=(3000, 2)), axis=0)
+    late = haptid.Treatment((40.0, 70.0), torque_delay_s=(1.4e-3, 0.3e-3))
+    made, wanted = with_positions(haptid.treat(log, late), moved), haptid.treat(replace(log, position=moved), late)
+    for name in ("q", "qd", "qdd", "tau"):
+        assert (getattr(made, name) == getattr(wanted, name)).all()
+    assert (made.log.position == moved).all()
 
 
 def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():

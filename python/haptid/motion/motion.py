@@ -340,11 +340,11 @@ def _evaluated_later(q: Array, shared: dict[Any, Any], lead: float) -> tuple[Arr
         return q, shared
     if isinstance(q, OnDisk) or q.size > _SHARED:
         return shifted(q, -lead, SMOOTH), {}
-    source, by, later = shared.get("later", (None, 0.0, None))
+    source, by, later, own = shared.get("later", (None, 0.0, q, {}))
     if source is not q or by != lead:
-        later = shifted(q, -lead, SMOOTH), {}
-        shared["later"] = (q, lead, later)
-    return later
+        later, own = shifted(q, -lead, SMOOTH), {}
+        shared["later"] = (q, lead, later, own)
+    return later, own
 
 
 def with_positions(motion: Motion, position: Array) -> Motion:

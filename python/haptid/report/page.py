@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.resources import files
+from importlib.util import cache_from_source
+from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from markupsafe import Markup
 
+from haptid._core import __version__
 from haptid.report.chart import Chart
 from haptid.report.mathml import formula_markup
 from haptid.report.section import PageSection
@@ -68,10 +74,26 @@ def module_of_scripts() -> str:
     return "\n".join(["// Parts of the report's script.", *map(_text, SCRIPTS[:-1]), _EXPORTED])
 
 
+class _Compiled(FileSystemBytecodeCache):
+    """Compiled templates, kept where Python keeps compiled modules: compiling takes longer than filling them in."""
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        with suppress(OSError):
+            super().load_bytecode(bucket)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        if not sys.dont_write_bytecode:
+            with suppress(OSError):  # the folder cannot be written: the next run compiles them again
+                Path(self.directory).mkdir(parents=True, exist_ok=True)
+                super().dump_bytecode(bucket)
+
+
 @cache
 def _environment() -> Environment:
+    beside = Path(cache_from_source(str(Path(__file__).parent / "templates" / "page.html"))).parent
     environment = Environment(
         loader=PackageLoader("haptid.report", "templates"),
+        bytecode_cache=_Compiled(str(beside), f"%s.{__version__}.jinja"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
