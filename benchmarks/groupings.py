@@ -7,31 +7,16 @@ import time
 import numpy as np
 
 import haptid
+from haptid.device.toml.reader import shipped_devices
 from haptid.dynamics.symbolic import regroupings
 
-# All that are shipped and have exact groupings.
-DEVICES = (
-    "cea_medical_branch",
-    "sr400",
-    "rx90",
-    "puma560",
-    "arm3",
-    "arm7",
-    "phantom_premium_15",
-    "phantom_premium_15_general",
-    "staubli_tx40",
-    "kuka_kr300",
-    "five_bar",
-    "four_bar",
-    "emps",
-)
 SEEDS = 200
 
 
 def run() -> dict[str, float]:
     """Least, median and longest processor time, ms, and failures or differences in all seeds, by device."""
     figures: dict[str, float] = {}
-    for name in DEVICES:
+    for name in shipped_devices():
         model = haptid.DynamicModel(haptid.read_device(name))
         first, times, failures = model.regroupings, [], 0
         for seed in range(SEEDS):

@@ -37,6 +37,17 @@ def exact_rows(
     gravity (states, 3). All are residues of the prime.
     """
 
+def real_rows(
+    parent: Sequence[int],
+    prismatic: Sequence[bool],
+    placements: Array,
+    motion: Array,
+    rates: Array,
+    base: Array,
+    samples: int,
+) -> Array:
+    """The same in floating point."""
+
 def triangles(rows: Array) -> Array:
     """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
 

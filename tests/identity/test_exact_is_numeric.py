@@ -125,8 +125,11 @@ def test_loops_in_space_have_both(
 
 def test_numbers_that_loops_depend_on_have_to_be_named(tmp_path: Path) -> None:
     """Without a name the bar is a number, and so is what depends on it: no ratio of small integers."""
-    text = SPATIAL.format(crank=0.08, bar=0.28, rocker=0.2).replace(
-        'frame_a = { xyz = ["bar"', "frame_a = { xyz = [0.28"
-    )
+    unnamed = ('frame_a = { xyz = ["bar"', "frame_a = { xyz = [0.28")
+    text = SPATIAL.format(crank=0.08, bar=0.3, rocker=0.2).replace(*unnamed)
     with pytest.raises(haptid.errors.RegroupingError, match=r"no formula.*Name the lengths"):
         _ = drawn(tmp_path, text).regroupings
+    # A number of the size of a named length is that length, as everywhere.
+    same = drawn(tmp_path, SPATIAL.format(crank=0.08, bar=0.28, rocker=0.2).replace(*unnamed)).regroupings
+    named = drawn(tmp_path, SPATIAL.format(crank=0.08, bar=0.28, rocker=0.2)).regroupings
+    assert same.formulas == named.formulas

@@ -55,6 +55,14 @@ def test_a_small_rational_comes_back_from_its_residues(number: Fraction) -> None
     assert rational(residues, PRIMES[:2]) == number
 
 
+def test_one_prime_tells_small_numbers_only() -> None:
+    (prime,) = primes = PRIMES[:1]
+    for number in (Fraction(0), Fraction(-3), Fraction(7, 12), Fraction(-24, 23)):
+        assert rational((PrimeField(prime).of(number),), primes) == number
+    for number in (Fraction(25), Fraction(1533, 2500), Fraction(1, 144)):
+        assert rational((PrimeField(prime).of(number),), primes) is None
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(-50, 50), st.integers(-50, 50))
 def test_angles_stay_on_the_circle_and_add(seed: int, k: int, m: int) -> None:
     p, angle = FIELD.prime, FIELD.circle(np.random.default_rng(seed), 3)

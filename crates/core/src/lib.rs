@@ -35,7 +35,7 @@ pub use end_effector::apparent_mass::{ApparentMassQuery, apparent_mass};
 pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effector_dynamics};
 pub use error::Error;
 pub use exact::echelon::echelon;
-pub use exact::rows::{ExactStates, exact_rows};
+pub use exact::rows::{ExactStates, TreeStates, exact_rows, real_rows};
 pub use loops::assembly::{
     ActiveTrajectory, AssemblyMode, ClosureTolerances, ContinuationStop, JointTrajectory, LinearClosure,
 };

@@ -1,10 +1,11 @@
-//! Exact arithmetic modulo a prime: see `_core.pyi`.
+//! Exact arithmetic modulo a prime, and rows of the regressor in floating point: see `_core.pyi`.
 
 use crate::threads::detached;
 use crate::to_python;
-use haptid_core::{Backend, ExactStates};
+use haptid_core::{Backend, Error, ExactStates, TreeStates};
 use numpy::{
-    IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -51,9 +52,39 @@ pub(crate) fn exact_rows<'py>(
     samples: usize,
     prime: u32,
 ) -> PyResult<Bound<'py, PyArray3<i64>>> {
+    let work = |states: &ExactStates, out: &mut [i64]| haptid_core::exact_rows(states, prime, out);
+    tree_rows(py, (parent, prismatic, samples), (placements, motion, rates, base), work)
+}
+
+/// The same in floating point.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn real_rows<'py>(
+    py: Python<'py>,
+    parent: Vec<isize>,
+    prismatic: Vec<bool>,
+    placements: PyReadonlyArray4<'py, f64>,
+    motion: PyReadonlyArray3<'py, f64>,
+    rates: PyReadonlyArray3<'py, f64>,
+    base: PyReadonlyArray2<'py, f64>,
+    samples: usize,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    tree_rows(py, (parent, prismatic, samples), (placements, motion, rates, base), haptid_core::real_rows)
+}
+
+/// Placements, motion, rates and base.
+type Parts<'py, N> =
+    (PyReadonlyArray4<'py, N>, PyReadonlyArray3<'py, N>, PyReadonlyArray3<'py, N>, PyReadonlyArray2<'py, N>);
+
+fn tree_rows<'py, N: Element + Copy + Default + Send + Sync>(
+    py: Python<'py>,
+    (parent, prismatic, samples): (Vec<isize>, Vec<bool>, usize),
+    (placements, motion, rates, base): Parts<'py, N>,
+    work: impl FnOnce(&TreeStates<N>, &mut [N]) -> Result<(), Error> + Send,
+) -> PyResult<Bound<'py, PyArray3<N>>> {
     let parent: Vec<Option<usize>> = parent.into_iter().map(|parent| usize::try_from(parent).ok()).collect();
     let (count, active) = (base.shape()[0], rates.shape()[2]);
-    let states = ExactStates {
+    let states = TreeStates {
         parent: &parent,
         prismatic: &prismatic,
         active,
@@ -64,7 +95,7 @@ pub(crate) fn exact_rows<'py>(
         base: numbers!("base", base),
     };
     let shape = [count, active, 10 * parent.len()];
-    let mut out = vec![0; shape.iter().product()];
-    detached(py, || haptid_core::exact_rows(&states, prime, &mut out)).map_err(to_python)?;
+    let mut out = vec![N::default(); shape.iter().product()];
+    detached(py, || work(&states, &mut out)).map_err(to_python)?;
     out.into_pyarray(py).reshape(shape)
 }

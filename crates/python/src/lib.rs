@@ -57,6 +57,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
     module.add_function(wrap_pyfunction!(exact::echelon, module)?)?;
     module.add_function(wrap_pyfunction!(exact::exact_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(exact::real_rows, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::end_effector_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(end_effector::apparent_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))

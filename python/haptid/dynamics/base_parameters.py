@@ -50,6 +50,9 @@ class BaseParameters:
         no_effect: names of the standard parameters without effect on any torque.
         tolerance: relative length below which a column counts as a combination of those before it.
         gap: least relative length kept, and greatest dropped (0 where nothing was).
+        lengths: of the standard parameters' columns at the random states, (standard parameters,).
+        growth: how much rounding grows in each row of the regrouping: norm of the row of the inverse of R, of columns
+            of unit length, (p,).
     """
 
     names: tuple[str, ...]
@@ -60,9 +63,11 @@ class BaseParameters:
     no_effect: tuple[str, ...]
     tolerance: float
     gap: tuple[float, float]
+    lengths: Array
+    growth: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, "regrouping")
+        freeze_fields(self, "regrouping", lengths=(len(self.standard),), growth=(len(self.names),))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -124,6 +129,7 @@ def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseP
     independent, Q, gap = select_independent(W / np.where(effective, lengths, 1.0), order, tolerance)
     independent = sorted(independent)  # shown in the parameters' own order
     regrouping = regroup(W, Q, independent, effective)
+    R = Q.T @ (W[:, independent] / lengths[independent])
     names = tuple(
         parameters.names[k] + ("R" if np.count_nonzero(row) > 1 else "")
         for k, row in zip(independent, regrouping, strict=True)
@@ -137,6 +143,8 @@ def base_parameters_of(model: DynamicModel, W: Array, tolerance: float) -> BaseP
         no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
         tolerance=tolerance,
         gap=gap,
+        lengths=lengths,
+        growth=np.linalg.norm(np.linalg.inv(R), axis=1),
     )
 
 

@@ -1,4 +1,4 @@
-//! The integers modulo a prime below 2^30.
+//! The integers modulo a prime below 2^30, and what they share with floats.
 
 use crate::error::Error;
 
@@ -51,6 +51,87 @@ impl Field {
             exponent >>= 1;
         }
         result
+    }
+}
+
+/// Numbers that can be added and multiplied.
+pub(crate) trait Ring: Copy {
+    /// As callers have them.
+    type Number: Copy;
+    /// As they are computed with.
+    type Element: Copy + Default;
+    const ONE: Self::Element;
+
+    fn element(number: Self::Number) -> Self::Element;
+
+    fn number(element: Self::Element) -> Self::Number;
+
+    fn add(self, a: Self::Element, b: Self::Element) -> Self::Element;
+
+    /// A sum of products less another: `plus` and `minus` have at most eight terms each.
+    fn sum<const N: usize, const M: usize>(
+        self,
+        plus: [(Self::Element, Self::Element); N],
+        minus: [(Self::Element, Self::Element); M],
+    ) -> Self::Element;
+}
+
+impl Ring for Field {
+    type Number = i64;
+    type Element = u64;
+    const ONE: u64 = 1;
+
+    #[inline(always)]
+    fn element(number: i64) -> u64 {
+        number as u64
+    }
+
+    #[inline(always)]
+    fn number(element: u64) -> i64 {
+        element as i64
+    }
+
+    #[inline(always)]
+    fn add(self, a: u64, b: u64) -> u64 {
+        self.reduce(a + b)
+    }
+
+    #[inline(always)]
+    fn sum<const N: usize, const M: usize>(self, plus: [(u64, u64); N], minus: [(u64, u64); M]) -> u64 {
+        let plus: u64 = plus.iter().map(|(x, y)| x * y).sum();
+        let minus: u64 = minus.iter().map(|(x, y)| x * (self.prime - y)).sum();
+        self.reduce(plus + minus)
+    }
+}
+
+/// Floats.
+#[derive(Clone, Copy)]
+pub(crate) struct Real;
+
+impl Ring for Real {
+    type Number = f64;
+    type Element = f64;
+    const ONE: f64 = 1.0;
+
+    #[inline(always)]
+    fn element(number: f64) -> f64 {
+        number
+    }
+
+    #[inline(always)]
+    fn number(element: f64) -> f64 {
+        element
+    }
+
+    #[inline(always)]
+    fn add(self, a: f64, b: f64) -> f64 {
+        a + b
+    }
+
+    #[inline(always)]
+    fn sum<const N: usize, const M: usize>(self, plus: [(f64, f64); N], minus: [(f64, f64); M]) -> f64 {
+        let total = |terms: &[(f64, f64)]| terms.iter().map(|(x, y)| x * y).sum::<f64>();
+        total(&plus) - total(&minus)
     }
 }
 

@@ -1,21 +1,21 @@
-//! Rows of the regressor modulo a prime, at exact states of a closed chain.
+//! Rows of the regressor modulo a prime, at exact states of a closed chain; the same in floating point.
 //!
 //! Kane's form of inverse dynamics, in link frames: the torque of active joint m is the sum over links of the link's
 //! force and moment times its partial velocities by m. Loops are in these partial velocities, so the tree's torques are
 //! never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
 
 use crate::error::{Error, expect_length};
-use crate::exact::field::Field;
+use crate::exact::field::{Field, Real, Ring};
 
 /// Columns of a link: XX XY XZ YY YZ ZZ MX MY MZ M.
 const OWN: usize = 10;
 /// Numbers of a pose.
 const POSE: usize = 16;
 
-/// A tree of joints in normal form, at exact states. All numbers are residues from 0 to p - 1.
+/// A tree of joints in normal form, at given states. All numbers are residues from 0 to p - 1, or all are floats.
 ///
 /// States that share their lengths follow one another, `samples` of them for each set.
-pub struct ExactStates<'a> {
+pub struct TreeStates<'a, N> {
     /// Parent of each joint, `None` for the base; parents come first.
     pub parent: &'a [Option<usize>],
     /// Whether each joint slides.
@@ -25,60 +25,60 @@ pub struct ExactStates<'a> {
     /// States for each set of lengths.
     pub samples: usize,
     /// Pose of each joint in its parent's frame, joints x sets x 4 x 4.
-    pub placements: &'a [i64],
+    pub placements: &'a [N],
     /// Cosine, sine, slide, velocity and acceleration of each joint, 5 x joints x states.
-    pub motion: &'a [i64],
+    pub motion: &'a [N],
     /// Rate of each joint by active one, joints x states x active.
-    pub rates: &'a [i64],
+    pub rates: &'a [N],
     /// Acceleration of the base less gravity, states x 3.
-    pub base: &'a [i64],
+    pub base: &'a [N],
 }
 
-type Vector = [u64; 3];
+/// States modulo a prime.
+pub type ExactStates<'a> = TreeStates<'a, i64>;
+
+type Vector<R> = [<R as Ring>::Element; 3];
 
 /// Motion of a link's frame in its own axes.
-#[derive(Clone, Default)]
-struct Link {
+#[derive(Clone)]
+struct Link<R: Ring> {
     /// Angular velocity and acceleration.
-    w: Vector,
-    dw: Vector,
+    w: Vector<R>,
+    dw: Vector<R>,
     /// Acceleration of the origin less gravity.
-    a: Vector,
+    a: Vector<R>,
     /// Partial velocity of the origin, and partial angular velocity, by active joint.
-    linear: Vec<Vector>,
-    angular: Vec<Vector>,
+    linear: Vec<Vector<R>>,
+    angular: Vec<Vector<R>>,
 }
 
-impl Field {
-    /// The residues of signed products' sums: `plus` and `minus` have at most eight terms each.
-    #[inline(always)]
-    fn sum<const N: usize, const M: usize>(self, plus: [(u64, u64); N], minus: [(u64, u64); M]) -> u64 {
-        let plus: u64 = plus.iter().map(|(x, y)| x * y).sum();
-        let minus: u64 = minus.iter().map(|(x, y)| x * (self.prime - y)).sum();
-        self.reduce(plus + minus)
+impl<R: Ring> Link<R> {
+    fn still(active: usize) -> Self {
+        let zero = [R::Element::default(); 3];
+        Link { w: zero, dw: zero, a: zero, linear: vec![zero; active], angular: vec![zero; active] }
     }
+}
 
-    #[inline(always)]
-    fn cross(self, a: Vector, b: Vector) -> Vector {
-        let entry = |i: usize, k: usize| self.sum([(a[i], b[k])], [(a[k], b[i])]);
-        [entry(1, 2), entry(2, 0), entry(0, 1)]
-    }
+#[inline(always)]
+fn cross<R: Ring>(ring: R, a: Vector<R>, b: Vector<R>) -> Vector<R> {
+    let entry = |i: usize, k: usize| ring.sum([(a[i], b[k])], [(a[k], b[i])]);
+    [entry(1, 2), entry(2, 0), entry(0, 1)]
+}
 
-    #[inline(always)]
-    fn add(self, a: Vector, b: Vector) -> Vector {
-        core::array::from_fn(|i| self.reduce(a[i] + b[i]))
-    }
+#[inline(always)]
+fn add<R: Ring>(ring: R, a: Vector<R>, b: Vector<R>) -> Vector<R> {
+    core::array::from_fn(|i| ring.add(a[i], b[i]))
+}
 
-    /// The transpose of a matrix times a vector.
-    #[inline(always)]
-    fn back(self, matrix: &[Vector; 3], v: Vector) -> Vector {
-        core::array::from_fn(|i| self.sum(core::array::from_fn::<_, 3, _>(|k| (matrix[k][i], v[k])), []))
-    }
+/// The transpose of a matrix times a vector.
+#[inline(always)]
+fn back<R: Ring>(ring: R, matrix: &[Vector<R>; 3], v: Vector<R>) -> Vector<R> {
+    core::array::from_fn(|i| ring.sum(core::array::from_fn::<_, 3, _>(|k| (matrix[k][i], v[k])), []))
+}
 
-    #[inline(always)]
-    fn dot(self, a: Vector, b: Vector) -> u64 {
-        self.sum(core::array::from_fn::<_, 3, _>(|k| (a[k], b[k])), [])
-    }
+#[inline(always)]
+fn dot<R: Ring>(ring: R, a: Vector<R>, b: Vector<R>) -> R::Element {
+    ring.sum(core::array::from_fn::<_, 3, _>(|k| (a[k], b[k])), [])
 }
 
 /// Rows of the regressor, states x active joints x 10 columns of each link, modulo a prime.
@@ -105,121 +105,137 @@ impl Field {
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
 pub fn exact_rows(states: &ExactStates, prime: u32, out: &mut [i64]) -> Result<(), Error> {
-    let (field, joints, active) = (Field::new(prime)?, states.parent.len(), states.active);
-    let count = states.base.len() / 3;
-    let sets = count / states.samples.max(1);
-    expect_length("base", states.base.len(), sets * states.samples * 3)?;
-    expect_length("prismatic", states.prismatic.len(), joints)?;
-    expect_length("placements", states.placements.len(), joints * sets * POSE)?;
-    expect_length("motion", states.motion.len(), 5 * joints * count)?;
-    expect_length("rates", states.rates.len(), joints * count * active)?;
-    expect_length("out", out.len(), count * active * OWN * joints)?;
-    if let Some((joint, &Some(got))) = states.parent.iter().enumerate().find(|(j, p)| p.is_some_and(|p| p >= *j)) {
-        return Err(Error::Index { name: "parent", got, limit: joint });
-    }
+    let field = Field::new(prime)?;
     let numbers = [states.placements, states.motion, states.rates, states.base];
     if let Some(&got) = numbers.iter().copied().flatten().find(|&&x| x < 0 || x >= i64::from(prime)) {
         return Err(Error::Value { name: "a number of a state", got: got as f64, wanted: "a residue of the prime" });
     }
-    let still = vec![Vector::default(); active];
-    let empty = Link { linear: still.clone(), angular: still, ..Link::default() };
-    let mut links = vec![empty.clone(); joints];
-    let mut base = empty;
-    for (state, out) in out.chunks_exact_mut((active * OWN * joints).max(1)).enumerate() {
-        base.a = core::array::from_fn(|i| states.base[state * 3 + i] as u64);
-        for joint in 0..joints {
-            let (before, rest) = links.split_at_mut(joint);
-            let parent = states.parent[joint].map_or(&base, |parent| &before[parent]);
-            states.moved(field, joint, state, (sets, count), parent, &mut rest[0]);
-            let columns = LinkColumns::new(field, &rest[0]);
-            for m in 0..active {
-                let own = &mut out[(m * joints + joint) * OWN..][..OWN];
-                columns.row(field, &rest[0], m, own);
-            }
-        }
-    }
-    Ok(())
+    states.rows(field, out)
 }
 
-impl ExactStates<'_> {
+/// The same in floating point.
+pub fn real_rows(states: &TreeStates<f64>, out: &mut [f64]) -> Result<(), Error> {
+    states.rows(Real, out)
+}
+
+impl<N: Copy> TreeStates<'_, N> {
+    fn rows<R: Ring<Number = N>>(&self, ring: R, out: &mut [N]) -> Result<(), Error> {
+        let (joints, active, count) = (self.parent.len(), self.active, self.base.len() / 3);
+        let sets = count / self.samples.max(1);
+        expect_length("base", self.base.len(), sets * self.samples * 3)?;
+        expect_length("prismatic", self.prismatic.len(), joints)?;
+        expect_length("placements", self.placements.len(), joints * sets * POSE)?;
+        expect_length("motion", self.motion.len(), 5 * joints * count)?;
+        expect_length("rates", self.rates.len(), joints * count * active)?;
+        expect_length("out", out.len(), count * active * OWN * joints)?;
+        if let Some((joint, &Some(got))) = self.parent.iter().enumerate().find(|(j, p)| p.is_some_and(|p| p >= *j)) {
+            return Err(Error::Index { name: "parent", got, limit: joint });
+        }
+        let mut links = vec![Link::<R>::still(active); joints];
+        let mut base = Link::<R>::still(active);
+        for (state, out) in out.chunks_exact_mut((active * OWN * joints).max(1)).enumerate() {
+            base.a = core::array::from_fn(|i| R::element(self.base[state * 3 + i]));
+            for joint in 0..joints {
+                let (before, rest) = links.split_at_mut(joint);
+                let parent = self.parent[joint].map_or(&base, |parent| &before[parent]);
+                self.moved(ring, joint, state, (sets, count), parent, &mut rest[0]);
+                let columns = LinkColumns::new(ring, &rest[0]);
+                for m in 0..active {
+                    let own = &mut out[(m * joints + joint) * OWN..][..OWN];
+                    columns.row(ring, &rest[0], m, own);
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// The motion of a joint's link from that of its parent's.
-    fn moved(&self, field: Field, j: usize, state: usize, size: (usize, usize), parent: &Link, link: &mut Link) {
-        let ((sets, count), joints) = (size, self.parent.len());
+    fn moved<R: Ring<Number = N>>(
+        &self,
+        ring: R,
+        j: usize,
+        state: usize,
+        (sets, count): (usize, usize),
+        parent: &Link<R>,
+        link: &mut Link<R>,
+    ) {
+        let (joints, none) = (self.parent.len(), R::Element::default());
         let placed = &self.placements[(j * sets + state / self.samples) * POSE..][..POSE];
-        let number = |kind: usize| self.motion[(kind * joints + j) * count + state] as u64;
+        let number = |kind: usize| R::element(self.motion[(kind * joints + j) * count + state]);
         let (cos, sin, slide, rate, acceleration) = (number(0), number(1), number(2), number(3), number(4));
-        let entry = |i: usize, k: usize| placed[4 * i + k] as u64;
-        let turn: [Vector; 3] = core::array::from_fn(|i| {
+        let entry = |i: usize, k: usize| R::element(placed[4 * i + k]);
+        let turn: [Vector<R>; 3] = core::array::from_fn(|i| {
             [
-                field.sum([(entry(i, 0), cos), (entry(i, 1), sin)], []),
-                field.sum([(entry(i, 1), cos)], [(entry(i, 0), sin)]),
+                ring.sum([(entry(i, 0), cos), (entry(i, 1), sin)], []),
+                ring.sum([(entry(i, 1), cos)], [(entry(i, 0), sin)]),
                 entry(i, 2),
             ]
         });
-        let origin = core::array::from_fn(|i| field.reduce(entry(i, 3) + entry(i, 2) * slide));
-        let swing = field.cross(parent.w, field.cross(parent.w, origin));
-        let carried = field.add(field.cross(parent.dw, origin), swing);
-        link.a = field.back(&turn, field.add(parent.a, carried));
-        (link.w, link.dw) = (field.back(&turn, parent.w), field.back(&turn, parent.dw));
+        let origin = core::array::from_fn(|i| ring.add(entry(i, 3), ring.sum([(entry(i, 2), slide)], [])));
+        let swing = cross(ring, parent.w, cross(ring, parent.w, origin));
+        let carried = add(ring, cross(ring, parent.dw, origin), swing);
+        link.a = back(ring, &turn, add(ring, parent.a, carried));
+        (link.w, link.dw) = (back(ring, &turn, parent.w), back(ring, &turn, parent.dw));
         // w x z times the rate.
-        let across = [field.sum([(link.w[1], rate)], []), field.sum([], [(link.w[0], rate)]), 0];
-        let own = [0, 0, acceleration];
+        let across = [ring.sum([(link.w[1], rate)], []), ring.sum([], [(link.w[0], rate)]), none];
+        let own = [none, none, acceleration];
         if self.prismatic[j] {
-            link.a = field.add(link.a, field.add(own, field.add(across, across)));
+            link.a = add(ring, link.a, add(ring, own, add(ring, across, across)));
         } else {
-            link.w[2] = field.reduce(link.w[2] + rate);
-            link.dw = field.add(link.dw, field.add(own, across));
+            link.w[2] = ring.add(link.w[2], rate);
+            link.dw = add(ring, link.dw, add(ring, own, across));
         }
         let rates = &self.rates[(j * count + state) * self.active..][..self.active];
         for (m, &rate) in rates.iter().enumerate() {
             // Velocity of the joint's origin: that of the parent's, and w x origin.
-            let lever = field.cross(parent.angular[m], origin);
-            link.linear[m] = field.back(&turn, field.add(parent.linear[m], lever));
-            link.angular[m] = field.back(&turn, parent.angular[m]);
+            let lever = cross(ring, parent.angular[m], origin);
+            link.linear[m] = back(ring, &turn, add(ring, parent.linear[m], lever));
+            link.angular[m] = back(ring, &turn, parent.angular[m]);
             let along = if self.prismatic[j] { &mut link.linear[m] } else { &mut link.angular[m] };
-            along[2] = field.reduce(along[2] + rate as u64);
+            along[2] = ring.add(along[2], R::element(rate));
         }
     }
 }
 
 /// Moment by each inertia, and force by each first moment, of a link.
-struct LinkColumns {
-    moment: [Vector; 6],
-    force: [Vector; 3],
+struct LinkColumns<R: Ring> {
+    moment: [Vector<R>; 6],
+    force: [Vector<R>; 3],
 }
 
-impl LinkColumns {
-    fn new(field: Field, link: &Link) -> LinkColumns {
+impl<R: Ring> LinkColumns<R> {
+    fn new(ring: R, link: &Link<R>) -> Self {
         // Component pairs of XX XY XZ YY YZ ZZ.
         const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-        let times_inertia = |v: Vector, (i, k): (usize, usize)| {
-            let mut made = Vector::default();
+        let none = [R::Element::default(); 3];
+        let times_inertia = |v: Vector<R>, (i, k): (usize, usize)| {
+            let mut made = none;
             made[i] = v[k];
             made[k] = v[i];
             made
         };
         let moment =
-            PAIRS.map(|pair| field.add(times_inertia(link.dw, pair), field.cross(link.w, times_inertia(link.w, pair))));
+            PAIRS.map(|pair| add(ring, times_inertia(link.dw, pair), cross(ring, link.w, times_inertia(link.w, pair))));
         let force = core::array::from_fn(|i| {
-            let mut axis = Vector::default();
-            axis[i] = 1;
-            field.add(field.cross(link.dw, axis), field.cross(link.w, field.cross(link.w, axis)))
+            let mut axis = none;
+            axis[i] = R::ONE;
+            add(ring, cross(ring, link.dw, axis), cross(ring, link.w, cross(ring, link.w, axis)))
         });
         LinkColumns { moment, force }
     }
 
     /// The torque of active joint m by each of the link's parameters.
-    fn row(&self, field: Field, link: &Link, m: usize, out: &mut [i64]) {
+    fn row(&self, ring: R, link: &Link<R>, m: usize, out: &mut [R::Number]) {
         let (linear, angular) = (link.linear[m], link.angular[m]);
         for (out, &moment) in out.iter_mut().zip(&self.moment) {
-            *out = field.dot(angular, moment) as i64;
+            *out = R::number(dot(ring, angular, moment));
         }
         // A first moment s makes the moment s x a: its product with w is that of s with a x w.
-        let lever = field.cross(link.a, angular);
+        let lever = cross(ring, link.a, angular);
         for i in 0..3 {
-            out[6 + i] = field.reduce(field.dot(linear, self.force[i]) + lever[i]) as i64;
+            out[6 + i] = R::number(ring.add(dot(ring, linear, self.force[i]), lever[i]));
         }
-        out[9] = field.dot(linear, link.a) as i64;
+        out[9] = R::number(dot(ring, linear, link.a));
     }
 }
 
@@ -247,5 +263,38 @@ mod tests {
         assert!(told(ExactStates { rates: &[101], ..good() }));
         assert!(told(ExactStates { base: &[0, 0, -1], ..good() }));
         assert!(told(ExactStates { motion: &[0; 4], ..good() }));
+    }
+
+    /// Where no residue wraps around, rows modulo a prime are those in floating point: here with small whole numbers.
+    #[test]
+    fn rows_modulo_a_prime_are_those_of_whole_numbers() {
+        let prime = 1_073_741_783;
+        let mut state = 5_u64;
+        let mut draw = |count: usize| -> Vec<i64> {
+            let mut next = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 60) as i64 - 8
+            };
+            (0..count).map(|_| next()).collect()
+        };
+        let (joints, active, samples, sets) = (3, 2, 2, 2);
+        let count = samples * sets;
+        let numbers = [joints * sets * POSE, 5 * joints * count, joints * count * active, count * 3].map(&mut draw);
+        let residues = numbers.clone().map(|part| part.iter().map(|x| x.rem_euclid(prime)).collect::<Vec<i64>>());
+        let floats = numbers.map(|part| part.iter().map(|&x| x as f64).collect::<Vec<f64>>());
+        let (parent, prismatic) = ([None, Some(0), Some(1)], [false, true, false]);
+        let size = count * active * OWN * joints;
+        let (mut exact, mut real) = (vec![0; size], vec![0.0; size]);
+        fn states<'a, N>(parts: &'a [Vec<N>; 4], parent: &'a [Option<usize>], slides: &'a [bool]) -> TreeStates<'a, N> {
+            let [placements, motion, rates, base] = parts;
+            TreeStates { parent, prismatic: slides, active: 2, samples: 2, placements, motion, rates, base }
+        }
+        exact_rows(&states(&residues, &parent, &prismatic), prime as u32, &mut exact).unwrap();
+        real_rows(&states(&floats, &parent, &prismatic), &mut real).unwrap();
+        assert!(real.iter().any(|&x| x != 0.0));
+        for (exact, real) in exact.iter().zip(real) {
+            assert!(real.abs() < 2_f64.powi(53));
+            assert_eq!(*exact, (real as i64).rem_euclid(prime));
+        }
     }
 }

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,13 @@ from haptid._internal.arrays import Array
 from haptid._internal.bounded_files import DEFINITION_FILE, read_bounded
 from haptid._internal.toml_tables import Syntax, toml_values
 from haptid.device.collision import read_shapes
-from haptid.device.device import Device
+from haptid.device.device import Device, TorqueRows
 from haptid.device.elastic import elastic_motors, with_link_drives, with_rotors
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.chain import Chain
-from haptid.device.loops.cut_joint import cut_joints
+from haptid.device.loops.cut_joint import CutJoint, cut_joints
+from haptid.device.loops.formula import AnyClosure
 from haptid.device.loops.from_toml import Loops, active_joints, close, read_loops
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.parameters import (
@@ -33,7 +34,7 @@ from haptid.device.parameters import (
     standard_parameters,
     unsigned,
 )
-from haptid.device.parts import Gimbal, Handle, Joint
+from haptid.device.parts import Gimbal, Handle, Joint, Motor
 from haptid.device.priors import read_priors, unused_priors
 from haptid.device.terms.build import TermTargets, read_coordinates, read_terms
 from haptid.device.terms.term import TermColumn
@@ -45,6 +46,10 @@ from haptid.errors import DeviceFileError, suggestion
 
 # Name of the fixed link.
 BASE = "base"
+
+
+# How loops are closed, from the joints and which are active; and notes.
+LoopClosing = Callable[[Sequence[Joint], tuple[int, ...], Loops], tuple[AnyClosure, tuple[str, ...]]]
 
 
 def read_device(path: str | Path) -> Device:
@@ -161,20 +166,8 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     """
     place = Place(file)
     tables, reader, base, joints, loops = _geometry(tables, place)
-    active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
-    closure, notes = close(joints, active, loops)
-    drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
-    if elastic := elastic_motors(tables.terms, drives, place.at("terms")):
-        joints, drives = with_rotors(joints, drives, elastic)
-        active = (*active, *range(len(tables.joints), len(joints)))
-        closure, notes = close(joints, active, loops)
-        drives = with_link_drives(joints, active, drives, closure, elastic)
-    transmission = place.at("transmission")
-    rows = torque_rows(tables.transmission, drives, active, transmission)
-    cuts = cut_joints(joints, active, closure, place.at("loops"))
-    sums = read_coordinates(tables.coordinates, joints, reader, place.at("coordinates"))
-    targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts, sums)
-    terms = read_terms(tables.terms, targets, reader, place.at("terms"))
+    moving = _moving(tables, reader, joints, loops, close, place)
+    joints, terms = moving.joints, moving.terms
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)
     prior = read_priors(tables, joints, parameters.raw, reader, place)
@@ -185,10 +178,10 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         convention=tables.convention,
         gravity=np.array(reader.triple(tables.gravity, place.at("gravity"))),
         joints=joints,
-        active=active,
-        closure=closure,
-        drives=drives,
-        torque_rows=rows,
+        active=moving.active,
+        closure=moving.closure,
+        drives=moving.drives,
+        torque_rows=moving.torque_rows,
         terms=terms,
         parameters=parameters,
         symmetry=symmetry,
@@ -201,14 +194,63 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         targets=read_combinations(tables, parameters, reader, place),
         notes=(
             *parameters.leaving,
-            *notes,
+            *moving.notes,
             *unused_priors(prior, parameters.index),
         ),
         tables=tables,
-        cut_joints=cuts,
+        cut_joints=moving.cut_joints,
         collision=read_shapes(tables.collision, joints, base, reader, place.at("collision")),
-        distribution=read_distribution(tables.transmission, drives, joints, active, reader, transmission),
+        distribution=read_distribution(
+            tables.transmission, moving.drives, joints, moving.active, reader, place.at("transmission")
+        ),
     )
+
+
+def reclosed(device: Device, tables: AnyDevice, closing: LoopClosing) -> Device:
+    """A device with other loops, as these tables and `closing` have them; joints, bodies and parameters stay.
+
+    Raises:
+        DeviceError: see `read_device`.
+    """
+    place, reader, joints = Place(device.name), Reader(device.lengths), device.joints[: len(tables.joints)]
+    base = reader.placement(tables.base, place.at("base"))
+    loops = read_loops(tables.loops, joints, base, reader, place.at("loops"))
+    moving = _moving(tables, reader, joints, loops, closing, place)
+    parts = {part.name: getattr(moving, part.name) for part in fields(moving) if part.name != "notes"}
+    return replace(device, tables=tables, distribution=None, **parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """Joints, loops and what acts on them, as the attributes of a device."""
+
+    joints: tuple[Joint, ...]
+    active: tuple[int, ...]
+    closure: AnyClosure
+    notes: tuple[str, ...]
+    drives: tuple[Motor, ...]
+    torque_rows: TorqueRows
+    cut_joints: tuple[CutJoint, ...]
+    terms: tuple[TermColumn, ...]
+
+
+def _moving(
+    tables: AnyDevice, reader: Reader, joints: tuple[Joint, ...], loops: Loops, closing: LoopClosing, place: Place
+) -> _Moving:
+    active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
+    closure, notes = closing(joints, active, loops)
+    drives = read_drives(tables.motors, joints, active, closure, reader, place.at("motors"))
+    if elastic := elastic_motors(tables.terms, drives, place.at("terms")):
+        joints, drives = with_rotors(joints, drives, elastic)
+        active = (*active, *range(len(tables.joints), len(joints)))
+        closure, notes = closing(joints, active, loops)
+        drives = with_link_drives(joints, active, drives, closure, elastic)
+    rows = torque_rows(tables.transmission, drives, active, place.at("transmission"))
+    cuts = cut_joints(joints, active, closure, place.at("loops"))
+    sums = read_coordinates(tables.coordinates, joints, reader, place.at("coordinates"))
+    targets = TermTargets.of(joints, active, drives, rows == "joint", closure, cuts, sums)
+    terms = read_terms(tables.terms, targets, reader, place.at("terms"))
+    return _Moving(joints, active, closure, notes, drives, rows, cuts, terms)
 
 
 def resized(device: Device, lengths: Mapping[str, float]) -> Device:

@@ -11,16 +11,20 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import prod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid import _core
+from haptid._internal.arrays import Array
 
 Residues = NDArray[np.int64]
 
 # All are 3 modulo 4, so that a square root is one power. Two find the coefficients, the third checks them.
 PRIMES = (1073741783, 1073741723, 1073741719)
+# Largest numerator and denominator that are told from their residue modulo one prime.
+_SMALL = 24
 # Longest inner dimension of a matrix product of residues that cannot overflow.
 LONGEST_SUM = 8
 # Above this size, thirty squarings of a whole array are faster than inverting its residues one by one.
@@ -36,6 +40,8 @@ class PrimeField:
     """The integers modulo a prime (a finite field)."""
 
     prime: int
+
+    dtype = np.int64
 
     def __post_init__(self) -> None:
         if not (2 < self.prime < 2**30 and self.prime % 4 == 3):
@@ -108,12 +114,12 @@ class PrimeField:
     def multiple_of_angle(self, angle: tuple[Residues, Residues], times: int) -> tuple[Residues, Residues]:
         """Cosine and sine of an integer multiple of an angle, by repeated doubling."""
         c, s = angle if times >= 0 else (angle[0], self.reduce(-angle[1]))
-        total = (np.ones_like(c), np.zeros_like(c))
-        times = abs(times)
+        total = (c, s) if times % 2 else (np.ones_like(c), np.zeros_like(c))
+        times = abs(times) >> 1
         while times:
+            c, s = self.sum_of_angles((c, s), (c, s))
             if times & 1:
                 total = self.sum_of_angles(total, (c, s))
-            c, s = self.sum_of_angles((c, s), (c, s))
             times >>= 1
         return total
 
@@ -138,6 +144,31 @@ class PrimeField:
         return forms[:, : len(pivots)], pivots
 
 
+class Reals:
+    """Floats in the place of a finite field: the same mechanism at lengths that are numbers.
+
+    Checkers of types are told that it is a field of residues: what evaluates a mechanism uses these members only.
+    """
+
+    dtype = np.float64
+
+    def reduce(self, x: Array) -> Array:
+        """Themselves."""
+        return x
+
+    def of(self, number: Fraction | int) -> float:
+        """The nearest float."""
+        return float(number)
+
+    def power(self, x: Array, exponent: int) -> Array:
+        """Every number to one power."""
+        return np.asarray(x**exponent)
+
+    def draw(self, rng: np.random.Generator, *shape: int) -> Array:
+        """Random numbers of either sign."""
+        return rng.uniform(-1.0, 1.0, shape)
+
+
 def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | None:
     """Rational reconstruction: the rational number of small height with these residues, None where there is none.
 
@@ -147,8 +178,9 @@ def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | N
     modulus = prod(primes)
     x = sum(r * (modulus // p) * pow(modulus // p, -1, p) for r, p in zip(residues, primes, strict=True)) % modulus
     # Below the root of half the modulus the number is unique. With a tenth of that, an arbitrary residue is accepted in
-    # one of two hundred cases, and the check at another prime rejects it.
-    bound = int((modulus / 2) ** 0.5 / 10)
+    # one of two hundred cases, and the check at another prime rejects it. One prime is for small numbers: with this
+    # bound it accepts one of a million.
+    bound = int((modulus / 2) ** 0.5 / 10) if len(primes) > 1 else _SMALL
     a, b, u, v = modulus, x, 0, 1
     while b > bound:
         quotient = a // b
@@ -161,7 +193,7 @@ class Points:
     """Residues of all symbols at some sets of lengths, modulo one prime.
 
     Attributes:
-        field: the prime field.
+        field: the prime field, or floats.
         values: by symbol, (count,) each.
         count: number of sets.
     """
@@ -207,13 +239,13 @@ class Laurent:
         """From terms in any order; like terms are added."""
         total: dict[Powers, Fraction] = {}
         for exponents, coefficient in terms:
-            total[exponents] = total.get(exponents, Fraction(0)) + coefficient
+            total[exponents] = total[exponents] + coefficient if exponents in total else coefficient
         return Laurent(tuple(sorted((e, c) for e, c in total.items() if c)))
 
     @staticmethod
     def number(value: Fraction | int) -> Laurent:
         """A constant."""
-        return Laurent.of([((), Fraction(value))])
+        return Laurent((((), Fraction(value)),)) if value else Laurent()
 
     @staticmethod
     def symbol(name: str, exponent: int = 1) -> Laurent:
@@ -243,11 +275,14 @@ class Laurent:
 
     def modulo(self, points: Points) -> Residues:
         """Its residues, (count,)."""
-        field, total = points.field, np.zeros(points.count, dtype=np.int64)
+        if len(self.terms) == 1 and len(self.terms[0][0]) == 1 and self.terms[0][0][0][1] == self.terms[0][1] == 1:
+            return points.values[self.terms[0][0][0][0]]  # a symbol
+        field = points.field
+        total: Residues = np.zeros(points.count, dtype=field.dtype)
         for exponents, coefficient in self.terms:
-            term: Residues | int = field.of(coefficient)
+            term: Any = field.of(coefficient)
             for name, exponent in exponents:
-                term = term * field.power(points.values[name], exponent) % field.prime
+                term = field.reduce(term * field.power(points.values[name], exponent))
             total = total + term
         return field.reduce(total)
 
@@ -281,6 +316,18 @@ class Coefficient:
     def symbols(self) -> tuple[str, ...]:
         """Names of its symbols."""
         return tuple(sorted({*self.numerator.symbols, *self.denominator.symbols}))
+
+    def __add__(self, other: Coefficient) -> Coefficient:
+        if self.denominator == other.denominator:
+            return Coefficient(self.numerator + other.numerator, self.denominator)
+        numerator = self.numerator * other.denominator + other.numerator * self.denominator
+        return Coefficient(numerator, self.denominator * other.denominator)
+
+    def __mul__(self, other: Coefficient) -> Coefficient:
+        numerator = self.numerator * other.numerator
+        if not (self.is_ratio or other.is_ratio):
+            return Coefficient(numerator)
+        return Coefficient(numerator, self.denominator * other.denominator)
 
     def modulo(self, points: Points) -> Residues:
         """Its residues, (count,)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
@@ -89,7 +89,11 @@ class _LinearMotion:
         """See SymbolicMotion."""
         field, count, actives = points.field, points.count, len(self.rates[0])
         active = field.draw(rng, 3, actives, count)
-        G: Residues = np.array([[entry.modulo(points) for entry in row] for row in self.rates])
+        G: Residues = np.zeros((len(self.rates), actives, count), dtype=np.int64)
+        for j, row in enumerate(self.rates):
+            for k, entry in enumerate(row):
+                if entry.terms:
+                    G[j, k] = entry.modulo(points)
         moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
         for k in range(actives):  # one product at a time: a longer sum could overflow
             moved = field.reduce(moved + G[:, k] * active[:, None, k])
@@ -115,6 +119,8 @@ class _LinearMotion:
         return cos, sin
 
 
+# Rates of a coordinate by active joint, (n, active), and its position, velocity and acceleration.
+Coordinate = tuple[Residues, tuple[Residues, ...]]
 # Index of each of these among a coordinate's position, velocity and acceleration.
 _MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
 
@@ -152,22 +158,22 @@ class SymbolicColumn:
     parts: tuple[ColumnPart, ...]
     rest: Laurent = ZERO
     row: tuple[Fraction, ...] = ()
+    place: int = 0
 
-    def modulo(self, states: States, points: Points, functions: Mapping[Hashable, Residues]) -> Residues:
+    def modulo(self, coordinate: Coordinate, points: Points, functions: Mapping[Hashable, Residues]) -> Residues:
         """Residues of the active joints' torques, (n, active)."""
-        field = points.field
-        G, motion = self._coordinate(field, states)
-        total = np.zeros(points.count, dtype=np.int64)
+        field, (G, motion) = points.field, coordinate
+        total: Residues = np.zeros(points.count, dtype=field.dtype)
         for part in self.parts:
             size = np.ones_like(total) if part.what == "one" else motion[_MOTION[part.what]]
-            if part.what == "position":
+            if part.what == "position" and self.rest.terms:
                 size = field.reduce(size - self.rest.modulo(points))
             if part.key is not None:
                 size = field.reduce(size * functions[part.key])
-            total = field.reduce(total + field.of(part.factor) * size)
+            total = field.reduce(total + (size if part.factor == 1 else field.of(part.factor) * size))
         return field.reduce(G * total[:, None])
 
-    def _coordinate(self, field: PrimeField, states: States) -> tuple[Residues, tuple[Residues, ...]]:
+    def coordinate(self, field: PrimeField, states: States) -> Coordinate:
         """Rates of the coordinate by active joint, (n, active), and its position, velocity and acceleration."""
         if self.joint is not None:
             motion = (states.position, states.velocity, states.acceleration)
@@ -189,17 +195,21 @@ class SymbolicColumn:
 def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[SymbolicColumn, ...]:
     """Columns of all terms of a device, those of cuts and motors with respect to these active joints."""
     names = device.joint_names
-    columns = []
+    columns: list[SymbolicColumn] = []
+    places: dict[Hashable, int] = {}
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
         parts, rest = _parts(term), _rest(term, device, symbols)
         drive = next((d.row for d in device.drives if side == "motor" and d.name == name), np.zeros(len(names)))
+        weights: tuple[Fraction, ...] = ()
+        row: tuple[Fraction, ...] = ()
         if np.delete(drive, [device.active[k] for k in active]).any():
-            columns.append(SymbolicColumn(None, (), parts, rest, tuple(ratio(float(x)) for x in drive)))
-            continue
-        weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
-        columns.append(SymbolicColumn(joint, weights if joint is None else (), parts, rest))
+            joint, row = None, tuple(ratio(float(x)) for x in drive)
+        elif joint is None:
+            weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
+        place = places.setdefault((joint, weights, row), len(places))
+        columns.append(SymbolicColumn(joint, weights, parts, rest, row, place))
     return tuple(columns)
 
 
@@ -264,6 +274,8 @@ class SymbolicChain:
         torques: number of measured ones.
         rows: measured torques, each a combination of the active joints'; None where all are measured.
         symbols: those that the mechanism depends on.
+        opened: cuts that the motion does not close.
+        beyond: symbols that only these depend on.
     """
 
     joints: tuple[SymbolicJoint, ...]
@@ -274,6 +286,8 @@ class SymbolicChain:
     torques: int
     rows: SymbolicRows
     symbols: tuple[Symbol, ...]
+    opened: tuple[SymbolicCut, ...] = ()
+    beyond: tuple[Symbol, ...] = ()
 
 
 def symbolic_chain(device: Device) -> SymbolicChain:
@@ -282,7 +296,7 @@ def symbolic_chain(device: Device) -> SymbolicChain:
     def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> SymbolicMotion:
         return linear_motion(device, symbols)
 
-    return assembled(device, device.tables, range(len(device.active)), _rows(device), linear)
+    return assembled(device, device.tables, range(len(device.active)), measured_rows(device), linear)
 
 
 def assembled(
@@ -291,6 +305,7 @@ def assembled(
     active: Sequence[int],
     rows: SymbolicRows,
     motion_of: Callable[[tuple[SymbolicJoint, ...], tuple[SymbolicCut, ...], Symbols], SymbolicMotion],
+    opened: Set[str] = frozenset(),
 ) -> SymbolicChain:
     """A mechanism from its parts.
 
@@ -300,6 +315,7 @@ def assembled(
         active: which of the device's active joints are active in its motion.
         rows: see SymbolicChain.
         motion_of: makes the motion of joints and cuts.
+        opened: passive joints whose loops are opened.
 
     Raises:
         RegroupingError: more than MOST_ANGLES angles are no quarter turns.
@@ -312,13 +328,16 @@ def assembled(
         SymbolicJoint(joint.parent, joint.prismatic, placement)
         for joint, placement in zip(device.joints, placed, strict=True)
     )
-    cuts = _cuts(tables, device.joint_names, frames, reader)
+    is_open = [not opened.isdisjoint(loop.passive) for loop in tables.loops if loop.cut]
+    every = list(zip(_cuts(tables, device.joint_names, frames, reader), is_open, strict=True))
+    cuts, left = (tuple(cut for cut, open_ in every if open_ is wanted) for wanted in (False, True))
     gravity = _gravity(device.gravity, symbols)
     motion = motion_of(joints, cuts, symbols)
     columns = symbolic_columns(device, active, symbols)
-    steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame_a, cut.frame_b))]
+    steps = [*placed, *_frames(cuts)]
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
+    others = _used(_frames(left), ()) - used
     angles = {symbol.angle for symbol in known if symbol.angle}
     if len(angles) > _MOST_ANGLES:
         raise RegroupingError(
@@ -331,9 +350,13 @@ def assembled(
                 'as such: "pi/2", not 1.5708.'
             ),
         )
-    return SymbolicChain(
-        joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known
-    )
+    torques, beyond = len(active) if rows is None else len(rows), [s for s in symbols.all if s.name in others]
+    return SymbolicChain(joints, cuts, motion, gravity, columns, torques, rows, known, left, tuple(beyond))
+
+
+def _frames(cuts: Sequence[SymbolicCut]) -> list[Placement]:
+    """Placements of the cuts' frames on their links."""
+    return [frame.placement for cut in cuts for frame in (cut.frame_a, cut.frame_b)]
 
 
 def _cuts(
@@ -370,8 +393,8 @@ def linear_motion(device: Device, symbols: Symbols) -> _LinearMotion:
     for j, joint in enumerate(device.joints):
         rates.append(
             tuple(
-                _rate(float(g), slides[j], slides[k], joint.name, symbols)
-                for g, k in zip(closure.G[j], device.active, strict=True)
+                _rate(g, slides[j], slides[k], joint.name, symbols) if g else ZERO
+                for g, k in zip(closure.G[j].tolist(), device.active, strict=True)
             )
         )
         offset = float(closure.offset[j])
@@ -382,8 +405,8 @@ def linear_motion(device: Device, symbols: Symbols) -> _LinearMotion:
 
 
 def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbols) -> Laurent:
-    """Rate of a joint with respect to an active one: a number, a length, or the inverse of a length."""
-    if g == 0 or slides == active_slides:
+    """Rate of a joint that an active one moves: a number, a length, or the inverse of a length."""
+    if slides == active_slides:
         return Laurent.number(ratio(g))
     if slides:
         return symbols.quantity(g, f"lead{name}")
@@ -405,7 +428,7 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
     return tuple(tuple(int(x) for x in row) for row in multiples)
 
 
-def _rows(device: Device) -> SymbolicRows:
+def measured_rows(device: Device) -> SymbolicRows:
     """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
     if all(device.measured):
         return None

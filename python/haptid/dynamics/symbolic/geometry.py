@@ -14,7 +14,6 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import number, sum_of_names
-from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyDevice,
     AnyJoint,
@@ -24,8 +23,8 @@ from haptid.device.toml.schema import (
     PlacementJoint,
     StandardDHJoint,
 )
-from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
-from haptid.dynamics.symbolic.symbols import LENGTH, Symbols, ratio
+from haptid.dynamics.symbolic.arithmetic import ONE, Laurent, Points, PrimeField, Residues
+from haptid.dynamics.symbolic.symbols import CHECKED, LENGTH, Symbols, ratio
 
 
 @dataclass(frozen=True)
@@ -71,15 +70,20 @@ def inverse_placement(placement: Placement) -> Placement:
 def placement_residues(placement: Placement, points: Points) -> Residues:
     """Residues of a placement, (count, 4, 4)."""
     field = points.field
-    pose: Residues = np.tile(np.eye(4, dtype=np.int64), (points.count, 1, 1))
+    pose: Residues = np.zeros((points.count, 4, 4), dtype=field.dtype)
+    pose[:, range(4), range(4)] = 1
     for step in placement:
         if isinstance(step, Translation):
             shift = pose[:, :, step.axis] * step.length.modulo(points)[:, None]
             pose[:, :, 3] = field.reduce(pose[:, :, 3] + shift)
         else:
             i, k = (step.axis + 1) % 3, (step.axis + 2) % 3
-            cos, sin = (part.modulo(points)[:, None] for part in (step.cos, step.sin))
             x, y = pose[:, :, i], pose[:, :, k]
+            if not step.cos.terms and not step.sin.symbols:  # a quarter turn
+                left = step.sin == ONE
+                pose[:, :, i], pose[:, :, k] = (y.copy(), field.reduce(-x)) if left else (field.reduce(-y), x.copy())
+                continue
+            cos, sin = (part.modulo(points)[:, None] for part in (step.cos, step.sin))
             pose[:, :, i], pose[:, :, k] = field.reduce(x * cos + y * sin), field.reduce(y * cos - x * sin)
     return pose
 
@@ -137,7 +141,7 @@ JointCoordinates = tuple[Residues, Residues, Residues]
 
 def about_z(cos: Residues, sin: Residues) -> Residues:
     """Rotations about z, (n, 3, 3)."""
-    R = np.zeros((len(cos), 3, 3), dtype=np.int64)
+    R = np.zeros((len(cos), 3, 3), dtype=cos.dtype)
     R[:, 0, 0] = R[:, 1, 1] = cos
     R[:, 0, 1], R[:, 1, 0], R[:, 2, 2] = -sin, sin, 1
     return R
@@ -177,8 +181,6 @@ def frame_pose(frame: SymbolicFrame, links: Sequence[Residues], points: Points) 
 
 
 X, Y, Z = 0, 1, 2
-# The file has been checked: reading its numbers again raises nothing.
-CHECKED = Place("")
 
 
 class GeometryReader:
@@ -196,14 +198,14 @@ class GeometryReader:
             if isinstance(written, str) and (total := sum_of_names(written, self._lengths)) and total.factors:
                 self._lengths[name] = self.length(written, name)
             else:
-                self._lengths[name] = symbols.named(name, values[name], LENGTH)
+                self._lengths[name] = symbols.named(name, values[name], LENGTH, name)
 
     def length(self, written: float | str, name: str) -> Laurent:
         """A length; `name` is that of its own symbol, where one is created."""
         known = sum_of_names(written, self._lengths) if isinstance(written, str) else None
         if known is None or not known.factors:
             size = number(written, self._values, CHECKED)
-            return self._symbols.quantity(size, name) if size else Laurent()
+            return self._symbols.quantity(size, name, written=written) if size else Laurent()
         length = self._symbols.quantity(known.constant, f"{name}_0") if known.constant else Laurent()
         for symbol, factor in known.factors.items():
             length = length + self._lengths[symbol].times(ratio(factor))
@@ -212,7 +214,7 @@ class GeometryReader:
     def turn(self, axis: int, written: float | str, name: str) -> Placement:
         """A rotation by an angle, none where it is zero."""
         angle = number(written, self._values, CHECKED)
-        return (Rotation(axis, *self._symbols.turn(angle, name)),) if angle else ()
+        return (Rotation(axis, *self._symbols.turn(angle, name, written)),) if angle else ()
 
     def shift(self, axis: int, written: float | str, name: str) -> Placement:
         """A translation by a length, none where it is zero."""

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import islice, product
+from math import prod
+from operator import mul
 from types import MappingProxyType
 
 import numpy as np
 
-from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Points, Powers, Residues, powers, rational
+from haptid.dynamics.symbolic.arithmetic import ONE, Coefficient, Laurent, Points, Powers, Residues, powers, rational
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, Dimension, Symbol
 
 # Ranges of exponents tried in polynomials, narrowest first.
@@ -119,14 +121,15 @@ def monomials(
 ) -> Iterator[Powers]:
     """Monomials of a dimension, at most `turn` cosines or sines of an angle in each; exponents as far as known."""
     ranges = [spans.get(symbol.name) or _span(symbol, low, high) for symbol in symbols]
-    if np.prod([len(span) for span in ranges], dtype=float) > MOST_COMBINATIONS:
+    if prod(map(len, ranges)) > MOST_COMBINATIONS:
         return
-    angles = {symbol.angle for symbol in symbols if symbol.angle}
+    names, (metres, seconds) = [s.name for s in symbols], zip(*(s.dimension for s in symbols), strict=True)
+    angles = [[s.angle == angle for s in symbols] for angle in {s.angle for s in symbols if s.angle}]
     for exponents in product(*ranges):
-        total = tuple(sum(e * s.dimension[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
-        turns = (sum(e for e, s in zip(exponents, symbols, strict=True) if s.angle == angle) for angle in angles)
-        if total == dimension and all(count <= turn for count in turns):
-            yield powers((symbol.name, e) for symbol, e in zip(symbols, exponents, strict=True))
+        if (sum(map(mul, exponents, metres)), sum(map(mul, exponents, seconds))) == dimension and all(
+            sum(map(mul, exponents, angle)) <= turn for angle in angles
+        ):
+            yield powers(zip(names, exponents, strict=True))
 
 
 def _span(symbol: Symbol, low: int, high: int) -> range:
@@ -187,6 +190,8 @@ def _joined(points: Sequence[Points], solutions: Sequence[Residues], found: tupl
 
 def sines(polynomial: Laurent) -> Laurent:
     """The same polynomial with 1 - cos^2 replaced by sin^2 wherever a term has its counterpart."""
+    if not any(name.startswith("cos(") for name in polynomial.symbols):
+        return polynomial
     terms = dict(polynomial.terms)
     for exponents, coefficient in polynomial.terms:
         squares = [name for name, e in exponents if e == 2 and name.startswith("cos(")]
@@ -196,3 +201,22 @@ def sines(polynomial: Laurent) -> Laurent:
                 del terms[exponents], terms[rest]
                 terms[powers((*rest, (f"sin({name[4:-1]})", 2)))] = -coefficient
     return Laurent.of(terms.items())
+
+
+def with_sines(coefficient: Coefficient) -> Coefficient:
+    """The same coefficient, its numerator as by `sines`."""
+    return Coefficient(sines(coefficient.numerator), coefficient.denominator)
+
+
+def with_cosines(coefficient: Coefficient) -> Coefficient:
+    """The same coefficient with sin^2 in its numerator replaced by 1 - cos^2, so that like terms are found."""
+    if not any(name.startswith("sin(") for name in coefficient.numerator.symbols):
+        return coefficient
+    total: list[tuple[Powers, Fraction]] = []
+    for exponents, factor in coefficient.numerator.terms:
+        squared = {name for name, e in exponents if e == 2 and name.startswith("sin(")}
+        term = Laurent((((*((n, e) for n, e in exponents if n not in squared),), factor),))
+        for name in squared:
+            term = term * (ONE - Laurent.symbol(f"cos({name[4:-1]})", 2))
+        total += term.terms
+    return Coefficient(Laurent.of(total), coefficient.denominator)

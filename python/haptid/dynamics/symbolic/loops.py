@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
-from haptid.device import Device
-from haptid.device.toml.reader import device_of
+from haptid.device import Closure, Device, NewtonClosure
+from haptid.device.loops.from_toml import Loops
+from haptid.device.parts import Joint
+from haptid.device.toml.reader import device_of, reclosed
 from haptid.device.toml.schema import AnyDevice
 from haptid.dynamics.symbolic.arithmetic import PRIMES, Laurent, Points, PrimeField, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import States, SymbolicChain, SymbolicMotion, SymbolicRows, assembled
@@ -294,13 +297,16 @@ def _ancestors(joints: Sequence[SymbolicJoint], link: int) -> list[int]:
     return ancestors
 
 
-def opened_tree(tables: AnyDevice, file: str, joints_to_find: Set[str] | None = None) -> Device:
+def opened_tree(
+    tables: AnyDevice, file: str, joints_to_find: Set[str] | None = None, device: Device | None = None
+) -> Device:
     """A device with loops left open: its spanning tree if all are.
 
     Args:
         tables: of the device.
         file: its name for errors.
         joints_to_find: passive joints whose loops are left open; None: of all.
+        device: whose other loops are linear: how they move is taken from it, and not found again.
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
@@ -322,7 +328,23 @@ def opened_tree(tables: AnyDevice, file: str, joints_to_find: Set[str] | None = 
     ]
     joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
     closed = [loop for loop in tables.loops if loop not in opened]
-    return device_of(tables.model_copy(update={"loops": closed, "terms": terms, "joints": joints}), file)
+    tables = tables.model_copy(update={"loops": closed, "terms": terms, "joints": joints})
+    return device_of(tables, file) if device is None else reclosed(device, tables, partial(_linear_part, device))
+
+
+def _linear_part(
+    device: Device, joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
+) -> tuple[Closure, tuple[str, ...]]:
+    """The closure of a device's linear loops, with the joints active that its other loops move."""
+    known = device.closure
+    assert isinstance(known, NewtonClosure)
+    G, offset, place = np.zeros((len(joints), len(active))), np.zeros(len(joints)), {j: k for k, j in enumerate(active)}
+    G[list(active), np.arange(len(active))] = 1.0
+    for j in loops.passive:
+        offset[j] = known.offset[j]
+        for k in np.flatnonzero(known.constant[j]).tolist():
+            G[j, place[device.active[k]]] = known.constant[j, k]
+    return Closure(G, offset, known.error, (), loops.cuts), ()
 
 
 def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> SymbolicChain:

@@ -6,13 +6,13 @@ terms here.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from haptid import _core
-from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Reals, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import States, SymbolicChain
 from haptid.dynamics.symbolic.geometry import joint_placements
 from haptid.dynamics.symbolic.symbols import Symbol, draw
@@ -29,34 +29,40 @@ def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, sa
         points: sets of lengths.
         samples: states for each set.
     """
-    field, repeated = points.field, points.repeated(samples)
-    states = chain.motion.states(rng, repeated)
-    blocks = [_links(chain, states, points, repeated)]
-    functions = _functions(chain, field, rng, repeated.count)
-    blocks += [column.modulo(states, repeated, functions)[:, :, None] for column in chain.columns]
-    W = np.concatenate(blocks, axis=2)
+    repeated = points.repeated(samples)
+    W = rows_at(chain, chain.motion.states(rng, repeated), points, samples, rng)
     if chain.rows is not None:
-        W = _measured(chain, field, W)
+        W = _measured(chain, points.field, W)
     return W.reshape(points.count, samples * W.shape[1], W.shape[2])
+
+
+def rows_at(chain: SymbolicChain, states: States, points: Points, samples: int, rng: np.random.Generator) -> Residues:
+    """Torques of the active joints by raw standard parameter, (sets * samples, active, columns), at given states."""
+    repeated = points.repeated(samples)
+    functions = _functions(chain, points.field, rng, repeated.count)
+    first = {column.place: column for column in reversed(chain.columns)}
+    coordinates = {place: column.coordinate(points.field, states) for place, column in first.items()}
+    blocks = [_links(chain, states, points, repeated)]
+    for column in chain.columns:
+        blocks.append(column.modulo(coordinates[column.place], repeated, functions)[:, :, None])
+    return np.concatenate(blocks, axis=2)
 
 
 def _links(chain: SymbolicChain, states: States, points: Points, repeated: Points) -> Residues:
     """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of all links, (n, active, 10 links).
 
-    `repeated` are the points of every state.
+    `repeated` are the points of every state. Numbers are at rest: see `closed_rows`.
     """
     field = points.field
     minus_gravity = np.stack([field.reduce(-part.modulo(repeated)) for part in chain.gravity], axis=1)
-    return _core.exact_rows(
-        [joint.parent for joint in chain.joints],
-        [joint.prismatic for joint in chain.joints],
-        np.stack(joint_placements(chain.joints, points)),
-        np.stack([states.cos, states.sin, states.slide, states.velocity, states.acceleration]),
-        np.ascontiguousarray(states.G),
-        minus_gravity,
-        repeated.count // points.count,
-        field.prime,
-    )
+    tree = [joint.parent for joint in chain.joints], [joint.prismatic for joint in chain.joints]
+    placed, G = np.stack(joint_placements(chain.joints, points)), np.ascontiguousarray(states.G)
+    samples = repeated.count // points.count
+    if isinstance(field, Reals):
+        motion = [states.cos, states.sin, states.slide, np.zeros_like(states.velocity), states.acceleration]
+        return _core.real_rows(*tree, placed, np.stack(motion), G, minus_gravity, samples)
+    motion = [states.cos, states.sin, states.slide, states.velocity, states.acceleration]
+    return _core.exact_rows(*tree, placed, np.stack(motion), G, minus_gravity, samples, field.prime)
 
 
 def _functions(chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int) -> Functions:
@@ -77,18 +83,39 @@ def _measured(chain: SymbolicChain, field: PrimeField, W: Residues) -> Residues:
 
 
 @dataclass(frozen=True)
+class ColumnGroup:
+    """Columns that relations connect: those kept, and those that are their combinations.
+
+    Attributes:
+        kept: columns kept.
+        others: columns that depend on these alone.
+        places: which of them depend on which, (column kept, other).
+        samples: states at which those kept are independent.
+    """
+
+    kept: tuple[int, ...]
+    others: tuple[int, ...]
+    places: tuple[tuple[int, int], ...]
+    samples: int
+
+
+@dataclass(frozen=True)
 class Pivots:
     """Which columns are independent.
 
     Attributes:
-        free_parameters: independent of those before them.
+        kept: independent of those before them.
         no_effect: zero at all states.
-        samples: states required for those kept to be independent.
+        groups: those kept and the others that depend on them, apart where no relation connects them.
     """
 
     kept: tuple[int, ...]
     no_effect: tuple[int, ...]
-    samples: int
+    groups: tuple[ColumnGroup, ...]
+
+
+# Relations of some columns: coefficients by (column kept, other column), one residue for each set of lengths.
+Relations = dict[tuple[int, int], Residues]
 
 
 @dataclass(frozen=True)
@@ -115,36 +142,62 @@ class Columns:
     def pivots(self, field: PrimeField, rng: np.random.Generator) -> Pivots:
         """Columns independent of those before them, at random lengths.
 
-        Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until twice as
-        many give no more: the number of rows is no criterion where a torque depends on few of the columns.
+        Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until the
+        relations hold at as many more: the number of rows is no criterion where a torque depends on few of the columns.
         """
         points = draw(self.chain.symbols, field, rng, 1)
-        samples = -(-len(self.members) // self.chain.torques) + 1
-        W = self.sample(rng, points, samples)
-        independent = field.echelon(W)[1]
+        samples = 1 + -(-len(self.members) // (2 * self.chain.torques))
+        rows = samples * self.chain.torques
+        both = self.sample(rng, points, 2 * samples)
+        W, more = both[:, :rows], both[:, rows:]
         while True:
-            W = np.concatenate([W, self.sample(rng, points, samples)], axis=1)
-            before, independent = independent, field.echelon(W)[1]
-            if independent == before:
+            form, kept = field.echelon(W)
+            # Relations hold at all of these rows if they do for a random sum of them (Freivalds 1977).
+            weights = field.draw(rng, more.shape[1], 1)
+            row = field.reduce(field.reduce(more[0] * weights).sum(axis=0))
+            left = row - field.reduce(form[0] * row[kept][:, None]).sum(axis=0)  # a sum of some hundreds stays small
+            if not field.reduce(left).any():
                 break
-            samples *= 2
-        enough = -(-len(independent) // self.chain.torques) + 1
-        while len(field.echelon(W[:, : enough * self.chain.torques, independent])[1]) < len(independent):
-            enough += 1
-        return Pivots(tuple(independent), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
+            W = np.concatenate([W, more], axis=1)
+            more = self.sample(rng, points, W.shape[1] // self.chain.torques)
+        no_effect = np.flatnonzero(~(W[0].any(axis=0) | row.astype(bool)))
+        return Pivots(tuple(kept), tuple(no_effect.tolist()), self._groups(field, W, form[0], kept))
 
-    def relations(self, rng: np.random.Generator, points: Points, pivots: Pivots, others: list[int]) -> Residues:
-        """Coefficients of other columns in those kept, (sets of lengths, kept, others).
+    def _groups(self, field: PrimeField, W: Residues, form: Residues, kept: list[int]) -> tuple[ColumnGroup, ...]:
+        groups: list[tuple[set[int], list[int]]] = []
+        for column in sorted(set(np.flatnonzero(form.any(axis=0)).tolist()) - set(kept)):
+            rows, others = set(np.flatnonzero(form[:, column]).tolist()), [column]
+            for group in [group for group in groups if group[0] & rows]:
+                groups.remove(group)
+                rows, others = group[0] | rows, group[1] + others
+            groups.append((rows, others))
+        made = []
+        for rows, others in groups:
+            columns, samples = [kept[i] for i in sorted(rows)], -(-len(rows) // self.chain.torques)
+            while len(field.echelon(W[:, : samples * self.chain.torques, columns])[1]) < len(columns):
+                samples += 1
+            places = tuple((kept[i], k) for k in others for i in np.flatnonzero(form[:, k]).tolist())
+            made.append(ColumnGroup(tuple(columns), tuple(others), places, samples))
+        return tuple(made)
+
+    def relations(self, rng: np.random.Generator, points: Points, groups: Sequence[ColumnGroup]) -> Relations:
+        """Coefficients of other columns in those kept on which they depend.
 
         Raises:
             UnluckyDrawError: the columns kept are not independent at some of these lengths.
         """
-        count = len(pivots.kept)
-        W = self.sample(rng, points, pivots.samples)[:, :, [*pivots.kept, *others]]
-        form, pivots_found = points.field.echelon(W, count)
-        if len(pivots_found) < count:
-            raise UnluckyDrawError
-        return form[:, :, count:]
+        W = self.sample(rng, points, max(group.samples for group in groups))
+        relations: Relations = {}
+        for group in groups:
+            count = len(group.kept)
+            rows = W[:, : group.samples * self.chain.torques, [*group.kept, *group.others]]
+            form, pivots = points.field.echelon(rows, count)
+            if len(pivots) < count:
+                raise UnluckyDrawError
+            at = {column: place for place, column in enumerate((*group.kept, *group.others))}
+            for i, k in group.places:
+                relations[i, k] = form[:, at[i], at[k]]
+        return relations
 
 
 def scatter(symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int) -> Points:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid.device import FormulaClosure, NewtonClosure
 from haptid.device.expressions import CustomColumn
 from haptid.device.toml.reader import read_tables
-from haptid.dynamics.base_parameters import preference, random_regressor
+from haptid.dynamics.base_parameters import preference
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import formulas
 from haptid.dynamics.symbolic.arithmetic import (
@@ -39,9 +39,9 @@ from haptid.dynamics.symbolic.arithmetic import (
 )
 from haptid.dynamics.symbolic.chain import SymbolicChain, symbolic_chain
 from haptid.dynamics.symbolic.interpolation import fit_coefficient, span_of
-from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened_tree
-from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
-from haptid.dynamics.symbolic.spatial import closed_columns, opened_chain
+from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, dyads, opened_tree
+from haptid.dynamics.symbolic.regressor import ColumnGroup, Columns, Pivots, Relations, quantities, scatter
+from haptid.dynamics.symbolic.spatial import opened_chain, symbols_of, with_loops_closed
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, dimension_ratio, draw
 from haptid.errors import RegroupingError, listed
 
@@ -49,9 +49,9 @@ if TYPE_CHECKING:
     from haptid.dynamics.base_parameters import BaseParameters
 
 
-# Sets of lengths from which coefficients are interpolated, and draws of each length on its own: few first, more for
-# coefficients that do not fit.
-SETS = ((16, 1), (48, 6), (200, 6))
+# Sets of lengths from which coefficients are interpolated, draws of each length on its own, and primes: few first, more
+# for coefficients that do not fit.
+SETS = ((16, 1, 1), (48, 6, 2), (200, 6, 2))
 # Sets of lengths at which the relations are checked.
 CHECKED_SETS = 3
 # Most draws: each fails with odds of one in a million.
@@ -162,10 +162,15 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
 
 def _planar_chain(model: DynamicModel, seed: int) -> SymbolicChain | None:
     """The mechanism whose loops are planar dyads, None where they are not."""
-    tables, name = model.device.tables, model.device.name
-    tree = opened_tree(tables, name).with_gravity(model.device.gravity)
+    device = model.device
+    assert isinstance(device.closure, NewtonClosure)
+    passive = [j for j in range(len(device.joints)) if j not in device.active]
+    joints, cuts = cast(Any, device.joints), cast(Any, device.closure.cuts)  # what they join is all that is read
+    if isinstance(dyads(joints, cuts, passive), str):
+        return None
+    tree = opened_tree(device.tables, device.name).with_gravity(device.gravity)
     try:
-        return dyad_chain(tree, tables, name, seed)
+        return dyad_chain(tree, device.tables, device.name, seed)
     except RegroupingError:
         return None
 
@@ -193,83 +198,83 @@ def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int, clos
 def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int, closing: bool) -> Regroupings:
     check_closure(chain, model.device.joint_names, seed)
     parameters, order = model.device.parameters, preference(model)
-    signed = [parameters.S[:, k].astype(int).tolist() for k in order]
-    columns = Columns(chain, tuple(tuple((j, sign) for j, sign in enumerate(column) if sign) for column in signed))
-    if closing:
-        columns = closed_columns(model, columns, order, seed)
+    members: list[list[tuple[int, int]]] = [[] for _ in order]
+    for k, j in np.argwhere(parameters.S[:, order].T).tolist():
+        members[k].append((j, int(parameters.S[j, order[k]])))
+    columns = Columns(chain, tuple(tuple(column) for column in members))
     dimensions = [DIMENSIONS.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
     pivots = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))
     coefficients = _coefficients(columns, pivots, dimensions, names, seed)
     _check(columns, pivots, coefficients, names, seed)
     independent = pivots.kept
-    base = sorted(range(len(independent)), key=lambda row: order[independent[row]])
-    rows = [
-        {order[independent[row]]: Coefficient(ONE), **{order[k]: c for (i, k), c in coefficients.items() if i == row}}
-        for row in base
-    ]
-    first = [order[independent[row]] for row in base]
-    used = {name for row in rows for coefficient in row.values() for name in coefficient.symbols}
+    if closing:
+        independent, coefficients = with_loops_closed(model, columns, pivots.kept, coefficients, order, seed)
+    one = Coefficient(ONE)
+    rows = {order[k]: {order[k]: one} for k in independent}
+    for (i, k), coefficient in coefficients.items():
+        rows[order[i]][order[k]] = coefficient
+    first, moving = sorted(rows), {*independent, *(k for _, k in coefficients)}
+    different = {id(coefficient): coefficient for coefficient in coefficients.values()}  # many are one
+    used = {name for coefficient in different.values() for name in coefficient.symbols}
     return Regroupings(
-        names=tuple(parameters.names[k] + ("R" if len(row) > 1 else "") for k, row in zip(first, rows, strict=True)),
+        names=tuple(parameters.names[k] + ("R" if len(rows[k]) > 1 else "") for k in first),
         units=tuple(parameters.units[k] for k in first),
         independent_columns=tuple(first),
-        coefficients=tuple(rows),
+        coefficients=tuple(rows[k] for k in first),
         standard=tuple(parameters.names),
         links=tuple(parameters.links),
-        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in pivots.no_effect)),
-        symbols=tuple(symbol for symbol in chain.symbols if symbol.name in used),
+        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in range(len(order)) if i not in moving)),
+        symbols=tuple(symbol for symbol in symbols_of(model, chain) if symbol.name in used),
     )
 
 
 def _coefficients(
     columns: Columns, pivots: Pivots, dimensions: list[Dimension | None], names: list[str], seed: int
 ) -> dict[tuple[int, int], Coefficient]:
-    """Coefficients that are not zero, by row of `kept` and column.
+    """Coefficients that are not zero, by column kept and other column.
 
     Raises:
         RegroupingError: one of them fits no form.
     """
-    others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.no_effect]
-    wanted: set[tuple[int, int]] = set()
     coefficients: dict[tuple[int, int], Coefficient] = {}
-    for sets, moves in SETS:
-        points, R = _residues(columns, pivots, others, (sets, moves), seed)
-        if not wanted:  # the first time
-            wanted = {(int(i), others[k]) for i, k in np.argwhere(R[0].any(axis=0))}
+    groups, wanted = pivots.groups, list[tuple[int, int]]()
+    if not groups:
+        return coefficients
+    for sets, moves, primes in SETS:
+        points, R = _residues(columns, groups, (sets, moves, primes), seed)
+        wanted = wanted or sorted(R[0])
         known: dict[tuple[object, ...], Coefficient | None] = {}
-        for i, k in sorted(wanted):
-            y = [residues[:, i, others.index(k)] for residues in R]
-            dimension = dimension_ratio(dimensions[pivots.kept[i]], dimensions[k])
+        for i, k in wanted:
+            y = [residues[i, k] for residues in R]
+            dimension = dimension_ratio(dimensions[i], dimensions[k])
             key = (dimension, *(residues.tobytes() for residues in y))
             if key not in known:
                 known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), dimension)
             if (coefficient := known[key]) is not None:
                 coefficients[i, k] = coefficient
-            elif sets == SETS[-1][0]:
-                raise RegroupingError(
-                    f"the coefficient of {names[k]} in base parameter {names[pivots.kept[i]]} has no formula: no "
-                    f"ratio of polynomials of low degree fits at {sets} sets of lengths.",
-                    where=(names[pivots.kept[i]], names[k]),
-                    advice=(
-                        "Write fewer different lengths and angles, or use the numeric groupings of `base_parameters`."
-                    ),
-                )
-        wanted -= set(coefficients)
+        wanted = [place for place in wanted if place not in coefficients]
         if not wanted:
-            break
-    return coefficients
+            return coefficients
+        groups = tuple(group for group in groups if any(i in group.kept for i, _ in wanted))
+    i, k = wanted[0]
+    raise RegroupingError(
+        f"the coefficient of {names[k]} in base parameter {names[i]} has no formula: no ratio of polynomials of low "
+        f"degree fits at {SETS[-1][0]} sets of lengths.",
+        where=(names[i], names[k]),
+        advice="Write fewer different lengths and angles, or use the numeric groupings of `base_parameters`.",
+    )
 
 
 def _residues(
-    columns: Columns, pivots: Pivots, others: list[int], sets: tuple[int, int], seed: int
-) -> tuple[list[Points], list[Residues]]:
-    """Sets of lengths for the first two primes, and the residues of the relations there."""
+    columns: Columns, groups: Sequence[ColumnGroup], sets: tuple[int, int, int], seed: int
+) -> tuple[list[Points], list[Relations]]:
+    """Sets of lengths for the first primes, and the residues of the relations there."""
     points, R = [], []
-    for prime in PRIMES[:2]:
+    for prime in PRIMES[: sets[2]]:
         rng = np.random.default_rng([seed, *sets, prime])
-        points.append(scatter(columns.chain.symbols, PrimeField(prime), rng, *sets))
-        R.append(columns.relations(rng, points[-1], pivots, others))
+        points.append(scatter(columns.chain.symbols, PrimeField(prime), rng, *sets[:2]))
+        R.append(columns.relations(rng, points[-1], groups))
     return points, R
 
 
@@ -308,11 +313,11 @@ def _check(
     """
     field, rng = PrimeField(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
     points = draw(columns.chain.symbols, field, rng, CHECKED_SETS)
-    W = columns.sample(rng, points, pivots.samples)
-    left = W.copy()
+    W = columns.sample(rng, points, 1 + max((group.samples for group in pivots.groups), default=0))
+    left, different = W.copy(), {id(coefficient): coefficient for coefficient in coefficients.values()}
+    residues = {place: coefficient.modulo(points)[:, None] for place, coefficient in different.items()}
     for (i, k), coefficient in coefficients.items():
-        share = coefficient.modulo(points)[:, None]
-        left[:, :, k] = field.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
+        left[:, :, k] = field.reduce(left[:, :, k] - W[:, :, i] * residues[id(coefficient)])
     left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
@@ -350,12 +355,9 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
     if exact.independent_columns != numeric.independent_columns or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise _disagreement(len(exact), len(numeric), only[0], only[1])
-    difference = np.abs(exact.values - numeric.regrouping)
-    W, kept = random_regressor(model, seed=0), list(exact.independent_columns)
-    lengths = np.linalg.norm(W, axis=0)
-    inverse = np.linalg.inv(np.linalg.qr(W[:, kept] / lengths[kept], mode="r"))
-    rounding = np.maximum(ROUNDING, _MULTIPLE * np.finfo(float).eps * np.linalg.norm(inverse, axis=1))
-    limit = rounding[:, None] * lengths / lengths[kept][:, None] + RELATIVE * np.abs(exact.values)
+    difference, kept = np.abs(exact.values - numeric.regrouping), list(exact.independent_columns)
+    rounding = np.maximum(ROUNDING, _MULTIPLE * np.finfo(float).eps * numeric.growth)
+    limit = rounding[:, None] * numeric.lengths / numeric.lengths[kept][:, None] + RELATIVE * np.abs(exact.values)
     if (difference > limit).any():
         row, column = np.unravel_index(int(np.argmax(difference - limit)), difference.shape)
         place = f"{exact.standard[column]} in {exact.names[row]}"

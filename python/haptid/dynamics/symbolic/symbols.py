@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 
+from haptid.device.expressions import number
 from haptid.device.loops.relations import nearest
+from haptid.device.toml.errors_at import Place
 from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
 
 # Exponents of metre and second. Angles are dimensionless: a sliding joint coupled to a turning one relates them to
@@ -31,6 +34,8 @@ DIMENSIONS: Mapping[str, Dimension] = {
     "N m/rad": (2, -2),
     "N/m": (0, -2),
 }
+# The file has been checked: reading its numbers again raises nothing.
+CHECKED = Place("")
 # Numbers of a file that differ by less, relatively, are the same symbol.
 _SAME = 1e-9
 # Largest denominator of a number that is read as a ratio of integers, if it is exact to SAME.
@@ -52,16 +57,31 @@ class Symbol:
         name: as in formulas: d3, g, or cos(a2) and sin(a2) of an angle that is no multiple of a quarter turn.
         value: in this device, SI.
         dimension: exponents of metre and second.
+        written: how the file has it, or its angle, as arithmetic over named lengths; None for a number.
     """
 
     name: str
     value: float
     dimension: Dimension
+    written: str | None = None
 
     @property
     def angle(self) -> str | None:
         """Name of the angle whose cosine or sine it is, None for other symbols."""
         return self.name[4:-1] if self.name[:4] in ("cos(", "sin(") else None
+
+    def at(self, lengths: Mapping[str, float], own: Mapping[str, float]) -> float:
+        """Its value at other named lengths than the device's own."""
+        if self.written is None or not any(name in self.written for name in lengths):
+            return self.value
+        if self.written in lengths:
+            return lengths[self.written]
+        there, here = (number(self.written, names, CHECKED) for names in (lengths, own))
+        if self.angle is None:
+            return there if here * self.value >= 0 else -there
+        quarters = round(here / (math.pi / 2)) * math.pi / 2
+        rest = math.copysign(1.0, here - quarters) * (there - quarters)
+        return math.cos(rest) if self.name.startswith("cos(") else math.sin(rest)
 
 
 class Symbols:
@@ -78,22 +98,22 @@ class Symbols:
         """In the order of registration."""
         return tuple(self._known.values())
 
-    def named(self, name: str, value: float, dimension: Dimension) -> Laurent:
+    def named(self, name: str, value: float, dimension: Dimension, written: float | str = 0.0) -> Laurent:
         """A new symbol; a number that is zero stays zero."""
         if value == 0:
             return Laurent()
         while name in self._known or f"cos({name})" in self._known:
             name += "_"
-        self._known[name] = Symbol(name, value, dimension)
+        self._known[name] = Symbol(name, value, dimension, written if isinstance(written, str) else None)
         return Laurent.symbol(name)
 
-    def quantity(self, value: float, name: str, dimension: Dimension = LENGTH) -> Laurent:
+    def quantity(self, value: float, name: str, dimension: Dimension = LENGTH, written: float | str = 0.0) -> Laurent:
         """The registered symbol of this size, or a new one."""
         for symbol in self.all:
             if symbol.dimension == dimension and symbol.angle is None and _same(abs(symbol.value), abs(value)):
                 sign = Fraction(1 if symbol.value * value > 0 else -1)
                 return Laurent.symbol(symbol.name).times(sign)
-        made = self.named(name, abs(value), dimension)
+        made = self.named(name, abs(value), dimension, written)
         return made if value > 0 else -made
 
     def combination(self, value: float, name: str) -> Laurent:
@@ -116,7 +136,7 @@ class Symbols:
             return self.quantity(math.pi, "pi", DIMENSIONLESS).times(Fraction(round(twelfths), 12))
         return self.quantity(value, name, DIMENSIONLESS)
 
-    def turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
+    def turn(self, angle: float, name: str, written: float | str = 0.0) -> tuple[Laurent, Laurent]:
         """Cosine and sine of an angle: numbers at quarter turns, otherwise symbols of the rest within an eighth of one.
 
         Angles that differ by quarter turns or in sign share their symbols.
@@ -126,26 +146,29 @@ class Symbols:
         if abs(rest) < _SAME:
             c, s = Laurent.number(1), Laurent()
         else:
-            c, s = self._small_turn(abs(rest), name)
+            c, s = self._small_turn(abs(rest), name, written)
             s = s if rest > 0 else -s
         for _ in range(quarters % 4):
             c, s = -s, c
         return c, s
 
-    def _small_turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
+    def _small_turn(self, angle: float, name: str, written: float | str) -> tuple[Laurent, Laurent]:
         for symbol in self.all:
             if symbol.name.startswith("sin(") and _same(symbol.value, math.sin(angle)):
                 return Laurent.symbol(f"cos({symbol.angle})"), Laurent.symbol(symbol.name)
         while name in self._known or f"cos({name})" in self._known:
             name += "_"
         cosine, sine = f"cos({name})", f"sin({name})"
-        return self.named(cosine, math.cos(angle), DIMENSIONLESS), self.named(sine, math.sin(angle), DIMENSIONLESS)
+        values = ((cosine, math.cos(angle)), (sine, math.sin(angle)))
+        cos, sin = (self.named(part, value, DIMENSIONLESS, written) for part, value in values)
+        return cos, sin
 
 
 def _same(a: float, b: float) -> bool:
     return abs(a - b) <= _SAME * max(abs(a), abs(b))
 
 
+@lru_cache(maxsize=1024)
 def ratio(value: float) -> Fraction:
     """A number of a file as an exact fraction: a ratio of small integers, or the decimals as written."""
     simple = Fraction(value).limit_denominator(LARGEST_DENOMINATOR)

@@ -177,4 +177,6 @@ class _WidenedModel(DynamicModel):
             independent_columns=(*own.independent_columns, *added),
             regrouping=linalg.block_diag(own.regrouping, np.eye(len(added))),
             standard=tuple(self.device.parameters.names),
+            lengths=np.append(own.lengths, np.ones(len(added))),
+            growth=np.append(own.growth, np.ones(len(added))),
         )
