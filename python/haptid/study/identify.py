@@ -35,7 +35,7 @@ from haptid.study.schema import fault
 from haptid.study.still_joints import naming_still_joints, refuse_held_joints
 from haptid.study.study import silent
 from haptid.treatment_choice.calibration import Calibration, find_calibration
-from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling
+from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, with_bounds
 from haptid.treatment_choice.hidden_joints import complete_logs, lacks_links
 from haptid.treatment_choice.propose import Proposal, propose
 from haptid.treatment_choice.uncertainty import with_treatment_uncertainty
@@ -190,7 +190,8 @@ def with_all_uncertainty(conditional: Estimate, proposal: Proposal, calibration:
     else:
         expect_elasticity(conditional, proposal.bandwidth_hz)
         final = with_treatment_uncertainty(conditional, proposal.delays, proposal.effects, proposal.rounding)
-    return calibration.with_uncertainty(final) if calibration else final
+    final = calibration.with_uncertainty(final) if calibration else final
+    return with_bounds(final, proposal.bandwidth_hz)
 
 
 def validated(runs: Sequence[Run], study: Study, as_filed: DynamicModel, final: Estimate) -> tuple[Run, ...]:

@@ -32,6 +32,8 @@ from haptid.treatment_choice.noise_effect import possible_noise
 _KNOWN, _NOISE = 0.25, 0.1
 # The same where links are simulated along the motors: what noise moves parameters by is in their intervals there.
 _OF_MOTORS = 0.25
+# Half widths of 95 % intervals of stiffness and damping, per cent, above which a note says how well they are known.
+_WANTED = {"spring": 2.0, "viscous": 10.0}
 # Fewest samples in a period of the fastest motion: the filters of an elastic device need the torque of all of it.
 _SAMPLES = 7.0
 # Length of a log on which its noise is compared with the motion, s.
@@ -132,6 +134,35 @@ def expect_known(found: Estimate, highest: float) -> None:
             value, se = found[name].value, float(found.se[found.names.index(name)])
             if not (value > 0 and se < _KNOWN * value):
                 raise _not_shown(drive, name, value, se, highest)
+
+
+def with_bounds(found: Estimate, highest: float) -> Estimate:
+    """An estimate with a note on each motor whose stiffness or damping the log tells less well than one wants.
+
+    Args:
+        found: with the uncertainty of its treatment.
+        highest: frequency that the motion goes up to, Hz.
+    """
+    notes = []
+    for drive in found.model.device.elastic:
+        wide = [
+            f"{name} within {known:.2g} % (wanted {wanted:g} %)"
+            for nature, wanted in _WANTED.items()
+            for name in parameters_of(found.model, drive, nature)
+            if (known := _within(found, name)) > wanted
+        ]
+        if wide:
+            notes.append(
+                f"The log tells {' and '.join(wide)}, at 95 %. To know the spring of motor {drive.name} better, move "
+                f"faster than the {highest:.3g} Hz of this motion, or longer, or measure with finer encoders."
+            )
+    return replace(found, notes=(*found.notes, *notes)) if notes else found
+
+
+def _within(found: Estimate, name: str) -> float:
+    """Half of a parameter's 95 % interval, per cent of its value."""
+    low, high = found[name].conf_int()
+    return 50 * float(high - low) / abs(found[name].value) if found[name].value else np.inf
 
 
 def _not_shown(drive: Motor, name: str, value: float, se: float, highest: float) -> IdentifiabilityError:
