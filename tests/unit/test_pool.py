@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid._internal.atomic_folder import publishing
 from haptid.cli import app
-from haptid.errors import LogFileError, MissingDependencyError, SharedRowsError, StudyFileError
+from haptid.errors import LogFileError, MissingDependencyError, StudyFileError
 from haptid.executors import DaskExecutor, ProcessExecutor, SerialExecutor
 from haptid.log.data_set import data_files
 from haptid.observation.observation import concatenated
@@ -210,7 +210,9 @@ def test_one_block_has_an_estimate_and_no_errors_on_unseen_ones(runs, one_good_o
     assert done.exit_code == 0, done.output
     values = valid("pool", (out / "pool.json").read_text())
     assert values["unseen_error_percent"] is None
-    assert any("left out: the files that give rows are in 1 time block" in line for line in values["sentences"])
+    assert any(line.startswith("Nothing says how uncertain the parameters are") for line in values["sentences"])
+    assert "unknown" in done.stdout
+    assert "inf " not in done.stdout
     assert [one["value"] for one in values["parameters"]] == pytest.approx([0.1] * 8 + [0.12] * 2, rel=0.02)
     assert all(one["se"] is None for one in values["parameters"])
     with (out / "files.csv").open() as file:
@@ -287,11 +289,17 @@ def test_what_of_the_study_does_not_count_is_said(runs, found):
         assert what in said
 
 
-def test_the_same_file_twice_is_refused(runs, tmp_path):
-    for k in range(2):
-        parquet.write_table(pa.table(columns(20)), tmp_path / f"{k}.parquet")
-    with pytest.raises(SharedRowsError, match=r"1\.parquet has the content of 0\.parquet"):
-        identify_pool(read_study(runs.study), str(tmp_path), workers=SerialExecutor())
+@pytest.mark.parametrize("workers", [SerialExecutor(), ProcessExecutor(2)])
+def test_a_copy_of_a_file_is_left_out_and_said(runs, tmp_path, workers):
+    for k in (20, 21):
+        parquet.write_table(pa.table(columns(k)), tmp_path / f"{k}.parquet")
+    once = identify_pool(read_study(runs.study), str(tmp_path))
+    (tmp_path / "20 (1).parquet").write_bytes((tmp_path / "20.parquet").read_bytes())
+    twice = identify_pool(read_study(runs.study), str(tmp_path), workers=workers)
+    (copy,) = twice.failed
+    other = {"20.parquet": "20 (1).parquet", "20 (1).parquet": "20.parquet"}[copy.name]
+    assert f"{copy.name}: left out, as it has the content of {other}" in twice.sentences[1]
+    same(once.estimate, twice.estimate)
 
 
 def test_methods_that_need_the_samples_are_refused(runs):

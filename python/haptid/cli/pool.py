@@ -11,7 +11,8 @@ import typer
 from haptid.cli.common import AsJson, DataFolder, Quiet, StudyFile, command, compute_into, err
 
 if TYPE_CHECKING:
-    from haptid.study.pool import FileWork, Pool
+    from haptid.study.pool import Pool
+    from haptid.study.pool_parts import FileWork
 
 HELP = """\
 Identify one device from all log files of a data set together, however many there are.
@@ -19,12 +20,16 @@ Identify one device from all log files of a data set together, however many ther
 SOURCE is a folder of Parquet files or other logs, or the URL of one that fsspec knows (s3://, gs://, memory://). Each
 file is read, checked, filtered and reduced by itself, by processes or the workers of a cluster; memory grows with the
 largest file and not with their number. Channels, device and method are the STUDY's; what it leaves open of the
-treatment is proposed from its own logs. A file that cannot be read is listed with its problem. Writes into OUT:
+treatment is proposed from its own logs. A file that cannot be read is listed with its problem; of copies of one file
+one counts. Writes into OUT:
 
 - `pool.json`: parameters with 95 % intervals, errors on unseen blocks, work on every file
 - `parameters.csv`: the parameters
 - `files.csv`: every file: worker, seconds of fetching, reading and reducing, bytes, samples, rows, problem; where
   the files give no estimate it is alone in `OUT-failed`, and an earlier result in OUT stays
+
+What single files give is kept in .OUT.partial next to OUT until all are there: the same command after an interruption
+computes the others, and those whose file, study or device has changed.
 
 Exit status: 0 on success, 2 on an error in the study, in its own logs, or where no file can be used.
 
@@ -42,21 +47,27 @@ def pool(
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler whose workers reduce files, tcp://host:8786")
     ] = None,
+    no_resume: Annotated[
+        bool, typer.Option("--no-resume", help="start again, not from an interrupted run's files")
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     from haptid._internal.atomic_folder import publishing
     from haptid._internal.escaping import write_csv
     from haptid.cli.outputs import output_text
-    from haptid.cli.work import workers
+    from haptid.cli.work import interruptible, resumed, workers
     from haptid.log.formats.folders import natural
     from haptid.study import read_study
     from haptid.study.pool import identify_pool, work_table
+    from haptid.study.pool_parts import PoolParts
 
     works: list[FileWork] = []
+    kept = resumed(PoolParts.beside(out_folder), no_resume, quiet or as_json)
 
     def compute(folder: Path, progress: Callable[[str, float], None]) -> tuple[str, str]:
-        found = identify_pool(read_study(study), source, data, progress, workers(count, scheduler), works.append)
+        executor = workers(count, scheduler)
+        found = identify_pool(read_study(study), source, data, progress, executor, works.append, kept)
         made = values(found)
         text = output_text("pool", made)
         (folder / "pool.json").write_text(text, encoding="utf-8")
@@ -65,15 +76,17 @@ def pool(
         write_csv(folder / "files.csv", found.file_table())
         return text, found.summary()
 
-    try:
-        compute_into(out_folder, quiet, as_json, compute)
-    except Exception:
-        if works:
-            failed = out_folder.with_name(f"{out_folder.name}-failed")
-            with publishing(failed) as folder:
-                write_csv(folder / "files.csv", work_table(sorted(works, key=lambda one: natural(one.name))))
-            err.print(f"Work on every file, with its problem, in {failed / 'files.csv'}", soft_wrap=True)
-        raise
+    with interruptible(kept):
+        try:
+            compute_into(out_folder, quiet, as_json, compute)
+        except Exception:
+            if works:
+                failed = out_folder.with_name(f"{out_folder.name}-failed")
+                with publishing(failed) as folder:
+                    write_csv(folder / "files.csv", work_table(sorted(works, key=lambda one: natural(one.name))))
+                err.print(f"Work on every file, with its problem, in {failed / 'files.csv'}", soft_wrap=True)
+            raise
+    kept.forget()
 
 
 def values(found: Pool) -> dict[str, Any]:

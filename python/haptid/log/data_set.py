@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -25,12 +25,14 @@ class DataFile:
         place: its path on this machine, or in the file system of the URL.
         size: bytes.
         url: of the data set; empty on this machine.
+        version: changes when the file is written again, as far as its file system says.
     """
 
     name: str
     place: str
     size: int
     url: str = ""
+    version: str = ""
 
     @contextmanager
     def here(self) -> Iterator[Path]:
@@ -70,16 +72,17 @@ def data_files(source: str) -> tuple[DataFile, ...]:
             listed = system.find(root, detail=True)
         root = f"{root.strip('/')}/".lstrip("/")
         found = [
-            DataFile(path.lstrip("/").removeprefix(root), path, int(info["size"] or 0), source)
+            DataFile(path.lstrip("/").removeprefix(root), path, int(info["size"] or 0), source, _version(info))
             for path, info in listed.items()
         ]
     else:
         folder = Path(source)
         _refuse_no_folder(source)
-        paths = [path for path in folder.rglob("*") if path.is_file()]
-        found = [
-            DataFile(path.relative_to(folder).as_posix(), str(path.absolute()), path.stat().st_size) for path in paths
-        ]
+        found = []
+        for path in folder.rglob("*"):
+            if path.is_file():
+                name, status = path.relative_to(folder).as_posix(), path.stat()
+                found.append(DataFile(name, str(path.absolute()), status.st_size, version=f"{status.st_mtime_ns}"))
     suffixes = {suffix for kind in FORMATS for suffix in kind.suffixes}
     logs = [file for file in found if PurePosixPath(file.name).suffix.lower() in suffixes]
     logs = [file for file in logs if not any(part[0] in "._" for part in PurePosixPath(file.name).parts)]
@@ -94,6 +97,11 @@ def data_files(source: str) -> tuple[DataFile, ...]:
             advice="Give a folder of Parquet files, or of other logs, or its URL.",
         )
     return tuple(sorted(logs, key=lambda file: natural(file.name)))
+
+
+def _version(info: Mapping[str, Any]) -> str:
+    """What a file system says of a file, such as its ETag and when it was written."""
+    return str(sorted((key, str(value)) for key, value in info.items()))
 
 
 def _refuse_no_folder(source: str) -> None:

@@ -19,7 +19,7 @@ from haptid._internal.arrays import freeze
 from haptid._internal.blas_threads import on_one_blas_thread
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EstimationError, HaptidError, LogFileError, SharedRowsError
+from haptid.errors import EstimationError, HaptidError, LogFileError
 from haptid.estimation import OLS, WLS, Estimate, estimate
 from haptid.estimation.method import Fitting
 from haptid.estimation.nonlinear.load_friction import has_nonlinear_constants
@@ -31,7 +31,9 @@ from haptid.observation.observation import MotorRows, Observation, concatenated,
 from haptid.observation.plan import MOST_BLOCKS, Block
 from haptid.observation.r_factor import r_factor
 from haptid.study import Study
+from haptid.study.fleet_results import fleet_fingerprint
 from haptid.study.identify import check_kind, logs_to_propose_from, read_entry, with_all_uncertainty
+from haptid.study.pool_parts import FileWork, PoolParts, ReducedFile
 from haptid.study.schema import fault
 from haptid.study.study import silent
 from haptid.treatment_choice.propose import Proposal, propose
@@ -42,51 +44,6 @@ from haptid.validation.validation import Validation, pooled, validate
 _SHOWN = 5
 _DEFECT = "defect of haptid"
 _Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class FileWork:
-    """What the work on one file took.
-
-    Attributes:
-        name: of the file.
-        worker: host and number of the process.
-        begin: when it began, s since 1970 by the worker's clock.
-        fetching, reading, reducing: s of the clock: a copy of a remote file; to a checked log; filters and R factors.
-        processor: s of the processor, of all three.
-        fetched: bytes of the file.
-        returned: bytes of the R factors.
-        samples: of the log.
-        rows: of all motors.
-        problem: why it gives no rows; empty where it does.
-    """
-
-    name: str
-    worker: str
-    begin: float
-    fetching: float = 0.0
-    reading: float = 0.0
-    reducing: float = 0.0
-    processor: float = 0.0
-    fetched: int = 0
-    returned: int = 0
-    samples: int = 0
-    rows: int = 0
-    problem: str = ""
-
-    @property
-    def seconds(self) -> float:
-        """Of the clock."""
-        return self.fetching + self.reading + self.reducing
-
-
-@dataclass(frozen=True, eq=False)
-class _Reduced:
-    """A file's work and its rows; without motors where it has none."""
-
-    work: FileWork
-    motors: tuple[MotorRows, ...] = ()
-    blocks: tuple[Block, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +103,10 @@ class Pool:
     def summary(self) -> str:
         """A table of the parameters, then the sentences."""
         rows = [["parameter", "value", "se", "unit"]]
-        rows += [[one.name, f"{one.value:.5g}", f"{one.se:.2g}", one.unit] for one in self.estimate.parameters]
+        rows += [
+            [one.name, f"{one.value:.5g}", f"{one.se:.2g}" if np.isfinite(one.se) else "unknown", one.unit]
+            for one in self.estimate.parameters
+        ]
         return "\n".join([*aligned(rows), "", *self.sentences])
 
 
@@ -173,7 +133,7 @@ class _Reducer:
     def _model(self) -> DynamicModel:
         return DynamicModel(read_device(self.study.device))
 
-    def __call__(self, file: DataFile) -> _Reduced:
+    def __call__(self, file: DataFile) -> ReducedFile:
         stamps, worker = [time.perf_counter()], f"{platform.node()}:{os.getpid()}"
         begun, before = time.time(), time.process_time()
         entry = replace(self.study.logs[0], time_range=None, episodes=None, exclude=())
@@ -185,7 +145,7 @@ class _Reducer:
                 stamps.append(time.perf_counter())
                 found = in_fewer_blocks(observe(model, treat(log, self.treatment)), self.blocks)
         except Exception as error:  # a defect that one file shows does not cost the others
-            return _Reduced(FileWork(file.name, worker, begun, problem=_problem(error)))
+            return ReducedFile(FileWork(file.name, worker, begun, problem=_problem(error)))
         stamps.append(time.perf_counter())
         fetching, reading, reducing = (b - a for a, b in pairwise(stamps))
         work = FileWork(
@@ -201,7 +161,7 @@ class _Reducer:
             len(log.t),
             found.rows,
         )
-        return _Reduced(work, found.motors, found.blocks)
+        return ReducedFile(work, found.motors, found.blocks)
 
 
 def _problem(error: Exception) -> str:
@@ -243,6 +203,7 @@ def identify_pool(
     progress: _Progress | None = None,
     workers: Executor | None = None,
     done: Callable[[FileWork], None] | None = None,
+    kept: PoolParts | None = None,
 ) -> Pool:
     """Identify one device from all log files of a data set together.
 
@@ -251,7 +212,8 @@ def identify_pool(
     with their number. The treatment is proposed from the study's own logs, and what it leaves uncertain there, such as
     the delay, is in every standard error: it does not become less with more files.
 
-    A file that cannot be read is listed with its problem. Each loses the rows at its ends that the filters reach.
+    A file that cannot be read is listed with its problem, and so are copies of another one, which counts once. Each
+    loses the rows at its ends that the filters reach.
     Times, episodes and criteria of the study do not count for the files, which the notes say.
 
     Args:
@@ -261,10 +223,11 @@ def identify_pool(
         progress: called with the name of a step and the share of it done.
         workers: executor of the files; this process where None.
         done: called with the work on each file as soon as it is done.
+        kept: rows of the files of an interrupted run, to which those of this one are added; of files that are the same,
+            and of the same study, device and version of haptid, they are not computed again.
 
     Raises:
         StudyFileError: the device or the method asks for more than R factors.
-        SharedRowsError: two files have the same content.
         LogFileError: the data set has no log file, or none that can be identified.
         HaptidError: any error of the study's own logs.
     """
@@ -280,7 +243,8 @@ def identify_pool(
     progress("choosing a treatment", 1.0)
     begin = time.perf_counter()
     work = _Reducer(study, proposal.treatment, max(1, MOST_BLOCKS // len(files)))
-    reduced = _told((workers or SerialExecutor()).map(work, files), done)
+    key = f"{fleet_fingerprint(study, model, own, proposal.treatment)} {work.blocks}"
+    reduced = _told(_each_once(_reduced(work, files, workers or SerialExecutor(), kept, key)), done)
     rows, works = _together(model, files, reduced, progress)
     seconds = time.perf_counter() - begin
     found = _with_uncertainty(estimate(rows, study.method, study.intervals), alone, study, proposal)
@@ -303,9 +267,39 @@ def _left_out(study: Study) -> Iterator[str]:
         yield f"The study's criterion, at most {study.largest_error:g} % on unseen rows, is not judged."
 
 
+def _each_once(results: Iterator[tuple[int, ReducedFile]]) -> Iterator[tuple[int, ReducedFile]]:
+    """The results; of files with one content the first that is done, as twice its rows would halve every variance."""
+    seen: dict[str, str] = {}
+    for k, one in results:
+        content = one.blocks[0].log if one.blocks else one.work.name
+        name = seen.setdefault(content, one.work.name)
+        if name != one.work.name:
+            why = f"left out, as it has the content of {name}, which would count twice."
+            yield k, ReducedFile(replace(one.work, problem=why))
+        else:
+            yield k, one
+
+
+def _reduced(
+    work: _Reducer, files: Sequence[DataFile], workers: Executor, kept: PoolParts | None, study: str
+) -> Iterator[tuple[int, ReducedFile]]:
+    """Index and rows of each file: those of an interrupted run, then the others as they are done."""
+    missing = []
+    for k, file in enumerate(files):
+        before = kept.read(study, file) if kept is not None else None
+        if before is None:
+            missing.append(k)
+        else:
+            yield k, before
+    for j, one in workers.map(work, [files[k] for k in missing]):
+        if kept is not None and one.motors:
+            kept.write(study, files[missing[j]], one)
+        yield missing[j], one
+
+
 def _told(
-    results: Iterator[tuple[int, _Reduced]], done: Callable[[FileWork], None] | None
-) -> Iterator[tuple[int, _Reduced]]:
+    results: Iterator[tuple[int, ReducedFile]], done: Callable[[FileWork], None] | None
+) -> Iterator[tuple[int, ReducedFile]]:
     """The results, each after its work was told."""
     for k, one in results:
         if done:
@@ -335,18 +329,15 @@ def _refuse_more_than_r_factors(study: Study, model: DynamicModel) -> None:
 
 
 def _together(
-    model: DynamicModel, files: Sequence[DataFile], done: Iterator[tuple[int, _Reduced]], progress: _Progress
+    model: DynamicModel, files: Sequence[DataFile], done: Iterator[tuple[int, ReducedFile]], progress: _Progress
 ) -> tuple[Observation, tuple[FileWork, ...]]:
     """The rows of all files in the files' order, whatever order they come in, and the work on each."""
     size = -(-len(files) // MOST_BLOCKS)  # files of one block
     works: dict[int, FileWork] = {}
-    waiting: dict[int, dict[int, _Reduced]] = {}
+    waiting: dict[int, dict[int, ReducedFile]] = {}
     groups: dict[int, Observation] = {}
-    seen: dict[str, str] = {}
     for k, one in done:
         works[k] = one.work
-        if one.motors:
-            _refuse_twice(seen, one)
         group = waiting.setdefault(k // size, {})
         group[k] = one
         if len(group) == min(size, len(files) - k // size * size):
@@ -366,21 +357,7 @@ def _together(
     return rows, tuple(works[k] for k in range(len(files)))
 
 
-def _refuse_twice(seen: dict[str, str], one: _Reduced) -> None:
-    """Raise SharedRowsError where a file has the content of one before."""
-    content = one.blocks[0].log
-    if content in seen:
-        raise SharedRowsError(
-            f"{one.work.name} has the content of {seen[content]}: counted twice, its rows would make every variance "
-            "too small.",
-            where=one.work.name,
-            found=seen[content],
-            advice="Leave one out of the data set.",
-        )
-    seen[content] = one.work.name
-
-
-def _group(model: DynamicModel, parts: Sequence[_Reduced], size: int) -> Observation:
+def _group(model: DynamicModel, parts: Sequence[ReducedFile], size: int) -> Observation:
     """The rows of neighbouring files: the blocks of one, or one block of several."""
     rows = concatenated(Observation(model, part.motors, part.blocks, ()) for part in parts)
     return rows if size == 1 else in_fewer_blocks(rows, 1)
@@ -399,7 +376,12 @@ def _unseen(rows: Observation, study: Study) -> tuple[Validation | None, tuple[s
     count = len(rows.blocks)
     left_out = f"The error on unseen blocks is left out: the files that give rows are in {count} time "
     if count < 2:
-        return None, (f"{left_out}block, which cannot be halved and gives no standard errors.",)
+        return None, (
+            "Nothing says how uncertain the parameters are: standard errors are from the scatter between time blocks, "
+            f"and all {rows.rows} rows are in one. Add files, or mend those that failed; until then use the values for "
+            "nothing that has to hold.",
+            f"{left_out}block.",
+        )
     halves = rows.alternate()
     try:
         fits = [estimate(half, study.method) for half in halves]
