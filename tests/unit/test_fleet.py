@@ -205,6 +205,19 @@ def test_the_command_resumes_and_leaves_nothing_behind(arms, fleet, tmp_path, in
     assert fleet.sentences[0] in " ".join(done.stdout.split())
 
 
+def test_devices_that_drift_or_differ_come_first(fleet, monkeypatch):
+    """Among thousands of devices nobody reads on to them."""
+    names = [fleet.trends[d].device for d in fleet.ranked]
+    assert names == ["arm 1", "arm 3", "arm 0", "arm 2", "arm 4"]
+    rows = fleet.device_table()[1:]
+    assert list(dict.fromkeys(row[0] for row in rows)) == names
+    assert len(rows) == 5 * len(fleet.names)
+    monkeypatch.setattr("haptid.study.fleet._SHOWN", 2)
+    table = fleet.summary().split("\n\n")[0].splitlines()
+    assert [line.split("  ")[0] for line in table[1:3]] == names[:2]
+    assert table[3:] == ["3 more devices: devices.csv"]
+
+
 @pytest.mark.parametrize(
     ("name", "day"),
     [

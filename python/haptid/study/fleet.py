@@ -43,6 +43,8 @@ _LEAST_LOGS, _LEAST_DEVICES = 3, 4
 # Distance from the median of the devices, in robust standard deviations, of an unusual one (Iglewicz and Hoaglin 1993).
 _UNUSUAL = 3.5
 _NORMAL_MAD = 1.4826
+# Devices in the printed table.
+_SHOWN = 40
 # Fields that JSON has as lists.
 _KEPT: dict[str, Callable[[Any], Any]] = {
     "names": tuple,
@@ -221,6 +223,15 @@ class Fleet:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(np.abs(away) > half, np.nan_to_num(away / spread, posinf=np.inf, neginf=-np.inf), 0.0)
 
+    @cached_property
+    def ranked(self) -> tuple[int, ...]:
+        """Devices, as indices of `trends`: those that drift by the surest, then those that differ by the furthest."""
+        surest = self.drift_p.min(axis=1, initial=1.0)
+        furthest = np.abs(self.distance).max(axis=1, initial=0.0)
+        drifts, differs = surest < 1 - self.confidence, furthest > _UNUSUAL
+        keys = (np.where(differs, -furthest, 0.0), ~differs, np.where(drifts, surest, 1.0), ~drifts)
+        return tuple(np.lexsort(keys).tolist())  # by name where they are alike, as they come
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """What failed, drifts and differs, the most significant first."""
@@ -276,10 +287,11 @@ class Fleet:
         return rows
 
     def device_table(self) -> list[list[str]]:
-        """Every device and parameter: mean, spread between logs, drift, and distance from the other devices."""
+        """Every device and parameter: mean, spread between logs, drift, and distance; devices as `ranked`."""
         head = "device,logs,parameter,unit,mean,se,between logs,slope in a day,se of the slope,p (Holm),distance"
         rows = [head.split(",")]
-        for d, trend in enumerate(self.trends):
+        for d in self.ranked:
+            trend = self.trends[d]
             for k, name in enumerate(self.names):
                 numbers = (
                     trend.of_mean("values")[k],
@@ -295,13 +307,17 @@ class Fleet:
         return rows
 
     def summary(self) -> str:
-        """A table of the devices: logs, drifting and unusual parameters; then the sentences."""
+        """A table of the devices: logs, drifting and unusual parameters, as `ranked`; then the sentences."""
         rows = [["device", "logs", "drifting", "unusual"]]
-        for trend, p, away in zip(self.trends, self.drift_p, self.distance, strict=True):
+        for d in self.ranked[:_SHOWN]:
+            trend, p, away = self.trends[d], self.drift_p[d], self.distance[d]
             drifting = [name for name, one in zip(self.names, p, strict=True) if one < 1 - self.confidence]
             odd = [name for name, one in zip(self.names, away, strict=True) if abs(one) > _UNUSUAL]
             rows.append([trend.device, str(trend.logs), listed(drifting, 4) or "-", listed(odd, 4) or "-"])
-        return "\n".join([*aligned(rows[:41]), *(["..."] if len(rows) > 41 else []), "", *self.sentences])
+        more = len(self.trends) - _SHOWN
+        return "\n".join(
+            [*aligned(rows), *([f"{more} more devices: devices.csv"] if more > 0 else []), "", *self.sentences]
+        )
 
 
 def fleet_logs(folder: Path) -> tuple[tuple[FleetLog, ...], str]:
