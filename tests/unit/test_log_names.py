@@ -343,3 +343,14 @@ def test_torques_are_in_the_order_of_the_positions(tmp_path: Path) -> None:
     made = survey(path).table
     assert tomllib.loads(made)["channels"]["torque"]["channels"] == ["tau_SP", "tau_WR (1)", "tau_WR (2)", "tau_BASE"]
     assert "called WR (1), WR (2) where those of the positions are WP, WR: check the order" in made
+
+
+def test_other_positions_are_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    trials = np.stack([np.column_stack((Q, 2 * Q, 3 * Q)), np.column_stack((3 * Q, Q, 2 * Q))], axis=2)
+    np.savez(path, t=T, q=trials, tau=trials + TAU[:, None, None], q_des=Q)
+    table = survey(path).table
+    assert "# also positions: q[2][1..3]; of other joints, other trials" in table
+    assert "q_des" not in table
+    joints = [("a",), ("b",), ("c",)]
+    assert "also positions" not in survey(path, joints=joints).table

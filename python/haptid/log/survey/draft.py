@@ -82,6 +82,7 @@ def channels_table(
         if torque is not None and len(torque.channels) == len(straight):
             torque = replace(torque, channels=tuple(map(_of_joint, torque.channels, straight)))
     lines.append(_signal_line("position", position) + _unlike(position, joints))
+    lines += [] if joints else _other_positions(positions, position)
     if torque is None:
         lines += _left(topics, position) or [f"{_NO_TORQUE}; {WITHOUT_TORQUE}"]
     else:
@@ -115,6 +116,21 @@ def unrecognised(topics: Sequence[TopicSurvey]) -> str:
     if not any(c.quantity == "torque" for topic in topics for c in topic.channels):
         lines += ['# torque = { channels = ["..."], unit = "N m" }  # of each motor']
     return "\n".join(lines) + "\n"
+
+
+def _other_positions(families: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str]:
+    """Positions that are no part of the choice, and of the same kind, as a comment: other joints, or other trials."""
+    taken = {channel.name for channel in chosen.channels}
+    kind = chosen.rank[0], chosen.rank[1], chosen.rank[3], chosen.of_motors
+    left = {}
+    for family in families:
+        own = [channel.name for channel in family.channels]
+        same = (family.rank[0], family.rank[1], family.rank[3], family.of_motors) == kind
+        if same and family.topic is chosen.topic and family.rank[-1] and taken.isdisjoint(own):
+            left[channel_list(own)] = own
+            taken |= set(own)
+    names = " and ".join(list(left)[:_POINTS])
+    return [f"# also positions: {names}; of other joints, other trials, or of the same in another way?"] if left else []
 
 
 def _other_order(position: ChannelFamily, torque: ChannelFamily) -> str:
