@@ -354,3 +354,13 @@ def test_other_positions_are_asked_about(tmp_path: Path) -> None:
     assert "q_des" not in table
     joints = [("a",), ("b",), ("c",)]
     assert "also positions" not in survey(path, joints=joints).table
+
+
+@pytest.mark.parametrize(("name", "asked"), [("Torque", True), ("Measured_Torque", False)])
+def test_currents_beside_torques_are_asked_about(tmp_path: Path, name: str, asked: bool) -> None:
+    path = tmp_path / "log.csv"
+    table = np.column_stack((T, Q, 2 * Q, TAU, 2 * TAU, TAU + Q, TAU - Q))
+    header = f"t,Position1,Position2,{name}1,{name}2,Current1,Current2"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    line = next(line for line in survey(path).table.splitlines() if "also there: Current1, Current2" in line)
+    assert ("computed by a controller's model" in line) is asked

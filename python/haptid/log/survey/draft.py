@@ -12,10 +12,10 @@ from haptid.log.formats.sniff import channel_list
 from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
-from haptid.log.survey.families import SI, WANTED_WORDS, ChannelFamily, channel_families
+from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
 from haptid.log.survey.guesses import STATED
 from haptid.log.survey.joint_names import are_named, owners
-from haptid.log.survey.names import COMMAND_WORDS, NEITHER, element_of, unit_apart, words_of
+from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, unit_apart, words_of
 from haptid.log.units import PERIODS, TABLES
 
 # Counts of a turn of most hobby servos; their angle is zero in the middle.
@@ -243,7 +243,15 @@ def _instead(others: Sequence[ChannelFamily], chosen: ChannelFamily) -> list[str
         for f in others
         if len(f.channels) == len(taken) and f.rank[0] and {(f.topic.name, c.name) for c in f.channels} != taken
     ]
-    return [f"# also there: {', '.join(c.name for c in family.channels)}" for family in rest[:3]]
+    of_a_model = not drive_unit(words_of(chosen.array)) and not words_of(chosen.array) & MEASURED_WORDS
+    lines = []
+    for family in rest[:3]:
+        current = of_a_model and drive_unit(words_of(family.array)) == "current"
+        asked = (
+            "; take these where the torques are computed by a controller's model, and not measured" if current else ""
+        )
+        lines.append(f"# also there: {', '.join(c.name for c in family.channels)}{asked}")
+    return lines
 
 
 def _time_line(position: ChannelFamily, torque: ChannelFamily | None, kind: Format) -> str:
