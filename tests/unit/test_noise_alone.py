@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
 import haptid
 from diagnosed import log, phantom
 from haptid.advice.recorder import faults
 from haptid.log.noise_alone import check_torques, noise_alone
+from small_study import columns
 
 TREATMENT = haptid.Treatment(cutoff_hz=60.0, parallel_cutoff_hz=30.0, torque_delay_s=0.0)
 
@@ -59,3 +63,20 @@ def test_a_torque_that_is_switched_is_no_noise_alone() -> None:
     limit = 2 * float(np.abs(torque[:, 2]).max())
     torque[:, 2] = limit * np.sign(torque[:, 2] / limit + rng.uniform(-1, 1, len(torque)))
     assert not noise_alone(replace(made, torque=torque)).any()
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_a_channel_of_noise_is_said_of_logs_on_disk_as_of_others(tmp_path: Path, allowed: bool) -> None:
+    table = columns(1, 30.0)
+    table["tau2"] = 0.05 * np.random.default_rng(3).standard_normal(len(table["t"]))
+    pyarrow.parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    torque = haptid.Signal(("tau1", "tau2"), "N m", constant_ok=allowed)
+    channels = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), torque, time="t")
+    said = []
+    for read in (haptid.read_log, haptid.open_log):
+        try:
+            said.append(str(check_torques(read(tmp_path / "log.parquet", channels))))
+        except haptid.errors.LogDataError as error:
+            said.append(str(error))
+    assert "tau2 shows noise alone" in said[0]
+    assert said[0] == said[1]

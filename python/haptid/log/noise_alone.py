@@ -29,9 +29,8 @@ _FOUND: WeakKeyDictionary[Log, np.ndarray] = WeakKeyDictionary()
 def noise_alone(log: Log) -> np.ndarray:
     """Whether each torque channel shows noise alone, (channels,); none where the log is too short to tell."""
     if log not in _FOUND:
-        a, b = max(log.segments, key=lambda part: part[1] - part[0])
-        b = min(b, a + _ENOUGH)
-        torque, position = np.asarray(log.torque[a:b]), np.asarray(log.position[a:b])
+        part = _looked_at(log)
+        torque, position = np.asarray(log.torque[part]), np.asarray(log.position[part])
         edge = fastest(position.T, log.dt)
         flat = _flat(torque, edge, log.dt, log.usable_bandwidth_hz)
         _FOUND[log] = flat & ~_follows(torque, position, edge, log.dt) if flat.any() else flat
@@ -49,7 +48,7 @@ def check_torques(log: Log) -> tuple[str, ...]:
         return ()
     signal, k = log.channels.torque, int(found[0])
     names, one = channel_list([signal.channels[k] for k in found]), found.size == 1
-    size = float(np.std(log.torque[: log.segments[0][1], k]))
+    size = float(np.std(log.torque[_looked_at(log)][:, k]))  # of a log on disk rows alone are sliced
     text = (
         f"torque channel{'' if one else 's'} {names} show{'s' if one else ''} noise alone (standard deviation "
         f"{size:.3g} {log.channels.torque_unit}{'' if one else ' of the first'}), and no part that follows the motion"
@@ -63,6 +62,12 @@ def check_torques(log: Log) -> tuple[str, ...]:
         advice="Map the channel of this motor; where the motor is off, and its joint at rest, hold the joint in the "
         "device file (haptid import --hold). To identify the others, give the torque `constant_ok = true`.",
     )
+
+
+def _looked_at(log: Log) -> slice:
+    """Samples of the longest part without a gap, not more than are enough."""
+    start, stop = max(log.segments, key=lambda part: part[1] - part[0])
+    return slice(start, min(stop, start + _ENOUGH))
 
 
 def _flat(torque: Array, edge: float, dt: float, highest: float | None) -> np.ndarray:
