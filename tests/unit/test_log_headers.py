@@ -94,3 +94,20 @@ def test_measurements_of_labview(tmp_path: Path, name: str, decimal: str) -> Non
     assert kind.names(path) == names
     assert kind.units(path) == {"X_Value": "s", "Current": "mA", "Encoder": "deg"}
     np.testing.assert_allclose(np.column_stack(list(kind.columns(path, names).values())), data, atol=1e-6)
+
+
+@pytest.mark.parametrize(("mark", "columns"), [(",", "One"), ("\t", "Multi"), (",", "Multi")])
+def test_units_of_labview_by_its_separator_and_with_times_of_each_channel(
+    tmp_path: Path, mark: str, columns: str
+) -> None:
+    path, end, several = tmp_path / "run.lvm", "***End_of_Header***", columns == "Multi"
+    about = [
+        ["LabVIEW Measurement"], ["Separator", "Comma" if mark == "," else "Tab"], ["X_Columns", columns], [end],
+        ["Channels", "2"], ["Y_Unit_Label", "mA", "deg"], ["X_Dimension", "Time", "Time"], [end],
+        ["X_Value", "Current", *["X_Value"] * several, "Encoder", "Comment"],
+    ]  # fmt: skip
+    t = 0.004 * np.arange(200)
+    rows = np.column_stack((t, np.sin(3 * t), *[t] * several, np.cos(2 * t)))
+    path.write_text("\n".join(mark.join(map(str, line)) for line in (*about, *rows.round(6))) + "\n")
+    times = {"X_Value (1)": "s", "X_Value (2)": "s"} if several else {"X_Value": "s"}
+    assert format_of(path).units(path) == times | {"Current": "mA", "Encoder": "deg"}

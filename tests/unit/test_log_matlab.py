@@ -276,3 +276,14 @@ def test_signals_of_structs_that_hold_more_than_one_keep_their_numbers(tmp_path:
             del field.attrs["MATLAB_class"]
     as_matlab(path)
     assert sorted(format_of(path).names(path)) == ["run[1].data", "run[1].q", "run[2].data", "run[2].q"]
+
+
+def test_links_and_references_of_other_programs_make_no_channels(tmp_path: Path) -> None:
+    """A link that leads nowhere, or to another file, is no damage; a reference leads to what has a name already."""
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        group = file.create_group("run")
+        group["q1"] = np.arange(100.0)
+        group["gone"], group["elsewhere"] = h5py.SoftLink("/nowhere"), h5py.ExternalLink("other.h5", "/x")
+        group.create_dataset("which", (1,), dtype=h5py.ref_dtype)[0] = group["q1"].ref
+    assert format_of(path).names(path) == ["run.q1"]

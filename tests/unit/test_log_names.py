@@ -16,6 +16,7 @@ from haptid.log.survey.names import element_of, quantity_of, time_unit, unit_apa
 
 T = np.arange(0.0, 4.0, 0.005)
 Q = np.sin(3.0 * T) + 0.3 * np.cos(7.0 * T)
+P = np.cos(4.0 * T) - 0.2 * np.sin(6.0 * T)
 TAU = Q + np.cos(5.0 * T)
 
 
@@ -57,6 +58,8 @@ TAU = Q + np.cos(5.0 * T)
         ("time;cart_position;pendulum_angle;cart_force;pendulum_torque", (T, Q, Q, TAU, TAU), ("time", "s"),
          (["cart_position", "pendulum_angle"], ["m", "rad"]), (["cart_force", "pendulum_torque"], ["N", "N m"])),
         ("t;x;F", (T, Q, TAU), ("t", "s"), (["x"], "m"), (["F"], "N")),
+        ("t;x1;x2;x3;x4;u1;u2", (T, Q, P, np.gradient(Q, T), np.gradient(P, T), TAU, Q + np.cos(4 * T)),
+         ("t", "s"), (["x1", "x2"], "rad"), (["u1", "u2"], "N m")),
         ("t;x;xdot;u", (T, Q, np.gradient(Q, T), TAU), ("t", "s"), (["x"], "m"), (["u"], "N")),
         ("t;cart_pos_m;FORCE_MN", (T, Q, 50 * TAU), ("t", "s"), (["cart_pos_m"], "m"), (["FORCE_MN"], "mN")),
         ("t;piston_pos;piston_force", (T, 50 * Q, TAU), ("t", "s"), (["piston_pos"], "mm"), (["piston_force"], "N")),
@@ -143,6 +146,13 @@ def test_x_y_and_z_of_a_point_are_no_joints(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     np.savetxt(path, np.column_stack((T, Q, 2 * Q, Q**2, TAU)), delimiter=",", header="t,x,y,z,F", comments="")
     assert survey(path).table == ""
+
+
+def test_displacements_of_revolute_joints_may_be_degrees(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack((T, 60 * Q, TAU)), header="t,displacement,torque", delimiter=",", comments="")
+    channels = tomllib.loads(survey(path, joints=[("elbow",)], straight=[False]).table)["channels"]
+    assert channels["position"]["unit"] == "deg"
 
 
 @pytest.mark.parametrize(("straight", "unit"), [(True, "m"), (False, "rad")])

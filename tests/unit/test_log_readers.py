@@ -318,7 +318,7 @@ def test_unknown_suffix_lists_the_formats(tmp_path: Path) -> None:
     with pytest.raises(errors.LogFileError) as raised:
         read_log(path)
     assert raised.value.found == ".xlsx"
-    assert raised.value.limit[0] == "CSV (.csv, .tsv, .txt, .dat, .log)"
+    assert raised.value.limit[0] == "CSV (.csv, .tsv, .txt, .dat, .log, .lvm)"
 
 
 SUFFIXES = (".csv", ".parquet", ".npz", ".h5", ".mat")

@@ -59,3 +59,16 @@ def test_rows_in_which_nothing_moves_are_no_stopped_clock(tmp_path: Path) -> Non
     q = Q.copy()
     q[FIRST : FIRST + STOPPED + 1] = Q[FIRST] + 1e-6 * np.arange(STOPPED + 1)
     assert not any("stands still" in str(note) for note in log_of(tmp_path, stopped(), q).notes)
+
+
+@pytest.mark.parametrize(("share", "noise"), [(0.2, 0.0), (0.05, 0.02)])
+def test_a_burst_of_rows_at_a_higher_rate_is_no_stopped_clock(share: float, noise: float) -> None:
+    """Also where the joint is the fastest there, or where noise is most of what it moves by from row to row."""
+    steps = np.full(N - 1, STEP)
+    steps[FIRST : FIRST + STOPPED] = share * STEP
+    t = np.concatenate(([0.0], np.cumsum(steps)))
+    middle = t[FIRST + STOPPED // 2]
+    q = np.tanh(3 * (t - middle)) + 0.5 * t + noise * np.random.default_rng(1).standard_normal(N)
+    times, said = running_times(t, lambda: (q,))
+    assert times is t
+    assert not said

@@ -80,3 +80,13 @@ def test_a_channel_of_noise_is_said_of_logs_on_disk_as_of_others(tmp_path: Path,
             said.append(str(error))
     assert "tau2 shows noise alone" in said[0]
     assert said[0] == said[1]
+
+
+def test_a_joint_that_stands_still_may_show_noise_alone() -> None:
+    """As in logs of one axis after the other; its channel counts as it did."""
+    made, rng = with_noise(1e-2), np.random.default_rng(3)
+    position = np.array(made.position)
+    position[:, 2] = position[0, 2] + 1e-5 * rng.standard_normal(len(position))
+    made = replace(made, position=position)
+    assert not noise_alone(made).any()
+    assert check_torques(made) == ()

@@ -23,16 +23,21 @@ _LITTLE = 1.5
 # Share of a channel's variance at those frequencies, by the positions and their rates, from which on it is no noise: a
 # controller that switches has as much power beside the motion. Fewest means for each column of that regression.
 _FOLLOWS, _MEANS = 0.3, 4
+# Share of the farthest joint's travel below which a joint stands still.
+_STILL = 0.02
 _FOUND: WeakKeyDictionary[Log, np.ndarray] = WeakKeyDictionary()
 
 
 def noise_alone(log: Log) -> np.ndarray:
-    """Whether each torque channel shows noise alone, (channels,); none where the log is too short to tell."""
+    """Whether each torque channel shows noise alone, (channels,); none where the log is too short to tell.
+
+    None of a joint that stands still in this log, as in logs of one axis after the other: noise is what it has to show.
+    """
     if log not in _FOUND:
         part = _looked_at(log)
         torque, position = np.asarray(log.torque[part]), np.asarray(log.position[part])
         edge = fastest(position.T, log.dt)
-        flat = _flat(torque, edge, log.dt, log.usable_bandwidth_hz)
+        flat = _flat(torque, edge, log.dt, log.usable_bandwidth_hz) & ~_at_rest(torque, position)
         _FOUND[log] = flat & ~_follows(torque, position, edge, log.dt) if flat.any() else flat
     return _FOUND[log]
 
@@ -68,6 +73,12 @@ def _looked_at(log: Log) -> slice:
     """Samples of the longest part without a gap, not more than are enough."""
     start, stop = max(log.segments, key=lambda part: part[1] - part[0])
     return slice(start, min(stop, start + _ENOUGH))
+
+
+def _at_rest(torque: Array, position: Array) -> np.ndarray:
+    """Whether the joint of each torque channel stands still; none where positions are more or fewer."""
+    travels = np.ptp(position, axis=0)
+    return travels < _STILL * travels.max() if torque.shape == position.shape else np.zeros(torque.shape[1], dtype=bool)
 
 
 def _flat(torque: Array, edge: float, dt: float, highest: float | None) -> np.ndarray:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 
 # A step below this share of the usual one is of a clock that stands; so many rows in a row, at least, are no jitter: of
-# stamps in random order one step in four is as short.
-_STANDS, _ROWS = 0.3, 20
+# stamps in random order one step in four is as short. In the mean the steps are shorter: a burst of rows that are taken
+# at five times the rate is none.
+_STANDS, _ROWS, _MEAN = 0.3, 20, 0.1
 # Rows before and after, in lengths of the run, in which longer steps make up for it, as of rows that were held up; and
 # the share of the time lost that they make up for at least.
 _AROUND, _LATE, _MADE_UP = 3, 1.5, 0.5
-# Mean movement from row to row, as a share of that beside the run, from which on the joints moved on.
-_MOVED = 0.3
+# Mean movement over so many rows, as noise moves from one row to the next, and the share of that beside the run from
+# which on the joints moved on.
+_APART, _MOVED = 10, 0.3
 
 
 def running_times(seconds: Array, positions: Callable[[], Iterable[Array]]) -> tuple[Array, list[str]]:
@@ -32,6 +34,7 @@ def running_times(seconds: Array, positions: Callable[[], Iterable[Array]]) -> t
         return seconds, []
     edges = np.flatnonzero(np.diff(steps < _STANDS * usual, prepend=False, append=False))
     runs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= _ROWS]
+    runs = [(a, b) for a, b in runs if seconds[b] - seconds[a] < _MEAN * usual * (b - a)]
     runs = [(a, b) for a, b in runs if not _made_up(steps, a, b, usual)]
     moved = _moved_on(positions, runs)
     runs = [run for run, on in zip(runs, moved, strict=True) if on]
@@ -60,9 +63,10 @@ def _moved_on(positions: Callable[[], Iterable[Array]], runs: list[tuple[int, in
     """Whether the joints that move beside each run move in it too, (runs,)."""
     inside, beside = np.zeros(len(runs)), np.zeros(len(runs))
     for channel in positions() if runs else ():
-        far = np.abs(np.diff(channel)) / (float(np.ptp(channel)) or 1.0)
+        far = np.abs(channel[_APART:] - channel[:-_APART]) / (float(np.ptp(channel)) or 1.0)
         for k, (a, b) in enumerate(runs):
-            around = np.concatenate((far[max(0, 2 * a - b) : a], far[b : 2 * b - a]))
-            inside[k] += far[a:b].mean()
+            before = far[max(0, 2 * a - b) : max(0, a - _APART + 1)]
+            around = np.concatenate((before, far[b : 2 * b - a - _APART + 1]))
+            inside[k] += far[a : b - _APART + 1].mean()
             beside[k] += around.mean() if around.size else 0.0
     return (inside > _MOVED * beside) & (inside > 0)

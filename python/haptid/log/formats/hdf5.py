@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from haptid.errors import LogFileError
-from haptid.log.formats.matlab_references import element_name, matlab_class, referenced, titled_values
+from haptid.log.formats.matlab_references import element_name, matlab_class, members, referenced, titled_values
 from haptid.log.formats.sniff import (
     Address,
     Budget,
@@ -119,7 +119,7 @@ def _datasets(file: h5py.File, titled: bool) -> dict[str, Any]:
                 count()
                 own = element_name(name, k, cells, item)
                 add(own, cell, depth + 1)
-                for field, inner in cell.items() if isinstance(cell, h5py.Group) else ():
+                for field, inner in members(cell).items() if isinstance(cell, h5py.Group) else ():
                     add(f"{own}.{field}", inner, depth + 1)
 
     file.visititems(visit)

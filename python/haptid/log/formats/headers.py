@@ -39,9 +39,13 @@ def labview_header(texts: list[str]) -> tuple[int, list[str]]:
     ends = [k for k, text in enumerate(texts[:_LABVIEW]) if text.startswith("***End_of_Header***")]
     if not ends or not texts[0].startswith("LabVIEW Measurement"):
         return 0, []
-    about = {text.partition("\t")[0]: text.split("\t")[1:] for text in texts[: ends[-1]]}
-    times = ["s"] if "Time" in about.get("X_Dimension", []) else [""]
-    return ends[-1] + 1, times + [unit.strip() for unit in about.get("Y_Unit_Label", [])]
+    mark = next((text[9] for text in texts[: ends[-1]] if text.startswith("Separator") and len(text) > 9), "\t")
+    about = {text.partition(mark)[0]: text.split(mark)[1:] for text in texts[: ends[-1]]}
+    time = "s" if "Time" in about.get("X_Dimension", []) else ""
+    units = [unit.strip() for unit in about.get("Y_Unit_Label", [])]
+    if "Multi" in about.get("X_Columns", []):  # times beside each channel
+        return ends[-1] + 1, [unit for own in units for unit in (time, own)]
+    return ends[-1] + 1, [time, *units]
 
 
 def two_levels(upper: list[str], lower: list[str]) -> list[str] | None:

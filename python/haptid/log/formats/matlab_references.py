@@ -11,6 +11,8 @@ from haptid.log.formats.signal_titles import NAMES, SAMPLES, UNITS, VALUES, titl
 
 # Longest cell or array of structs whose content is looked at, and longest text of a name or a unit.
 _MOST_CELLS, _LONGEST = 200, 500
+# The group in which MATLAB keeps what cells and arrays of structs refer to.
+_CONTENT = "#refs#"
 
 
 def matlab_class(item: Any) -> bytes:
@@ -30,7 +32,15 @@ def referenced(dataset: Any) -> list[Any]:
         return []
     if h5py.check_ref_dtype(dataset.dtype) is not h5py.Reference or "MATLAB_object_decode" in dataset.attrs:
         return []
+    if _CONTENT not in dataset.file:  # of another program: to what has a name of its own
+        return []
     return [dataset.file[reference] for reference in np.asarray(dataset).T.flat if reference]
+
+
+def members(group: Any) -> dict[str, Any]:
+    """What a group holds itself, by name; soft links, which may lead nowhere, and links to other files are left out."""
+    own = [field for field in group if isinstance(group.get(field, getlink=True), h5py.HardLink)]
+    return {str(field): group[field] for field in own}
 
 
 def element_name(name: str, k: int, cells: list[Any], dataset: Any) -> str:
@@ -47,9 +57,9 @@ def titled_values(group: Any) -> dict[str, Any]:
 
     Empty where one has no such name of its own, or is more than one signal.
     """
-    fields = {str(field).lower(): group[field] for field in group}
-    if not any(field in fields for field in NAMES):
+    if not any(str(field).lower() in NAMES for field in group):
         return {}
+    fields = {field.lower(): item for field, item in members(group).items()}
     elements = {low: cells for low, field in fields.items() if (cells := _elements(field))}
     made: dict[str, Any] = {}
     count = max(map(len, elements.values()), default=0)

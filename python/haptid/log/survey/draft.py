@@ -13,7 +13,7 @@ from haptid.log.held_joints import held_joints
 from haptid.log.registers import Register
 from haptid.log.survey.channels import ChannelSurvey, TopicSurvey
 from haptid.log.survey.families import MEASURED_WORDS, SI, WANTED_WORDS, ChannelFamily, channel_families
-from haptid.log.survey.guesses import STATED
+from haptid.log.survey.guesses import STATED, unit_of
 from haptid.log.survey.joint_names import are_named, owners
 from haptid.log.survey.names import COMMAND_WORDS, NEITHER, drive_unit, element_of, unit_apart, words_of
 from haptid.log.units import PERIODS, TABLES
@@ -216,7 +216,8 @@ def _of_joint(channel: ChannelSurvey, straight: bool) -> ChannelSurvey:
     if straight and channel.unit == "N m":
         return replace(channel, unit="N", reason=f"its joint is prismatic; {channel.reason}")
     if not straight and channel.unit in ("m", "mm") and not channel.reason.startswith(STATED):
-        return replace(channel, unit="rad", reason="its joint is revolute")
+        unit, reason = unit_of("position", frozenset(), max(abs(channel.low), abs(channel.high)), channel, "")
+        return replace(channel, unit=unit, reason=f"its joint is revolute; {reason}")
     return channel
 
 

@@ -348,7 +348,9 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
     for channel in channels:
         largest, words = max(abs(channel.low), abs(channel.high)), words_of(channel.name)
         if channel.name in content.positions:
-            unit, reason = unit_of("position", words if is_straight(words) else frozenset(), largest, channel, "")
+            alike = words == words_of(rates.get(channel.name, ""))  # a state, `x1` with the rate `x3`, is no cart's `x`
+            straight = is_straight(words) and not alike
+            unit, reason = unit_of("position", words if straight else frozenset(), largest, channel, "")
             reason = f"their rates are in {rates.get(channel.name, 'no column')} and on; {reason}"
             channel = replace(channel, quantity="position", unit=unit, reason=reason)
         elif channel.name in content.rates:
