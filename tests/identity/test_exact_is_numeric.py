@@ -123,6 +123,23 @@ def test_loops_in_space_have_both(
     assert any("bar" in text for texts in row.values() for text in texts.values())
 
 
+def test_a_loop_in_space_of_which_one_torque_is_measured(tmp_path: Path) -> None:
+    """On a turntable without a motor, what the crank resists by centrifugal forces alone is no less independent."""
+    text = SPATIAL.format(crank=0.08, bar=0.28, rocker=0.2)
+    table = '[[joints]]\nname = "table"\naxis = [0, 0, 1]\n\n[[joints]]\nname = "crank"\nparent = "table"\n'
+    for old, new in (
+        ('[[joints]]\nname = "crank"\n', f'{table}rpy = ["pi/2", 0, 0]\n'),
+        ('parent = "base"\nxyz = [0.3, 0.05, 0.1]', 'parent = "table"\nxyz = [0.3, -0.1, 0.05]\nrpy = ["pi/2", 0, 0]'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    model = drawn(tmp_path, f'{text}\n[[motors]]\nname = "1"\ndrives = {{ crank = 1.0 }}\n')
+    exact = model.regroupings  # raises RegroupingError where they differ
+    assert not all(model.device.measured)
+    row = dict(zip(exact.names, exact.texts, strict=True))
+    assert row["XXcrankR"] == {"XXcrank": "1", "YYcrank": "-1", "Mv": "-crank^2", "MXrocker": "-crank^2/rocker"}
+
+
 def test_numbers_that_loops_depend_on_have_to_be_named(tmp_path: Path) -> None:
     """Without a name the bar is a number, and so is what depends on it: no ratio of small integers."""
     unnamed = ('frame_a = { xyz = ["bar"', "frame_a = { xyz = [0.28")

@@ -3,7 +3,8 @@
 The symbolic mechanism with its loops opened is evaluated at numbers; the cuts left open are closed at each set, and the
 rows are projected on the motion that they leave. Inertia is taken at rest: a relation of columns that holds at all
 velocities holds in every power of them by itself, and what is left at rest, mass matrix and gravity, implies the
-centrifugal and Coriolis part.
+centrifugal and Coriolis part. The rows of some of the active joints alone do not: their centrifugal part has
+derivatives of the others' rows of the mass matrix.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from haptid.device import NewtonClosure
 from haptid.device.expressions import number
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.arithmetic import Points, Reals
-from haptid.dynamics.symbolic.chain import States, SymbolicChain, measured_rows
+from haptid.dynamics.symbolic.chain import States, SymbolicChain
 from haptid.dynamics.symbolic.geometry import SymbolicFrame, joint_placements, placement_residues
 from haptid.dynamics.symbolic.regressor import Columns, rows_at
 from haptid.dynamics.symbolic.symbols import CHECKED
@@ -79,7 +80,7 @@ class ClosedRows:
     def at(
         self, rng: np.random.Generator, lengths: Sequence[Mapping[str, float]], columns: Sequence[int], most: int
     ) -> list[RowsAtLengths | None]:
-        """Rows of measured torque at each set; None where loops do not close.
+        """Rows of the torques of all active joints at each set; None where loops do not close.
 
         Args:
             rng: random generator.
@@ -87,8 +88,7 @@ class ClosedRows:
             columns: those of the standard parameters wanted.
             most: columns in a relation.
         """
-        projection = self._projection
-        states = max(_STATES, -(-_TIMES * most // len(projection)))
+        states = max(_STATES, -(-_TIMES * most // len(self.model.device.active)))
         points = self._points(lengths)
         closed = self._closed(rng, points, states)
         good = [k for k, pose in enumerate(closed) if pose is not None]
@@ -96,17 +96,11 @@ class ClosedRows:
         if good:
             q, B = (np.concatenate([pose[part] for pose in closed if pose is not None]) for part in (0, 1))
             raw = rows_at(self.chain, self._states(rng, q, B), points.at(np.array(good)), states, rng)
-            rows = ((projection @ np.swapaxes(B, 1, 2)) @ raw).reshape(len(good), -1, raw.shape[2])
+            rows = (np.swapaxes(B, 1, 2) @ raw).reshape(len(good), -1, raw.shape[2])
             sizes = np.linalg.norm(rows, axis=1).max(axis=1)
             for k, W, size in zip(good, rows @ self.members[:, list(columns)], sizes.tolist(), strict=True):
                 found[k] = W, size
         return found
-
-    @property
-    def _projection(self) -> Array:
-        """Measured torques by those of the active joints, (rows, active)."""
-        rows = measured_rows(self.model.device)
-        return np.eye(len(self.model.device.active)) if rows is None else np.array(rows, dtype=float)
 
     def _points(self, lengths: Sequence[Mapping[str, float]]) -> Points:
         """Values of all symbols at sets of named lengths; lengths that are written as formulas follow."""

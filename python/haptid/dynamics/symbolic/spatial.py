@@ -17,7 +17,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device, NewtonClosure
-from haptid.dynamics.base_parameters import NO_EFFECT
+from haptid.device.toml.reader import resized
+from haptid.dynamics.base_parameters import NO_EFFECT, random_regressor
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Powers
 from haptid.dynamics.symbolic.chain import SymbolicChain, assembled, linear_motion
@@ -26,7 +27,7 @@ from haptid.dynamics.symbolic.interpolation import EXPONENT_RANGES, monomials, w
 from haptid.dynamics.symbolic.loops import opened_tree
 from haptid.dynamics.symbolic.regressor import Columns
 from haptid.dynamics.symbolic.symbols import DIMENSIONS, LENGTH, Dimension, Symbol, dimension_ratio
-from haptid.errors import RegroupingError
+from haptid.errors import LoopClosureError, RegroupingError, SingularityError
 
 # Random sets of lengths: few first, more for coefficients that do not fit.
 _SETS = (8, 32)
@@ -156,7 +157,7 @@ class _Numbers:
         split: tuple[Sequence[int], Sequence[int]],
         seed: int,
     ) -> None:
-        self._model, self._rng, base = model, np.random.default_rng(seed), model.base
+        self._model, self._order, self._rng, base = model, order, np.random.default_rng(seed), model.base
         self._rows, (self._kept, self._dropped) = ClosedRows.of(model, columns), split
         self.varied = [Symbol(name, model.device.lengths[name], LENGTH) for name in varied(model.device)]
         self.lengths: list[Mapping[str, float]] = [{symbol.name: symbol.value for symbol in self.varied}]
@@ -214,8 +215,19 @@ class _Numbers:
                 raise _unclear(self._model, "its relations with the loops closed hold at the device's own lengths only")
 
     def _at(self, lengths: Sequence[Mapping[str, float]]) -> list[RowsAtLengths | None]:
+        if not all(self._model.device.measured):
+            return [self._moving(each) for each in lengths]
         most = max(len(kept) for kept in self._support.values())
         return self._rows.at(self._rng, lengths, self._columns, most)
+
+    def _moving(self, lengths: Mapping[str, float]) -> RowsAtLengths | None:
+        """Rows of measured torque at one set, in motion: only all torques at rest imply those in motion."""
+        try:
+            model = DynamicModel(resized(self._model.device, lengths))
+            W = random_regressor(model, seed=0, columns=len(self._kept))
+        except (LoopClosureError, SingularityError):
+            return None
+        return W[:, [self._order[k] for k in self._columns]], float(np.linalg.norm(W, axis=0).max())
 
     @property
     def _columns(self) -> list[int]:
