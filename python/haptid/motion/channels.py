@@ -234,8 +234,8 @@ def _expect_seen(device: Device, log: Log) -> None:
         if term.kind == "spring"
         for name in (active if term.joints == "all" else term.joints or ())
     }
-    moved = _moved(device)
-    unseen = [name for k, name in zip(device.active, active, strict=True) if name in held and not moved[k]]
+    moved = _acted_on(device, device.driven)
+    unseen = [name for name, own in zip(active, moved, strict=True) if name in held and not own]
     if not unseen or len(names) - log.position.shape[1] != len(unseen):
         return
     words = {word for source in log.channels.position.channels for word in re.split(r"[^\w]|_", source)}
@@ -264,11 +264,14 @@ def _expect_seen(device: Device, log: Log) -> None:
 
 
 def _expect_torque_of_springs(device: Device) -> None:
-    """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one."""
-    moved = {joint.name for joint, own in zip(device.joints, _moved(device), strict=True) if own}
-    active = {device.joints[k].name for k in device.active}
+    """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one.
+
+    That of a joint behind an elastic motor is known to be zero: there the spring is in a row of its own.
+    """
+    told = _acted_on(device, ~device.unknown_torque)
+    still = {device.joints[k].name for k, own in zip(device.active, told, strict=True) if not own}
     springs = [term for term in device.tables.terms if term.kind == "spring" and term.joints not in (None, "all")]
-    unseen = sorted({name for term in springs for name in term.joints or ()} & active - moved)
+    unseen = sorted({name for term in springs for name in term.joints or ()} & still)
     if unseen:
         raise LogMismatchError(
             f"a spring holds {', '.join(unseen)}, which no motor moves: its torque is in no torque that is measured, "
@@ -280,9 +283,10 @@ def _expect_torque_of_springs(device: Device) -> None:
         )
 
 
-def _moved(device: Device) -> np.ndarray:
-    """Which joints motors with a torque act on, (joints,)."""
-    return np.asarray((device.drive_rows[[drive.motorised for drive in device.drives]] != 0).any(axis=0))
+def _acted_on(device: Device, drives: np.ndarray) -> np.ndarray:
+    """Which active joints some drives, as indices or mask, act on, by passive joints of a loop too, (active,)."""
+    rates = np.abs(device.closure.constant) + device.closure.varying
+    return np.asarray((np.abs(device.drive_rows[drives]) @ rates).any(axis=0))
 
 
 def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
