@@ -64,6 +64,7 @@ def test_an_error_in_utf_16_text_names_its_line(tmp_path: Path) -> None:
     [
         ("cp1252", ["Zeit [s]", "Größe 1 [°]", "Stellkraft [µm]"], ["s", "°", "µm"]),
         ("gbk", ["时间 [s]", "关节角 [°]", "力矩 [N·m]"], ["s", "°", "N·m"]),
+        ("gbk", ["时间 [s]", "髋关节角θ [°]", "踝关节力矩τ [N·m]"], ["s", "°", "N·m"]),
         ("utf-8", ["Zeit [s]", "Größe 1 [°]", "力矩 [N·m]"], ["s", "°", "N·m"]),
     ],
 )

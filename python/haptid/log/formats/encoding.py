@@ -12,9 +12,10 @@ from haptid.errors import LogFileError
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # Bytes that tell the encoding, and most of a character that may be cut at their end.
 _HEAD, _CUT = 2**16, 3
-# Bytes above 7-bit codes, and pairs of GB 2312: symbols, full-width letters and the 3755 usual characters. In Western
-# texts such bytes stand alone, or in other pairs.
-_HIGH, _CHINESE = re.compile(rb"[\x80-\xff]+"), re.compile(rb"(?:[\xa1\xa3\xb0-\xd7][\xa1-\xfe])+")
+# Bytes above 7-bit codes, and pairs of GB 2312: symbols, full-width and Greek letters and characters, of which most are
+# among the 3755 usual ones. In Western texts such bytes stand alone, or in other pairs.
+_HIGH, _CHINESE = re.compile(rb"[\x80-\xff]+"), re.compile(rb"(?:[\xa1\xa3\xa6\xb0-\xf7][\xa1-\xfe])+")
+_RARE = 0xD8
 
 
 def encoding_of(head: bytes) -> str:
@@ -26,8 +27,16 @@ def encoding_of(head: bytes) -> str:
     except UnicodeDecodeError as error:
         if error.start < len(head) - _CUT or error.reason != "unexpected end of data":
             runs = _HIGH.findall(head)
-            return "gbk" if all(_CHINESE.fullmatch(run) for run in runs[:-1] or runs) else "cp1252"
+            return "gbk" if _is_chinese(runs[:-1] or runs) else "cp1252"
     return "utf-8-sig"
+
+
+def _is_chinese(runs: list[bytes]) -> bool:
+    """Whether runs of bytes above 7-bit codes are characters of GB 2312, most of them usual ones."""
+    if not all(_CHINESE.fullmatch(run) for run in runs):
+        return False
+    first = b"".join(runs)[::2]
+    return 2 * sum(byte < _RARE for byte in first) > len(first)
 
 
 def text_of(raw: bytes) -> str:
