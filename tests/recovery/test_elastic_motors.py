@@ -28,6 +28,7 @@ from haptid.log.spectrum import spectra
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, noise_shares, with_bounds
 from haptid.treatment_choice.hidden_joints import complete_logs
 from haptid.treatment_choice.noise_effect import encoder_noise, possible_noise
+from haptid.uncertainty.figures import per_cent
 
 
 def test_inverse_dynamics_of_one_axis_is_the_closed_form():
@@ -287,17 +288,21 @@ def test_noise_of_the_positions_is_no_more_than_the_residual_holds():
         assert (share < 0.1).all() if reduced else (share > 0.7).all()
 
 
-def test_stiffness_and_damping_that_are_not_well_known_are_told_with_their_bounds():
-    """Torque noise of 40 % of the torque leaves the damping open, which a note says in per cent."""
+@pytest.mark.parametrize("noise", [0.4, 4.0])
+def test_stiffness_and_damping_that_are_not_well_known_are_told_with_their_bounds(noise):
+    """Torque noise leaves the damping open, which a note says in per cent, above 100 % too."""
     good = haptid.estimate(haptid.observe(axis(), treated(recorded())), haptid.WLS())
     assert with_bounds(good, 11.0).notes == good.notes
     rough = np.random.default_rng(0).standard_normal(recorded().torque.shape)
-    noisy = replace(recorded(), torque=recorded().torque + 0.4 * recorded().torque.std() * rough)
+    noisy = replace(recorded(), torque=recorded().torque + noise * recorded().torque.std() * rough)
     poor = haptid.estimate(haptid.observe(axis(), treated(noisy)), haptid.WLS())
     (note,) = set(with_bounds(poor, 11.0).notes) - set(poor.notes)
     low, high = poor["DE1"].conf_int()
-    assert f"DE1 within {50 * (high - low) / poor['DE1'].value:.2g} %" in note
-    assert "KE1" not in note
+    known = 50 * (high - low) / abs(poor["DE1"].value)
+    assert (known > 100) == (noise > 1)
+    assert f"DE1 within {per_cent(known)}" in note
+    assert "e+" not in note
+    assert ("KE1" in note) == (noise > 1)
 
 
 def test_stiffness_that_noise_hides_is_refused_with_the_motion_that_shows_it():

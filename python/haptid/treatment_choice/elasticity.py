@@ -27,6 +27,7 @@ from haptid.log.spectrum import bandwidth, spectra
 from haptid.motion.motion import treat
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.noise_effect import possible_noise
+from haptid.uncertainty.figures import per_cent
 
 # Largest relative standard error of a stiffness that counts as known, and largest share of noise in its column.
 _KNOWN, _NOISE = 0.25, 0.1
@@ -146,7 +147,7 @@ def with_bounds(found: Estimate, highest: float) -> Estimate:
     notes = []
     for drive in found.model.device.elastic:
         wide = [
-            f"{name} within {known:.2g} % (wanted {wanted:g} %)"
+            f"{name} within {per_cent(known)} (wanted {wanted:g} %)"
             for nature, wanted in _WANTED.items()
             for name in parameters_of(found.model, drive, nature)
             if (known := _within(found, name)) > wanted
