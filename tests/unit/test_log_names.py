@@ -58,6 +58,8 @@ TAU = Q + np.cos(5.0 * T)
         ("time;cart_position;pendulum_angle;cart_force;pendulum_torque", (T, Q, Q, TAU, TAU), ("time", "s"),
          (["cart_position", "pendulum_angle"], ["m", "rad"]), (["cart_force", "pendulum_torque"], ["N", "N m"])),
         ("t;x;F", (T, Q, TAU), ("t", "s"), (["x"], "m"), (["F"], "N")),
+        ("t;joint_displacement1;joint_displacement2;torque1;torque2", (T, Q, P, TAU, TAU), ("t", "s"),
+         (["joint_displacement1", "joint_displacement2"], "rad"), (["torque1", "torque2"], "N m")),
         ("t;x1;x2;x3;x4;u1;u2", (T, Q, P, np.gradient(Q, T), np.gradient(P, T), TAU, Q + np.cos(4 * T)),
          ("t", "s"), (["x1", "x2"], "rad"), (["u1", "u2"], "N m")),
         ("t;x;xdot;u", (T, Q, np.gradient(Q, T), TAU), ("t", "s"), (["x"], "m"), (["u"], "N")),
@@ -146,6 +148,25 @@ def test_x_y_and_z_of_a_point_are_no_joints(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     np.savetxt(path, np.column_stack((T, Q, 2 * Q, Q**2, TAU)), delimiter=",", header="t,x,y,z,F", comments="")
     assert survey(path).table == ""
+
+
+@pytest.mark.parametrize("joints", [(), (("shoulder",), ("elbow",), ("wrist",))])
+def test_torques_are_in_the_order_of_the_positions_by_their_numbers(
+    tmp_path: Path, joints: tuple[tuple[str, ...], ...]
+) -> None:
+    path = tmp_path / "log.csv"
+    for names, torques, asked in (
+        ("q1,q2,q3", "tau3,tau1,tau2", ["tau1", "tau2", "tau3"]),
+        ("q_3,q_2,q_1", "u_1,u_2,u_3", ["u_3", "u_2", "u_1"]),
+        ("q0,q1,q2", "u1,u2,u3", ["u1", "u2", "u3"]),
+    ):
+        columns = np.column_stack((T, Q, P, Q + P, TAU, TAU + P, TAU - P))
+        np.savetxt(path, columns, delimiter=",", header=f"t,{names},{torques}", comments="")
+        table = survey(path, joints=joints).table
+        assert tomllib.loads(table)["channels"]["torque"]["channels"] == asked
+        assert "check the order" not in table
+    path.write_text(path.read_text().replace("u3", "u4"))
+    assert "4 where those of the positions are 0, 1, 2: check the order" in survey(path, joints=joints).table
 
 
 def test_displacements_of_revolute_joints_may_be_degrees(tmp_path: Path) -> None:

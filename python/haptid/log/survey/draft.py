@@ -67,7 +67,7 @@ def channels_table(
     if joint_like := [family for family in positions if not family.of_a_point]:
         positions, torques = joint_like, [family for family in torques if not family.of_a_point]
     rates = [family.of(joints) for family in channel_families(topics, "velocity", joints)]
-    pairs = [(p, t if joints else t.ordered(p)) for p in positions for t in torques]
+    pairs = [(p, t if t.known else t.ordered(p)) for p in positions for t in torques]
     position, torque = max(pairs, key=lambda pair: _fit(*pair), default=(positions[0], None))
     if joints and len(position.channels) > len(joints) == len(moved := _moved(position)):
         count = len(position.channels)
@@ -140,6 +140,8 @@ def _other_order(position: ChannelFamily, torque: ChannelFamily) -> str:
     odd = [pair for pair in pairs if pair[0] != pair[1]]
     if not both or len(pairs) < _FEWEST or not both[0] & both[1] or not odd:
         return ""
+    if all(name.isdecimal() for pair in pairs for name in pair) and len({int(b) - int(a) for a, b in pairs}) == 1:
+        return ""  # one is counted from 0
     ones, others = (", ".join(names) for names in zip(*odd[:_NAMED], strict=True))
     return f"; their joints are called {others} where those of the positions are {ones}: check the order"
 

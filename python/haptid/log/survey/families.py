@@ -46,6 +46,8 @@ _KIND = (
     | _TREATED
 )
 _SEPARATOR = re.compile(r"([./ _])")
+# A joint's number behind what all joints have in their names.
+_NUMBERED = re.compile(r"(?P<word>\D*[^\W\d]_?)(?P<number>[0-9]{1,6})")
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,12 @@ class ChannelFamily:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """What the channels' names differ in: the joints' names or numbers."""
-        return tuple(_joint_words(c.name, self.channels) for c in self.channels)
+        """What the channels' names differ in: the joints' names, or numbers, as of `q1`, `q2` and `tau1`, `tau2`."""
+        words = tuple(_joint_words(c.name, self.channels) for c in self.channels)
+        split = [_NUMBERED.fullmatch(word) for word in words]
+        numbers = [str(int(m["number"])) for m in split if m]
+        alike = len({m["word"] for m in split if m}) == 1 and len(set(numbers)) == len(words)
+        return tuple(numbers) if alike else words
 
     def only(self, kept: Sequence[int], count: int) -> ChannelFamily:
         """Some of the channels, by number, of a family of this many; of another size as it is."""

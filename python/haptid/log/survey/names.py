@@ -211,7 +211,10 @@ def drive_unit(words: frozenset[str]) -> str:
 
 def is_straight(words: frozenset[str]) -> bool:
     """Whether words of a position are those of what moves straight, a cart's `x` too."""
-    return words == {"x"} or bool(words & _STRAIGHT and not words & {"angle", "ang", "angular", "theta", "winkel"})
+    said = words & _STRAIGHT
+    of_a_joint = said == {"displacement"} and "joint" in words  # of a joint of any kind
+    turns = of_a_joint or bool(words & {"angle", "ang", "angular", "theta", "winkel"})
+    return words == {"x"} or bool(said and not turns)
 
 
 def is_time(name: str) -> bool:
