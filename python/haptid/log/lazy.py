@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # Samples that are computed together, at fixed places, so that the result does not depend on what is sliced first.
 CHUNK = resampling.SAMPLES_RESAMPLED
 # Chunks of all arrays that are cached: those that one segment of rows needs, and their neighbours.
-HELD = 8
+HELD = 16
 
 
 @dataclass(frozen=True, eq=False)

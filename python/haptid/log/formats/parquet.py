@@ -33,7 +33,7 @@ _TOLD = 1000
 # Options of opening: bytes are read as they are needed.
 SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
 # Row groups that are cached: those at both ends of a segment of rows, of positions and of torques.
-GROUPS_HELD = 3
+GROUPS_HELD = 4
 
 
 # Logs up to this are read as a whole, bytes: Arrow allocates what a page of a file declares, up to 2 GiB.
