@@ -45,7 +45,10 @@ def noise_effect(
     untimed = replace(treatment, torque_delay_s=0.0)
     try:
         as_is = least_squares(rows)
-        more, less = map(least_squares, _with_possible_noise(rows, as_is, logs, spectra)[1])
+        # A rigid fit may have taken up noise that repeats with the motion, so that its residual bounds nothing.
+        elastic = bool(rows.model.device.elastic)
+        noise = possible_noise(rows, as_is, logs, spectra) if elastic else encoder_noise(logs, spectra)
+        more, less = map(least_squares, _moved(rows, logs, noise))
         filtered = [np.asarray(treat(log, untimed).q[:]) for log in logs]
         twice = least_squares(_with_positions(rows, filtered))
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
@@ -71,32 +74,26 @@ def possible_noise(
         logs: recordings.
         spectra: of each log's position channels.
     """
-    return _with_possible_noise(rows, beta, logs, spectra)[0]
-
-
-def _with_possible_noise(
-    rows: Observation, beta: Array, logs: Sequence[Log], spectra: Sequence[Sequence[Spectrum]]
-) -> tuple[list[Array], tuple[Observation, Observation]]:
-    """`possible_noise`, and the rows with it added to the positions and subtracted."""
     noise, left = encoder_noise(logs, spectra), _squares_left(rows, beta)
 
-    def moved(noise: Sequence[Array]) -> tuple[Observation, Observation]:
-        measured = [np.asarray(log.position[:]) for log in logs]
-        more, less = ([q + sign * n for q, n in zip(measured, noise, strict=True)] for sign in (1, -1))
-        return _with_positions(rows, more), _with_positions(rows, less)
+    def explained(noise: Sequence[Array]) -> Array:
+        return np.asarray(0.5 * sum(_squares_left(one, beta) for one in _moved(rows, logs, noise)) - left)
 
-    def explained(both: tuple[Observation, Observation]) -> Array:
-        return np.asarray(0.5 * sum(_squares_left(one, beta) for one in both) - left)
-
-    both = moved(noise)
-    if np.all(explained(both) <= left):
-        return noise, both
+    if np.all(explained(noise) <= left):
+        return noise
     for k in range(noise[0].shape[1]):
-        made = explained(moved([np.where(np.arange(n.shape[1]) == k, n, 0.0) for n in noise]))
+        made = explained([np.where(np.arange(n.shape[1]) == k, n, 0.0) for n in noise])
         share = np.min(left[made > left] / made[made > left], initial=1.0)
         for n in noise:
             n[:, k] *= np.sqrt(share)
-    return noise, moved(noise)
+    return noise
+
+
+def _moved(rows: Observation, logs: Sequence[Log], noise: Sequence[Array]) -> tuple[Observation, Observation]:
+    """Rows with noise added to the positions, and with it subtracted."""
+    measured = [np.asarray(log.position[:]) for log in logs]
+    more, less = ([q + sign * n for q, n in zip(measured, noise, strict=True)] for sign in (1, -1))
+    return _with_positions(rows, more), _with_positions(rows, less)
 
 
 def _with_positions(rows: Observation, positions: Sequence[Array]) -> Observation:
