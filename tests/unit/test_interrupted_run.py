@@ -174,6 +174,33 @@ def test_an_interruption_is_none_of_writing(tmp_path: Path, monkeypatch: pytest.
     assert (kept.folder / "one.npz").read_bytes() == b"content"
 
 
+def test_a_part_is_closed_before_it_is_renamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows renames no open file."""
+    replace = os.replace
+
+    def closed(source: str, place: Path) -> None:
+        assert source not in {file.path for file in psutil.Process().open_files()}
+        replace(source, place)
+
+    monkeypatch.setattr(os, "replace", closed)
+    kept = RFactorCache(tmp_path / "parts")
+    kept.put(kept.folder / "one.npz", b"content")
+    assert (kept.folder / "one.npz").read_bytes() == b"content"
+
+
+def test_another_run_that_is_complete_ends_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It deletes the folder of both while this one writes a part."""
+    replace, kept = os.replace, RFactorCache(tmp_path / "parts")
+
+    def deleted(source: str, place: Path) -> None:
+        kept.forget()
+        replace(source, place)
+
+    monkeypatch.setattr(os, "replace", deleted)
+    kept.put(kept.folder / "one.npz", b"content")
+    assert not kept.folder.exists()
+
+
 def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:
     out = tmp_path / "out"
     run = start(study, out, "--workers", "2", "--quiet")

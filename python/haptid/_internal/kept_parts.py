@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
@@ -30,16 +31,20 @@ class KeptParts:
         return cls(target.with_name(f".{target.name}.partial"))
 
     def put(self, path: Path, content: bytes) -> None:
-        """Write to a temporary file and rename it, so that a file is complete or absent."""
-        self.folder.mkdir(exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
-            try:
-                file.write(content)
-                file.flush()
-                os.replace(file.name, path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)  # an interruption may come after the renaming
-                raise
+        """Write to a temporary file and rename it, so that a file is complete or absent.
+
+        It is absent where another run into the same results is complete, and deletes the folder, meanwhile.
+        """
+        with suppress(FileNotFoundError):
+            self.folder.mkdir(exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=self.folder, delete=False) as file:
+                try:
+                    file.write(content)
+                    file.close()  # Windows renames no open file
+                    os.replace(file.name, path)
+                except BaseException:
+                    Path(file.name).unlink(missing_ok=True)  # an interruption may come after the renaming
+                    raise
 
     def count(self) -> int:
         """Number of parts, of any run."""
