@@ -34,7 +34,7 @@ def names(path: Path) -> list[str]:
     """Names of the channels of all datasets of numbers."""
     require(path, _KIND, "HDF5", "MAT 7.3")
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
-        return [own for name, dataset in _datasets(file, titled=True).items() for own in _channels(name, dataset)]
+        return [own for name, dataset in _datasets(file).items() for own in _channels(name, dataset)]
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
@@ -55,7 +55,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, RawChannel]:
 def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[RawChannel]:
     """Rows start..stop of channels, each (stop - start,)."""
     with opened_file(path, _KIND), h5py.File(path, "r", locking=False) as file:
-        every = _datasets(file, titled=False) | _datasets(file, titled=True)
+        every = _datasets(file, numbered=True)
         places = {own: (dataset, at) for name, dataset in every.items() for own, at in _channels(name, dataset).items()}
         return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
 
@@ -67,7 +67,7 @@ def _only(at: Address, start: int, stop: int) -> Address:
 
 def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, RawChannel]]:
     budget = Budget(path)
-    for name, dataset in (_datasets(file, titled=False) | _datasets(file, titled=True)).items():
+    for name, dataset in _datasets(file, numbered=True).items():
         found = _channels(name, dataset)
         requested = [w for w in wanted if w in found or w == name]
         if not requested:
@@ -84,13 +84,14 @@ def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tup
         yield from ((w, np.asarray(dataset[found[w]])) for w in requested if w in found)
 
 
-def _datasets(file: h5py.File, titled: bool) -> dict[str, Any]:
+def _datasets(file: h5py.File, numbered: bool = False) -> dict[str, Any]:
     """Every dataset of the file itself by its full name; links to other files are not followed.
 
-    Cells and arrays of structs of MATLAB are references to their content, `out.signals[2].values` as in a MAT 5 file.
+    Cells and arrays of structs of MATLAB are references to their content, `out.signals[2].values` as in a MAT 5 file;
+    those of structs that say a name of their array have it, `out.signals.q1 [rad]`.
 
     Args:
-        titled: whether those of structs that say a name of their array have it, `out.signals.q1 [rad]`.
+        numbered: whether the latter are also there by their number.
     """
     found: dict[str, Any] = {}
     visited, groups = 0, list[str]()
@@ -108,13 +109,13 @@ def _datasets(file: h5py.File, titled: bool) -> dict[str, Any]:
             add(name, item, 0)
 
     def add(name: str, item: object, depth: int) -> None:
-        if isinstance(item, h5py.Group) and (titles := titled_values(item) if titled else {}):
-            groups.append(name)
+        if isinstance(item, h5py.Group) and (titles := titled_values(item)):
+            groups.extend([] if numbered else [name])
             found.update({f"{name}.{title}": values for title, values in titles.items()})
         elif isinstance(item, h5py.Dataset):
             cells = referenced(item) if depth < _DEEPEST else []
             if not cells:
-                found[name] = item
+                found.setdefault(name, item)
             for k, cell in enumerate(cells, 1):
                 count()
                 own = element_name(name, k, cells, item)
