@@ -1,6 +1,7 @@
 """`haptid pool` interrupted and given again: what is done is not done twice, unless it has changed."""
 
 import json
+import shutil
 
 import pyarrow as pa
 import pytest
@@ -101,6 +102,16 @@ def test_what_has_changed_or_is_broken_is_reduced_again(study, made, interrupted
     study.write_text(STUDY.replace("cutoff_hz = 30", "cutoff_hz = 25"))
     identify_pool(read_study(study), str(study.parent / "set"), kept=kept)
     assert len(made[1:]) == FILES
+
+
+def test_files_of_another_folder_are_others(study, made, interrupted):
+    """Also where names, sizes and times agree, as of two robots that record together."""
+    kept, _ = interrupted
+    other = shutil.copytree(study.parent / "set", study.parent / "other")
+    for file, of_other in zip(data_files(str(study.parent / "set")), data_files(str(other)), strict=True):
+        assert (file.name, file.size, file.version) == (of_other.name, of_other.size, of_other.version)
+    identify_pool(read_study(study), str(other), kept=kept)
+    assert made[1:] == [f"{k}.parquet" for k in range(FILES)]
 
 
 def test_files_that_fail_are_tried_again(study, made):

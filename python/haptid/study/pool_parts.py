@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -69,8 +69,9 @@ class ReducedFile:
 class PoolParts(KeptParts):
     """One file for each file of a data set that gives rows, by what these depend on.
 
-    A file is the same where its name, its size and what its file system says of its version are: reading all of them
-    again, to compare their content, would take as long as the transfer of a data set.
+    A file is the same where its place, its size and what its file system says of its version are: reading all of them
+    again, to compare their content, would take as long as the transfer of a data set. Names alone are not enough: those
+    of two robots that record together agree, and so may sizes and, from an archive, times in whole seconds.
     """
 
     noun: ClassVar[str] = "files"
@@ -107,5 +108,5 @@ class PoolParts(KeptParts):
         self.put(self._path(study, file), buffer.getvalue())
 
     def _path(self, study: str, file: DataFile) -> Path:
-        content = json.dumps((study, file.name, file.size, file.version))
+        content = json.dumps((study, *astuple(file)))
         return self.folder / (hashlib.sha256(content.encode()).hexdigest()[:24] + self.suffix)
