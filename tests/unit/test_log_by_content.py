@@ -203,3 +203,13 @@ def test_joints_that_move_in_step_are_all_drafted(tmp_path: Path) -> None:
     table = survey(tmp_path).table
     assert tomllib.loads(table)["channels"]["position"]["joints"] == [1, 2, 3, 4, 5, 6]
     assert "is it input[1..6]?" in table
+
+
+def test_planned_positions_in_the_array_of_the_measured_ones_are_no_joints() -> None:
+    made = signals()
+    state = np.column_stack((made["q"], made["plan"], made["qd"], np.gradient(made["plan"], DT, axis=0)))
+    columns = {f"state[{k}]": state[:, k] for k in range(4 * JOINTS)}
+    columns |= {f"u[{k}]": made["tau"][:, k] for k in range(JOINTS)}
+    found = Content.of({"t": DT * np.arange(len(state)), **columns})
+    assert found.positions == ("state[0]", "state[1]", "state[2]")
+    assert found.torques == ("u[0]", "u[1]", "u[2]")

@@ -83,8 +83,8 @@ class Content:
             first = next(k for k, array in enumerate(arrays) if array == own.most_common(1)[0][0] and not steady[k])
         at = _whole_block(pairs, first, len(names))
         heads = sorted(i for i in at if i not in set(at.values()))
-        if len(set(arrays)) == 1 or {arrays[k] for k in heads} != {arrays[first]}:
-            heads = _measured(rows, heads)  # no array has the planned positions of its own
+        together = len(set(arrays)) > 1 and {arrays[k] for k in heads} == {arrays[first]}
+        heads = _measured(rows, heads, at if together else {})
         used = {*at, *at.values(), *_second_rates(at, heads, len(names))}
         step = _period(rows, [(k, at[k]) for k in heads if {k, at[k]} <= set(moving)])
         heads = _filled(heads, rows, used)
@@ -184,8 +184,12 @@ def _second_rates(at: dict[int, int], heads: list[int], size: int) -> set[int]:
     return {k for k in found if 0 <= k < size and k not in heads}
 
 
-def _measured(rows: NDArray[np.float64], heads: list[int]) -> list[int]:
-    """Positions without planned copies of their size, which are smoother; the first ones where none is rougher."""
+def _measured(rows: NDArray[np.float64], heads: list[int], own: Mapping[int, int]) -> list[int]:
+    """Positions without planned copies of their size, which are smoother; the first ones where none is rougher.
+
+    Args:
+        own: rates of positions in one array: those with different rates, of which none is rougher, move in step.
+    """
     z = _straightened(rows[heads]) if heads else rows
     rough = [float(np.std(np.diff(rows[k], 4)) / max(np.std(rows[k]), np.finfo(float).tiny)) for k in heads]
     size = rows[heads].std(axis=1)
@@ -193,6 +197,8 @@ def _measured(rows: NDArray[np.float64], heads: list[int]) -> list[int]:
     for a in range(len(heads)):
         for b in range(a + 1, len(heads)):
             alike = z[a] @ z[b] > _COPY and abs(size[a] - size[b]) < _SIZE * size[a]
+            if own and own.get(heads[a]) != own.get(heads[b]):
+                alike = alike and max(rough[a], rough[b]) > _ROUGHER * min(rough[a], rough[b])
             if a not in gone and b not in gone and alike:
                 gone.add(a if rough[b] > _ROUGHER * rough[a] else b)
     return [k for a, k in enumerate(heads) if a not in gone]
