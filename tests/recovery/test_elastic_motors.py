@@ -347,6 +347,7 @@ def test_structural_stiffness_that_no_encoder_sees_is_refused_with_what_shows_it
         haptid.propose(model, log)
     assert "elastic term" in caught.value.advice
     assert "gyroscope" in caught.value.advice
+    assert "remove the spring term" in caught.value.advice  # else the log with its position is refused as well
     without = axis(joints=[{"name": "mount"}, {"name": "1", "d": 0.3}], motors=motors, terms=terms[1:])
     with pytest.raises(LogMismatchError, match="1 position channels"):
         haptid.propose(without, log)

@@ -234,8 +234,8 @@ def _expect_seen(device: Device, log: Log) -> None:
         if term.kind == "spring"
         for name in (active if term.joints == "all" else term.joints or ())
     }
-    moved = _acted_on(device, device.driven)
-    unseen = [name for name, own in zip(active, moved, strict=True) if name in held and not own]
+    still = _without_known_torque(device)
+    unseen = [name for name in active if name in held & still]
     if not unseen or len(names) - log.position.shape[1] != len(unseen):
         return
     words = {word for source in log.channels.position.channels for word in re.split(r"[^\w]|_", source)}
@@ -256,7 +256,8 @@ def _expect_seen(device: Device, log: Log) -> None:
         found=log.position.shape[1],
         limit=len(names),
         advice=("" if known else "If another one is missing, map one channel for each, in this order. Else: ")
-        + f"Record its position ({', '.join(names)}) with an encoder, a gyroscope or a camera on what it carries. "
+        + f"Record its position ({', '.join(names)}) with an encoder, a gyroscope or a camera on what it carries, and "
+        "remove the spring term: its torque is in no measured one, and the other parameters are told without it. "
         "Where it gives in line with a motor's joint, leave the joint out and write an elastic term for that motor: "
         "stiffness is then found from the motor alone, by motion up to the resonance. Or leave it out as rigid: "
         "the diagnosis says up to which frequency that holds.",
@@ -264,12 +265,8 @@ def _expect_seen(device: Device, log: Log) -> None:
 
 
 def _expect_torque_of_springs(device: Device) -> None:
-    """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one.
-
-    That of a joint behind an elastic motor is known to be zero: there the spring is in a row of its own.
-    """
-    told = _acted_on(device, ~device.unknown_torque)
-    still = {device.joints[k].name for k, own in zip(device.active, told, strict=True) if not own}
+    """Raise LogMismatchError where a spring is on a joint that no motor moves: its torque is in no measured one."""
+    still = _without_known_torque(device)
     springs = [term for term in device.tables.terms if term.kind == "spring" and term.joints not in (None, "all")]
     unseen = sorted({name for term in springs for name in term.joints or ()} & still)
     if unseen:
@@ -283,10 +280,14 @@ def _expect_torque_of_springs(device: Device) -> None:
         )
 
 
-def _acted_on(device: Device, drives: np.ndarray) -> np.ndarray:
-    """Which active joints some drives, as indices or mask, act on, by passive joints of a loop too, (active,)."""
+def _without_known_torque(device: Device) -> set[str]:
+    """Names of active joints that no motor moves, by passive joints of a loop neither.
+
+    That of a joint behind an elastic motor is known to be zero: there a spring is in a row of its own.
+    """
     rates = np.abs(device.closure.constant) + device.closure.varying
-    return np.asarray((np.abs(device.drive_rows[drives]) @ rates).any(axis=0))
+    known = (np.abs(device.drive_rows[~device.unknown_torque]) @ rates).any(axis=0)
+    return {device.joints[k].name for k, own in zip(device.active, known, strict=True) if not own}
 
 
 def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
