@@ -140,6 +140,17 @@ def test_a_loop_in_space_of_which_one_torque_is_measured(tmp_path: Path) -> None
     assert row["XXcrankR"] == {"XXcrank": "1", "YYcrank": "-1", "Mv": "-crank^2", "MXrocker": "-crank^2/rocker"}
 
 
+@pytest.mark.parametrize("tilt", ["0.3", '"atan2(crank, bar)"'])
+def test_loops_in_space_with_a_named_angle(tmp_path: Path, tilt: str) -> None:
+    """It turns a frame by its own value, also at other lengths."""
+    text = SPATIAL.format(crank=0.08, bar=0.28, rocker=f"0.2\ntilt = {tilt}")
+    turned = text.replace('name = "v"\n', 'name = "v"\nrpy = ["tilt", 0, 0]\n')
+    assert turned != text
+    model = drawn(tmp_path, turned)
+    exact = model.regroupings  # raises RegroupingError where they differ, or where the loops do not close elsewhere
+    assert exact.independent_columns == model.base.independent_columns
+
+
 def test_numbers_that_loops_depend_on_have_to_be_named(tmp_path: Path) -> None:
     """Without a name the bar is a number, and so is what depends on it: no ratio of small integers."""
     unnamed = ('frame_a = { xyz = ["bar"', "frame_a = { xyz = [0.28")

@@ -74,7 +74,7 @@ class Symbol:
         """Its value at other named lengths than the device's own."""
         if self.written is None or not any(name in self.written for name in lengths):
             return self.value
-        if self.written in lengths:
+        if self.angle is None and self.written in lengths:
             return lengths[self.written]
         there, here = (number(self.written, names, CHECKED) for names in (lengths, own))
         if self.angle is None:
