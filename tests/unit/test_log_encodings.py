@@ -59,6 +59,14 @@ def test_an_error_in_utf_16_text_names_its_line(tmp_path: Path) -> None:
         format_of(path).names(path)
 
 
+def test_damaged_bytes_leave_utf_8_what_it_is(tmp_path: Path) -> None:
+    """As in the first line of a log from a serial port."""
+    path, names = tmp_path / "log.csv", ["t [s]", "θ [°]", "τ [mN·m]"]
+    path.write_bytes(b"# \xfe\x80\xff12\n" + (",".join(names) + "\n" + rows(",")).encode())
+    assert format_of(path).names(path) == names
+    assert list(format_of(path).units(path).values()) == ["s", "°", "mN·m"]
+
+
 @pytest.mark.parametrize(
     ("page", "names", "units"),
     [

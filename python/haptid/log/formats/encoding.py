@@ -16,6 +16,8 @@ _HEAD, _CUT = 2**16, 3
 # among the 3755 usual ones. In Western texts such bytes stand alone, or in other pairs.
 _HIGH, _CHINESE = re.compile(rb"[\x80-\xff]+"), re.compile(rb"(?:[\xa1\xa3\xa6\xb0-\xf7][\xa1-\xfe])+")
 _RARE = 0xD8
+# Characters of UTF-8 above 7-bit codes; in Western code pages a capital with an accent before a sign.
+_UTF_8 = re.compile(rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}")
 
 
 def encoding_of(head: bytes) -> str:
@@ -27,7 +29,11 @@ def encoding_of(head: bytes) -> str:
     except UnicodeDecodeError as error:
         if error.start < len(head) - _CUT or error.reason != "unexpected end of data":
             runs = _HIGH.findall(head)
-            return "gbk" if _is_chinese(runs[:-1] or runs) else "cp1252"
+            if _is_chinese(runs[:-1] or runs):
+                return "gbk"
+            told = sum(len(_UTF_8.findall(run)) for run in runs)
+            if told < sum(len(_UTF_8.sub(b"", run)) for run in runs):
+                return "cp1252"  # else UTF-8 with damaged bytes, as of a line that a port cut short
     return "utf-8-sig"
 
 
