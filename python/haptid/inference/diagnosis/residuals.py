@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from haptid._internal.arrays import Array, freeze_fields
+from haptid._internal.arrays import Array, freeze, freeze_fields
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
@@ -80,20 +80,20 @@ class Residuals:
 def residuals(estimate: Estimate) -> Residuals:
     """Residuals of all blocks of an estimate, one after the other."""
     motions = estimate.observation.motions
-    parts = [part for motion in motions for part in _of(estimate, motion)]
-    t, e, predicted, position, velocity, block = (
-        np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)
-    )
+    parts = list(zip(*(part for motion in motions for part in _of(estimate, motion)), strict=True))
+    # Each takes much memory of a long log: parts are given up as they are joined, and no array is copied again.
+    t, e, predicted, position, velocity, block = (np.concatenate(parts.pop(0), axis=-1) for _ in range(len(parts)))
+    e[:, block < 0] = np.nan
     rows = estimate.observation.motors
     return Residuals(
         labels=tuple(motor.label for motor in rows),
         units=tuple(motor.unit for motor in rows),
-        t=t,
+        t=freeze(t),
         step=motions[0].treatment.decimation * motions[0].dt,
-        e=np.where(block < 0, np.nan, e),
-        predicted=predicted,
-        position=position,
-        velocity=velocity,
+        e=freeze(e),
+        predicted=freeze(predicted),
+        position=freeze(position),
+        velocity=freeze(velocity),
         block=block.astype(int),
         filter_stride=max(filter_stride(motion) for motion in motions),
     )
