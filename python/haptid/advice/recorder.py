@@ -13,7 +13,6 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.torque_faults import clipped
 from haptid.log import Log
-from haptid.log.noise_alone import noise_alone
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
@@ -39,7 +38,7 @@ class ChannelFault:
         channel: index of it.
         samples: spoiled, (n,); all of them for a dead channel.
         share: of the samples.
-        size: the value at or about which it stays, or the step of a coarse one, in its own unit as the log has it.
+        size: the value at which it stays, or the step of a coarse one, in its own unit as the log has it.
     """
 
     kind: str
@@ -52,12 +51,8 @@ class ChannelFault:
 def faults(log: Log) -> Iterator[ChannelFault]:
     """Faults of a log's channels."""
     torque, position = np.asarray(log.torque), np.asarray(log.position)
-    for k, noise in enumerate(noise_alone(log)):
-        whole = np.ones(len(torque), dtype=bool)
-        if noise:
-            yield ChannelFault("dead torque", k, whole, 1.0, float(torque[:, k].mean()))
-        else:
-            yield from _torque_faults(torque[:, k], k)
+    for k in range(torque.shape[1]):
+        yield from _torque_faults(torque[:, k], k)
     for k in range(position.shape[1]):
         x = position[:, k]
         stuck = _stuck(x)

@@ -12,22 +12,11 @@ from haptid.device import Device
 from haptid.device.parts import DistributionLaw
 from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
-from haptid.log.noise_alone import check_torques
 from haptid.motion.motion import Motion
 
 
 def check_log(device: Device, log: Log) -> tuple[str, ...]:
-    """Check a log of motion against the device; returns notes on joints outside their limits and torques of noise.
-
-    Raises:
-        LogMismatchError: as `check_channels` does.
-        LogDataError: a torque channel shows noise alone, and is not marked with `constant_ok`.
-    """
-    return (*check_channels(device, log), *check_torques(log))
-
-
-def check_channels(device: Device, log: Log) -> tuple[str, ...]:
-    """Check a log, of held poses too, against the device's joints; returns a note for each joint outside its limits.
+    """Check a log against the device's joints; returns a note for each joint outside its limits.
 
     Raises:
         LogMismatchError: more or fewer channels than the device has coordinates or motors, or positions that do not fit

@@ -7,7 +7,7 @@ import numpy as np
 from haptid._internal.arrays import freeze
 from haptid.dynamics.static import StaticModel
 from haptid.errors import NoRowsError
-from haptid.motion.channels import check_channels
+from haptid.motion.channels import check_log
 from haptid.motion.holds import Poses
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import Block
@@ -27,7 +27,7 @@ def observe_poses(model: StaticModel, poses: Poses) -> Observation:
         NoRowsError: no motor has a row.
         LogMismatchError: the channels do not fit the device.
     """
-    check_channels(model.device, poses.log)
+    check_log(model.device, poses.log)
     chosen = list(model.base.independent_columns)
     Y = model.columns(poses.c.T, poses.approach.T)[:, chosen]
     used = model.used_rows(poses.approach.T).T

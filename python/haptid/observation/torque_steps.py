@@ -8,7 +8,6 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.log import Log
-from haptid.log.noise_alone import noise_alone
 from haptid.motion.channels import torque_map
 from haptid.observation.plan import Plan
 
@@ -39,15 +38,11 @@ def rounding_of(plan: Plan) -> Array:
 def steps_of(log: Log) -> tuple[Array, Array]:
     """The least step of each torque channel, in its own unit, and the share of samples that change, (channels,) each.
 
-    A channel that never changes may be anything between zero and twice its value: its value is its step. Where one
-    shows noise alone, its motor's torque may be as large as those of the others: their largest RMS is its error.
+    A channel that never changes may be anything between zero and twice its value: its value is its step.
     """
     if log not in _STEPS:
         tau = np.asarray(log.torque[:_ENOUGH])
         steps = np.abs(np.diff(tau, axis=0))
         least = np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
-        least, changes = np.where(np.isfinite(least), least, np.abs(tau[0])), (steps > 0).mean(axis=0)
-        dead = noise_alone(log)
-        unknown = float(np.sqrt(np.mean(tau**2, axis=0)).max()) / _EVEN
-        _STEPS[log] = np.where(dead, unknown, least), np.where(dead, 0.0, changes)
+        _STEPS[log] = np.where(np.isfinite(least), least, np.abs(tau[0])), (steps > 0).mean(axis=0)
     return _STEPS[log]

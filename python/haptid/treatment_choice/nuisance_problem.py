@@ -23,9 +23,6 @@ from haptid.observation.observation import MotorRows, Observation, stacked
 from haptid.observation.plan import Block
 from haptid.treatment_choice.first_fit import LEAST_EXCITED, residual_memory, solve_excited
 
-# Rows from which on the memory of a residual is that of a drift: two periods of the bandwidth behind the usual filter.
-# Times the design effect that rows are taken for dependent at most: of few blocks it is known to a factor.
-_DRIFT, _BEYOND_BLOCKS = 50.0, 3.0
 # The nuisance that a column belongs to, and the column.
 NuisanceColumn = tuple[int, CandidateColumns]
 
@@ -86,39 +83,11 @@ class NuisanceProblem:
 
     @cached_property
     def weights(self) -> Array:
-        """One over each motor's residual, less where rows are not independent, (motors,).
-
-        A prior counts beside the rows as much as these tell. The integral time of the residual says how many are
-        independent, unless it is that of a drift: what goes with the motion, which is faster, is told above the drift.
-        Then the covariance by time blocks bounds it.
-        """
-        step = self.motions[0].treatment.decimation * self.motions[0].dt
-        dependent = self.memory / step
-        if dependent > _DRIFT:
-            dependent = min(dependent, _BEYOND_BLOCKS * self._design_effect)
-        return np.asarray(self._own_weights / np.sqrt(max(dependent, 1.0)))
-
-    @cached_property
-    def _own_weights(self) -> Array:
-        """One over each motor's residual, (motors,)."""
+        """One over each motor's residual, less for residuals with memory: rows count as many as are independent."""
         without = np.append(self.beta, np.zeros(self.count))
-        return np.array([WLS().weight(motor, without) for motor in self.rows.motors])
-
-    @property
-    def _design_effect(self) -> float:
-        """Covariance of the nuisances by time blocks over that of independent rows, mean of the directions told.
-
-        Source: Kish (1965), Survey Sampling, section 8.2.
-        """
-        p, m = len(self.beta), self.count
-        solution = solve_excited(self.rows.motors, self._own_weights, np.zeros((0, p + m + 1)))
-        by_blocks = clustered(self.rows, self._own_weights, solution, np.eye(p + m)[p:]).covariance
-        values, vectors = np.linalg.eigh(solution.root[p:] @ solution.root[p:].T)
-        told = values > LEAST_EXCITED * values[-1]
-        if not told.any():
-            return np.inf
-        own = vectors[:, told] / np.sqrt(values[told])
-        return float(np.trace(own.T @ by_blocks @ own)) / int(told.sum())
+        w = np.array([WLS().weight(motor, without) for motor in self.rows.motors])
+        step = self.motions[0].treatment.decimation * self.motions[0].dt
+        return np.asarray(w / np.sqrt(max(self.memory / step, 1.0)))
 
     def residual(self, weights: Array) -> float:
         """Sum of squares that the base parameters leave of the rows, with the nuisances as they are.
