@@ -10,7 +10,7 @@ import pytest
 
 import haptid
 from haptid.errors import LogMismatchError
-from haptid.motion.channels import check_channels, position_channels, torque_channels
+from haptid.motion.channels import check_log, position_channels, torque_channels
 
 ARM = """
 gravity = [0.0, -9.81, 0.0]
@@ -72,7 +72,7 @@ def test_a_spring_is_refused_where_its_stiffness_is_no_base_parameter(
     signals = haptid.Signal(tuple(positions), "rad"), haptid.Signal(tuple(torques), "N m", side="motor")
     log = haptid.Log(Path("made"), "", 1e-3 * np.arange(100), q, tau, haptid.Channels(*signals, "t"))
     if told:
-        check_channels(device, log)
+        check_log(device, log)
     else:
         with pytest.raises(LogMismatchError, match="a spring holds 1, which no motor moves"):
-            check_channels(device, log)
+            check_log(device, log)
