@@ -27,7 +27,7 @@ from haptid.experiment import bench
 from haptid.log.spectrum import spectra
 from haptid.treatment_choice.elasticity import expect_elasticity, expect_fast_sampling, noise_shares, with_bounds
 from haptid.treatment_choice.hidden_joints import complete_logs
-from haptid.treatment_choice.noise_effect import encoder_noise, possible_noise
+from haptid.treatment_choice.noise_effect import encoder_noise, noise_effect, possible_noise
 from haptid.uncertainty.figures import per_cent
 
 
@@ -286,6 +286,9 @@ def test_noise_of_the_positions_is_no_more_than_the_residual_holds():
         (noise,) = possible_noise(rows, beta, [log], [found])
         share = noise.std(axis=0) / encoder_noise([log], [found])[0].std(axis=0)
         assert (share < 0.1).all() if reduced else (share > 0.7).all()
+        effect = noise_effect(rows, [log], [found], settings)["encoder noise"]
+        # Hundreds of times the encoders' own noise would move damping and friction by a tenth.
+        assert (np.abs(effect[0]) < 0.01 * np.abs(beta)).all()
 
 
 @pytest.mark.parametrize("noise", [0.4, 4.0])

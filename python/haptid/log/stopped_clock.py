@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 
-# A step below this share of the usual one is of a clock that stands; so many rows in a row, at least, are no jitter: of
+# A step below this share of the usual one is of a clock that stands; from this number of consecutive rows on it is no jitter: of
 # stamps in random order one step in four is as short. In the mean the steps are shorter: a burst of rows that are taken
 # at five times the rate is none.
 _STANDS, _ROWS, _MEAN = 0.3, 20, 0.1

@@ -26,7 +26,7 @@ from haptid.dynamics.symbolic.geometry import SymbolicFrame, joint_placements, p
 from haptid.dynamics.symbolic.regressor import Columns, rows_at
 from haptid.dynamics.symbolic.symbols import CHECKED
 
-# Random states at each set: at least so many, and so many rows for each column of a relation.
+# Fewest random states at each set, and fewest rows for each column of a relation.
 _STATES, _TIMES = 6, 4
 # Active joints are drawn within this distance of the start pose, rad or mechanism sizes, and nearer: of twice as many
 # states as are needed, those furthest away at which the loops close are taken.
