@@ -55,7 +55,7 @@ _FOLLOWS, _SHORTEST = 0.5, 7
 # Share, and number, of the clear steps in which the motion's count must differ from the times by this many periods.
 _MISCOUNTED, _FEWEST_MISCOUNTED, _DIFFERENT = 0.002, 10, 0.6
 # Of a log with more rows, pieces say first whether it may have such steps, at this share of the share above: the first
-# and the roughest of so many rows each in every so many. The roughest have at least the share of the whole log.
+# and the roughest piece of this length in each group. The roughest have at least the share of the whole log.
 _LONG, _PIECE, _GROUP, _SUSPECT = 2**17, 2**10, 16, 1 / 3
 # Change of the speed from a step to the next, over its noise and over the speed, from which on a step is rough: one of
 # other periods changes it by a whole speed, and is clear from ten deviations of a step's noise on.

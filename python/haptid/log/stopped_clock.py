@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
 
-# A step below this share of the usual one is of a clock that stands; from this number of consecutive rows on it is no jitter: of
-# stamps in random order one step in four is as short. In the mean the steps are shorter: a burst of rows that are taken
-# at five times the rate is none.
+# A step below this share of the usual one is of a clock that stands. From this number of consecutive ones on it is no
+# jitter: of stamps in random order one step in four is as short. In the mean the steps are shorter: a burst of rows
+# that are taken at five times the rate is none.
 _STANDS, _ROWS, _MEAN = 0.3, 20, 0.1
 # Rows before and after, in lengths of the run, in which longer steps make up for it, as of rows that were held up; and
 # the share of the time lost that they make up for at least.
