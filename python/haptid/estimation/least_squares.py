@@ -15,6 +15,10 @@ from haptid.observation.r_factor import r_factor
 
 # Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
 EXCITED = 1e-10
+# Part of a column, of unit length, that is not explained by others, below which it is not excited on its own.
+_ON_ITS_OWN = 1e-7
+# Share of a parameter in a direction that is not excited, above which its value is unknown.
+_SHARE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,3 +165,20 @@ def weakest_direction(R: Array) -> tuple[int, float]:
         return int(np.argmin(lengths)), 0.0
     _, singular, directions = np.linalg.svd(R / lengths)
     return int(np.argmax(np.abs(directions[-1]))), float(singular[-1] / singular[0])
+
+
+def unexcited(R: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Columns of an R factor to leave out so that the others are independent, and those whose parameters are unknown.
+
+    Unknown are those left out and all that share a direction with them.
+    """
+    lengths = np.linalg.norm(R, axis=0)
+    unit = R / np.where(lengths > 0, lengths, 1.0)
+    _, triangular, order = linalg.qr(unit, pivoting=True, mode="economic")
+    sizes = np.abs(np.diag(triangular))
+    rank = int((sizes > _ON_ITS_OWN * max(sizes[0], np.finfo(float).tiny)).sum())
+    if rank == len(order):
+        return (), ()
+    shared = linalg.solve_triangular(triangular[:rank, :rank], triangular[:rank, rank:])
+    unknown = [*order[rank:], *order[:rank][(np.abs(shared) > _SHARE).any(axis=1)]]
+    return tuple(sorted(map(int, order[rank:]))), tuple(sorted(map(int, unknown)))

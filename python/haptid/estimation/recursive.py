@@ -14,24 +14,19 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, positive
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError, setting_error
 from haptid.estimation.estimate import Estimate, estimate
 from haptid.estimation.intervals.covariance import Intervals
-from haptid.estimation.least_squares import solve
+from haptid.estimation.least_squares import solve, unexcited
 from haptid.estimation.method import expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.plan import LEAST_BLOCKS, Block
 from haptid.observation.r_factor import r_factor
 
-# Part of a column, of unit length, that is not explained by others, below which it is not excited on its own.
-_EXCITED = 1e-7
-# Share of a parameter in a direction that is not excited, above which its value is unknown.
-_SHARE = 1e-5
 # Clusters span this many time constants of the forgetting; what is older counts for less than 1 per cent.
 _SPANNED = 5.0
 # Passes of the motors' weights, as in `WLS`.
@@ -193,20 +188,3 @@ class RecursiveIdentification:
         own = fitted.quantities
         open_ones = tuple(sorted({*own.unbounded, *unknown}))
         return replace(fitted, quantities=replace(own, unbounded=open_ones), status="ill_conditioned")
-
-
-def unexcited(R: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Columns of an R factor to leave out so that the others are independent, and those whose parameters are unknown.
-
-    Unknown are those left out and all that share a direction with them.
-    """
-    lengths = np.linalg.norm(R, axis=0)
-    unit = R / np.where(lengths > 0, lengths, 1.0)
-    _, triangular, order = linalg.qr(unit, pivoting=True, mode="economic")
-    sizes = np.abs(np.diag(triangular))
-    rank = int((sizes > _EXCITED * max(sizes[0], np.finfo(float).tiny)).sum())
-    if rank == len(order):
-        return (), ()
-    shared = linalg.solve_triangular(triangular[:rank, :rank], triangular[:rank, rank:])
-    unknown = [*order[rank:], *order[:rank][(np.abs(shared) > _SHARE).any(axis=1)]]
-    return tuple(sorted(map(int, order[rank:]))), tuple(sorted(map(int, unknown)))

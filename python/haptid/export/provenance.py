@@ -142,7 +142,7 @@ def _identified(
             identified.unconstrained.covariance,
             tuple(used),
             verdict,
-            identified.zero,
+            identified.zero if quoted else identified.zero_for_use,
             tuple(identified.verdict),
             "" if quoted else identified.model_for_use.reason,
         )

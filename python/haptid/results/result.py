@@ -280,6 +280,11 @@ class Result(ResultTable):
         return tuple(k for k, p in enumerate(self.estimate.parameters) if p.eliminated)
 
     @property
+    def zero_for_use(self) -> tuple[int, ...]:
+        """Those that are zero in the model for use too: it has values for what the log does not tell."""
+        return tuple(k for k in self.zero if self.model_for_use.parameters[k].value == 0)
+
+    @property
     def blocks(self) -> tuple[Block, ...]:
         """The logs of the fit, each as one block."""
         return tuple(Block(log.sha256, log.start, log.stop) for log in self.logs if log.role == "identify")

@@ -9,7 +9,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError
 from haptid.estimation import WLS, Estimate, FixedAtZero, estimate
 from haptid.estimation.intervals.covariance import Intervals
-from haptid.estimation.recursive import unexcited
+from haptid.estimation.least_squares import unexcited
 from haptid.inference.diagnosis.finding import joined_names
 from haptid.log import Log
 from haptid.observation.observation import Observation
@@ -22,14 +22,6 @@ _MOST = 0.25
 _NAMED = 6
 # Kinds of parameters that accelerations and gravity excite: those of bodies and rotors.
 _BODIES = frozenset({"XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA"})
-# What becomes of the model for use that a study wants.
-_USE = {
-    "consistent": (
-        "is not followed: whether bodies can have the parameters is judged by all of them, and this log does not tell "
-        "all; the model for use is the free fit without those left out"
-    ),
-    "free": "is this fit, without those left out",
-}
 
 
 def told_estimate(
@@ -73,8 +65,8 @@ def told_estimate(
         text += f"; {joined_names(others, most=_NAMED)} {'is' if len(others) == 1 else 'are'} not told apart from that"
     kinds = {model.device.parameters.kinds[rows.base.independent_columns[k]] for k in left_out}
     text += f". Torque is predicted for motion like the log's alone. {_advice(kinds)}"
-    if study.use in _USE:
-        text += f' The study\'s use = "{study.use}" {_USE[study.use]}.'
+    if study.use == "free":
+        text += ' The study\'s use = "free" is this fit, without those left out.'
     quantities = replace(own, unbounded=tuple(sorted({*own.unbounded, *unknown})))
     status = "uncertain" if found.status == "ok" else found.status
     return study, replace(found, quantities=quantities, status=status, notes=(text, *found.notes))

@@ -20,10 +20,10 @@ from haptid.estimation import Estimate, Method, estimate
 from haptid.estimation.feasibility.feasible import nearest_base_parameters
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Limiting
-from haptid.estimation.least_squares import EXCITED, weakest_direction
+from haptid.estimation.least_squares import EXCITED, unexcited, weakest_direction
 from haptid.estimation.method import only_weights_rows
 from haptid.estimation.methods.anchored import Anchored, AnchoredConsistent, open_parameters, reference_torque
-from haptid.estimation.methods.constrained import PhysicallyConsistent
+from haptid.estimation.methods.constrained import FixedAtZero, PhysicallyConsistent
 from haptid.estimation.methods.regularised import (
     COARSE,
     ENTROPIC_STRENGTHS,
@@ -131,7 +131,8 @@ def model_for_use(
     only if the error on held-out blocks is smaller by more than one standard error of the paired differences, and by
     more than 2 %.
     Strengths of priors are those of least held-out error. An estimate with constraints or a prior of its own, or by
-    another method than least squares on weighted rows, is used as it is.
+    another method than least squares on weighted rows, is used as it is. Where the rows do not tell some parameters,
+    so that the free fit has none of them, all others are those with a weak prior: see `Anchored`.
 
     Args:
         fitted: the free fit.
@@ -140,7 +141,7 @@ def model_for_use(
         wanted: "auto", or the name of the fit to use without a comparison.
 
     """
-    if not only_weights_rows(fitted.method):
+    if not (only_weights_rows(fitted.method) or _untold(fitted)):
         return ModelForUse("given", fitted, f"The model for use is the estimate itself, by {fitted.method.name}.")
     if wanted == FREE:
         return ModelForUse(FREE, fitted, "The model for use is the free fit, as the study says.")
@@ -152,15 +153,18 @@ def model_for_use(
 
 def _chosen(fitted: Estimate, reference: Sequence[Observation], wanted: str) -> ModelForUse:
     """The consistent fit, or one that is better on held-out blocks."""
-    left = _open(fitted) if wanted == "auto" else ()
+    left = _untold(fitted)
+    if wanted == "auto":
+        left = (*left, *(name for name in _open(fitted) if name not in left))
     if left:
         fitted = _made(fitted, ANCHORED, None)
     consistent = _made(fitted, CONSISTENT, None)
+    because = _left_open(left, fitted)
     if wanted == CONSISTENT:
-        return ModelForUse(CONSISTENT, consistent, f"The model for use is {NAMES[CONSISTENT]}, as the study says.")
+        why = f"The model for use is {NAMES[CONSISTENT]}, as the study says."
+        return ModelForUse(CONSISTENT, consistent, why + because, open=left)
     has = fitted.model
     priors = [] if left else [RIDGE] * has_prior(has) + [ENTROPIC] * bool(prior_links(has))
-    because = _left_open(left, fitted)
     if not consistent.constrained and not priors:
         why = "The free fit is physically consistent: it is the model for use."
         return ModelForUse(CONSISTENT, consistent, why + because, open=left)
@@ -177,6 +181,13 @@ def _chosen(fitted: Estimate, reference: Sequence[Observation], wanted: str) -> 
     )
     chosen = consistent if best is candidates[0] else _made(fitted, best.name, best.strength)
     return ModelForUse(best.name, chosen, _reason(best, candidates) + because, candidates, left)
+
+
+def _untold(fitted: Estimate) -> tuple[str, ...]:
+    """Base parameters that the free fit does not have because the rows do not tell them; none of other reduced fits."""
+    if isinstance(fitted.method, FixedAtZero) and unexcited(fitted.observation.stack()[:-1, :-1])[0]:
+        return fitted.method.names
+    return ()
 
 
 def _open(fitted: Estimate) -> tuple[str, ...]:
@@ -227,7 +238,7 @@ def _made(fitted: Estimate, name: str, strength: float | None) -> Estimate:
         return fitted
     method: Method
     if name == ANCHORED:
-        method = Anchored(fitted.method)
+        method = Anchored(fitted.method.weighting if isinstance(fitted.method, FixedAtZero) else fitted.method)
     elif isinstance(fitted.method, Anchored):
         method = AnchoredConsistent(fitted.method.weighting)
     elif name == RIDGE:

@@ -93,6 +93,8 @@ def _exact(estimate: Estimate) -> Regroupings | str:
 
 def _left_out(estimate: Estimate) -> tuple[tuple[int, ...] | None, str]:
     """Indices of the parameters that can be eliminated, and the rule; None where it was not computed."""
+    if estimate.zero and set(estimate.zero) <= set(estimate.single_block):
+        return estimate.zero, "The log does not tell these parameters: they were left out of this fit, at zero."
     if estimate.zero:
         return estimate.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
     if estimate.constrained_fit or len(estimate.beta) > MOST_SEARCHED:
