@@ -15,7 +15,7 @@ Proof = Literal["unseen error", "consistent fit", "possible bodies", "prior bodi
 # Actions that are shown.
 SHOWN = 6
 # Kinds that leave rows out.
-MASKS = ("dead torque", "stuck position", "contact", "other log")
+MASKS = ("dead torque", "stuck position", "contact", "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
 USE = "model for use"
 # What to do, by the kind of the change.
@@ -52,6 +52,8 @@ CHANGES: Mapping[str, str] = {
     "clipped torque": "leave out the parts in which the torque of {where} is clipped",
     "stuck position": "leave out the parts in which the position of {where} is stuck",
     "contact": "leave out the parts in which something touches {where}",
+    "slip": "leave out all but the longest part between slips of the transmission of {where}",
+    "limit cycle": "leave out the parts in which {where}, held, goes back and forth",
     "other log": "leave out {where}, which is not of the device that the other logs are of",
     "filter": "set the cut-off of the position filter to {where}",
 }
@@ -71,6 +73,8 @@ _OPEN: Mapping[str, str] = {
     "mounting": "whether the base is tilted from that axis",
     "dead torque": "what the channel would have shown",
     "contact": "what touched it, and lighter contacts elsewhere",
+    "slip": "the sizes of slips that are smaller than what the encoders show",
+    "limit cycle": "whether play or dry friction with a controller that integrates makes it",
     "other log": "what differs in it: a payload, a setting, another device",
     "filter": "the effect in faster motion than the log's",
 }

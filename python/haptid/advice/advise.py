@@ -32,6 +32,7 @@ from haptid.advice.search import (
     with_masks,
 )
 from haptid.advice.sides import MOST_LEFT, OtherMounting, OtherSide, other_mounting, other_side
+from haptid.advice.spoiled import spoiled_parts
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
@@ -85,6 +86,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     try:
         other = _filter(found, part)
         whole = search_of(found.model, other.motions if other else motions, part.beta, part.zero)
+        whole = replace(whole, spoiled=tuple(spoiled_parts(part)))
     except HaptidError as error:
         return Advice((), 0.0, 0.0, (f"No action could be tried: {error}",), 0)
     search, masks = with_masks(whole)

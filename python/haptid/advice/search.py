@@ -17,6 +17,7 @@ from haptid.advice.contact import contact
 from haptid.advice.grams import Grams
 from haptid.advice.recorder import ChannelFault, faults, simulated_log
 from haptid.advice.rows import BaseRows, Column, TrialRows, trial_rows
+from haptid.advice.spoiled import SpoiledPart
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -106,6 +107,7 @@ class Trials:
         bench: trials.
         candidates: all of them.
         faults: of the channels, by log.
+        spoiled: parts of logs in which the model does not hold.
     """
 
     model: DynamicModel
@@ -115,11 +117,13 @@ class Trials:
     bench: Bench
     candidates: tuple[TriedChange, ...]
     faults: tuple[tuple[int, ChannelFault], ...] = ()
+    spoiled: tuple[SpoiledPart, ...] = ()
 
     @cached_property
     def contact(self) -> np.ndarray:
-        """Rows in which something touches the device, (rows,)."""
-        return contact(self.rows, self.bench.without_candidates())
+        """Rows in which something touches the device, (rows,); none of those that are spoiled anyway."""
+        used = self.rows.used & ~np.any([_touched(self, p.log, p.samples) for p in self.spoiled], axis=0)
+        return contact(replace(self.rows, used=used), self.bench.without_candidates())
 
     def base(self, setting: Setting | None = None) -> Trial:
         return self.bench.run(setting or Setting())
@@ -288,8 +292,8 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
     """A fit without some rows, judged on the others like the fit with them; None where that is not proven.
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others, that it is a
-    good part of the error, and that the error of the others is less: dry friction stops a joint too. A contact, or
-    another log, has to harm the others too.
+    good part of the error, and that the error of the others is less: dry friction stops a joint too. A contact, slip,
+    a limit cycle or another log has to harm the others too.
     """
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
@@ -332,6 +336,9 @@ def _masks(search: Trials) -> Iterator[tuple[TriedChange, np.ndarray]]:
         names = [model.device.joints[j].name for j in model.device.active] if position else model.device.row_names
         label = f"{'joint' if position else model.device.torque_rows} {names[fault.channel]}"
         yield TriedChange(fault.kind, (label,), Setting(rows="clean"), indices=(fault.channel,), fault=fault), mask
+    for part in search.spoiled:
+        mask = np.broadcast_to(~_touched(search, part.log, part.samples), rows.used.shape)
+        yield TriedChange(part.kind, part.places, Setting(rows="clean"), indices=(part.log,)), mask
     yield from _other_logs(search)
     flagged = search.contact
     if flagged.any():

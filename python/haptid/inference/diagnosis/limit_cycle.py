@@ -9,6 +9,7 @@ Source: Nordin and Gutman (2002), Automatica 38(10), section 4.1, on limit cycle
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,10 +58,8 @@ def limit_cycle(estimate: Estimate) -> Finding | None:
     names = position_channels(device, log.channels.position.side)
     figures, named, windows = dict[str, float](), list[str](), list[float]()
     steps = [spectrum.step for spectrum in spectra(log)]
-    for k, (name, x) in enumerate(zip(names, log.position.T, strict=False)):  # of a log on disk one at a time
-        found = _cycles(log, np.asarray(x), steps[k])
-        if found is None:
-            continue
+    for k, found in _swinging(log, steps):
+        name = names[k]
         size, period = float(np.median(found.size)), float(np.median(found.period))
         half = float(half_width(float(found.size.std(ddof=1)) / np.sqrt(len(found.size)), len(found.size) - 1))
         half = max(half, steps[k])  # of an encoder, at both ends
@@ -81,6 +80,24 @@ def limit_cycle(estimate: Estimate) -> Finding | None:
         f"controller that integrates does this. Rows of it say nothing of the links: exclude = [{parts}] in [[logs]]."
     )
     return Finding("limit cycle", "bad", figures, text)
+
+
+def swinging_parts(log: Log) -> tuple[tuple[int, ...], list[tuple[float, float]]]:
+    """Position channels of a log that swing where they are held, by index, and the times from .. to, s, of all."""
+    found = list(_swinging(log, [spectrum.step for spectrum in spectra(log)]))
+    return tuple(k for k, _ in found), _joined([begin for _, one in found for begin in one.begin.tolist()])
+
+
+def _swinging(log: Log, steps: Sequence[float]) -> Iterator[tuple[int, _Cycles]]:
+    """Position channels that swing, by index.
+
+    Args:
+        steps: of each channel's encoder, rad or m.
+    """
+    for k, x in enumerate(log.position.T):  # of a log on disk one at a time
+        found = _cycles(log, np.asarray(x), steps[k])
+        if found is not None:
+            yield k, found
 
 
 def _cycles(log: Log, x: Array, step: float) -> _Cycles | None:

@@ -122,6 +122,32 @@ def _with_one(W: Array, last: int | None = None) -> Array:
     return np.column_stack([np.ones(len(W)), W[:, some], *([] if last is None else [W[:, last]])])
 
 
+def between_slips(estimate: Estimate) -> tuple[tuple[str, ...], tuple[float, float]] | None:
+    """Motors whose transmission slips, and the longest part of the first log without a slip, s; None without slips.
+
+    A part that begins or ends with what was looked at does so with the log, if that was most of it.
+    """
+    motors = list(_torsions(estimate))
+    found = [(motor, motor.t[k]) for motor in motors for k, _, _ in _slips(motor)]
+    log = estimate.observation.motions[0].log
+    if not found or log is None:
+        return None
+    t, at = motors[0].t, sorted(float(time) for _, time in found)
+    low, high = _longest(t, at)
+    if t[-1] - t[0] > _MOST_OF * len(log.t) * float(log.dt):
+        low = low if low > at[0] else float(log.t[0])
+        high = high if high < at[-1] else float(log.t[-1])
+    return tuple(dict.fromkeys(motor.label for motor, _ in found)), (low, high)
+
+
+def _slips(motor: _Torsion) -> list[tuple[int, float, float]]:
+    """Row behind each slip that is worth telling, its size, and half its 95 % interval, rad or m."""
+    at = sorted(_steps(motor))
+    value, half_widths = _slip_sizes(motor, at)
+    large = np.abs(value) > _SMALL * np.ptp(motor.x)
+    return [one for one, counts in zip(zip(at, value, half_widths, strict=True), large, strict=True) if counts]
+
+
 def _slip(motors: list[_Torsion], whole: float) -> Finding:
     """Steps of the torsion.
 
@@ -133,11 +159,7 @@ def _slip(motors: list[_Torsion], whole: float) -> Finding:
     of = f" Looked for from {shown_time(begin)} to {shown_time(end)} s only, where most moves."
     of = of if end - begin < _MOST_OF * whole else ""
     for motor in motors:
-        at = sorted(_steps(motor))
-        value, half_widths = _slip_sizes(motor, at)
-        large = np.abs(value) > _SMALL * np.ptp(motor.x)
-        own = [one for one, counts in zip(zip(at, value, half_widths, strict=True), large, strict=True) if counts]
-        for n, (k, size, half) in enumerate(own, 1):
+        for n, (k, size, half) in enumerate(_slips(motor), 1):
             figures |= {
                 f"{motor.label}, slip {n}, {what}": float(value)
                 for what, value in (("at", motor.t[k]), ("size", size), ("low", size - half), ("high", size + half))
