@@ -75,6 +75,9 @@ TAU = Q + np.cos(5.0 * T)
         ("time;rad_1;rad_2;rad_s_1;rad_s_2;Nm_1;Nm_2", (T, Q, Q, TAU, TAU, Q, Q),  # rates that do not fit
          ("time", "s"), (["rad_1", "rad_2"], "rad"), (["Nm_1", "Nm_2"], "N m")),
         ("ts;qs;us", (T, Q, TAU), ("ts", "s"), (["qs"], "rad"), (["us"], "N m")),
+        # a long name of no known quantity, whose search for a unit must not take time exponential in its length
+        ("t;q;tau;shunt dynamics as predicted by the outer loop of the environment", (T, Q, TAU, 10 * Q),
+         ("t", "s"), (["q"], "rad"), (["tau"], "N m")),
         ("__time;/joint_states/position.hip;/joint_states/position.knee;/joint_states/effort.hip;/joint_states/effort.knee",
          (T, Q, Q, TAU, TAU), ("__time", "s"),
          (["/joint_states/position.hip", "/joint_states/position.knee"], "rad"),

@@ -103,7 +103,7 @@ _ARRAY_ELEMENT = re.compile(r"^(?P<array>.*)\[(?P<element>[^\[\]]*)\]$")
 _BRACKETED = re.compile(r"(?<!\s)(?P<space>\s*+)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(r"%|rpm|°C|(?:rad|deg|°|m|mm|1|U|rev|turns?)\s?/\s?\S+")
 # A unit and a number, and units that such a name seldom means: a counter, or a number of turns, is no angle by itself.
-_UNIT_AND_NUMBER = re.compile(r"(?P<unit>[^\W\d_](?:[^\d]*[^\W\d_])+)[_ .]?\d+")
+_UNIT_AND_NUMBER = re.compile(r"(?P<unit>[^\W\d_][^\d]*[^\W\d_])[_ .]?\d+")
 _RARELY_ALONE = frozenset({"counts", "turn"})
 # `Torque / Nm`, `torque in Nm`, `Torque Nm`; a single letter after a space is more often a name.
 _WRITTEN = re.compile(r"(?<=\w)(?:\s?/\s?(?P<slash>[^\s/.]+)|\s+in\s+(?P<stated>\S+)|\s+(?P<bare>[^\s\w]|\S{2,}))$")
