@@ -182,3 +182,14 @@ def unexcited(R: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     shared = linalg.solve_triangular(triangular[:rank, :rank], triangular[:rank, rank:])
     unknown = [*order[rank:], *order[:rank][(np.abs(shared) > _SHARE).any(axis=1)]]
     return tuple(sorted(map(int, order[rank:]))), tuple(sorted(map(int, unknown)))
+
+
+def untold(R: Array, combinations: Array) -> np.ndarray:
+    """Combinations of parameters, (q, p), that an R factor's rows do not tell, as indices."""
+    lengths = np.linalg.norm(R, axis=0)
+    scale = 1.0 / np.where(lengths > 0, lengths, 1.0)
+    _, sizes, directions = np.linalg.svd(R * scale)
+    open_ones = directions[sizes <= _ON_ITS_OWN * max(sizes[0], np.finfo(float).tiny)]
+    # Of a column that is zero the unit is arbitrary; any part in it is a part in what is not told.
+    wide = combinations * scale
+    return np.flatnonzero(np.abs(wide @ open_ones.T).max(axis=1, initial=0.0) > _SHARE * np.abs(wide).max(axis=1))

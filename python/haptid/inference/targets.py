@@ -14,6 +14,7 @@ from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError, index_of
 from haptid.estimation import BetweenLogs, Estimate, Parameter
+from haptid.estimation.least_squares import untold
 from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
@@ -182,6 +183,8 @@ def targets(estimate: Estimate) -> Targets:
     alone = tuple(int(k) for k in spread.alone)
     names = ", ".join(wanted[k].name for k in alone)
     sentence = f"{names} excited in a single time block: the standard error cannot be estimated (interval: unbounded)."
+    if set(estimate.zero) & set(estimate.single_block):  # left out because the rows do not tell them
+        alone = tuple(sorted({*alone, *untold(estimate.observation.stack()[:-1, :-1], C).tolist()}))
     return Targets(
         estimate=estimate,
         names=tuple(target.name for target in wanted),
@@ -195,7 +198,7 @@ def targets(estimate: Estimate) -> Targets:
         dof=spread.dof,
         single_block=alone,
         prior=combined_prior(model.device, np.array([target.row for target in wanted])),
-        notes=(sentence,) if alone else (),
+        notes=(sentence,) if names else (),
     )
 
 

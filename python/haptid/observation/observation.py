@@ -21,6 +21,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, unknown_name
 from haptid.motion.channels import check_log
 from haptid.motion.motion import Motion
+from haptid.motion.noise_torques import said_of_noise
 from haptid.observation.plan import Block, Plan, RFactors, shared_block
 from haptid.observation.r_factor import conditions, r_factor
 from haptid.observation.torque_steps import rounding_of
@@ -259,7 +260,9 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
             limit=speed,
             advice="Lower `reversal_speed`, or record faster motion; `haptid poses` takes logs of held poses.",
         )
-    notes = (*check_log(plan.model.device, motion.log), *plan.notes()) if motion.log else ()
+    notes = plan.notes()
+    if motion.log:
+        notes = (*check_log(plan.model.device, motion.log), *said_of_noise(plan.model.device, motion.log), *notes)
     return Observation(plan.model, motors, plan.blocks(), (motion,), notes)
 
 

@@ -16,6 +16,7 @@ from haptid.dynamics.regressor import external
 from haptid.motion.channels import coordinate_torque, coordinates, position_map, state
 from haptid.motion.filters import ParallelFilter, bad_setting
 from haptid.motion.motion import Motion, too_short
+from haptid.motion.noise_torques import rows_of_noise
 from haptid.observation.own_instants import OwnColumn, along, own_columns, with_given
 from haptid.observation.r_factor import r_factor
 
@@ -255,11 +256,13 @@ class Plan:
         """1 for a row that is used, (coordinates, rows); 0 for one near a reversal, at rest, or across a gap.
 
         The sign of a slow velocity is uncertain, and with it the Coulomb friction; that of a joint at rest is anything
-        up to it, as the controller and the way there have left it.
+        up to it, as the controller and the way there have left it. A motor whose torque shows noise alone has no rows.
         """
         model, treatment = self.model, self.motion.treatment
         weights = np.ones((len(model.device.row_names), stop - start))
         self._drop_across_gaps(weights, start, stop)
+        if self.motion.log is not None:
+            weights[rows_of_noise(model.device, self.motion.log)] = 0.0
         if not np.any(treatment.reversal_speed) and not np.any(treatment.rest_speed):
             return weights
         slow, rest = (

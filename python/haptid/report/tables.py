@@ -26,7 +26,7 @@ _GREY = 50.0
 def show_identification(console: Console, identification: Identification) -> None:
     """Print parameters, errors and notes of an identification."""
     observation = identification.estimate.observation
-    raw, scaled = observation.condition
+    raw, scaled = observation.condition_without(identification.estimate.zero)
     console.print(f"\n{identification.study.name}: {identification.model.device.name}", style="bold")
     console.print(
         f"{observation.rows} rows, {len(observation.base)} base parameters of "

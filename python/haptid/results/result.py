@@ -111,7 +111,7 @@ class Result(ResultTable):
             advice: changes that were tried on its data, if there were any.
         """
         study, estimate, model = identification.study, identification.estimate, identification.model
-        raw, scaled = estimate.observation.condition
+        raw, scaled = estimate.observation.condition_without(estimate.zero)
         projection = identification.projection
         result = cls(
             device=model.device.name,

@@ -49,27 +49,43 @@ def told_estimate(
         told = type(study.method) is WLS and error.where in rows.base.names and not still_joints(model, logs, study)
         left_out, unknown = unexcited(rows.stack()[:-1, :-1]) if told else ((), ())
         names = rows.base.names
-        if not 0 < len(left_out) <= _MOST * len(names):
+        by_motion = len(left_out) - len(_of_motors_without_rows(rows, left_out))
+        if not (left_out and by_motion <= _MOST * len(names) and len(left_out) < len(names)):
             raise
     study = replace(study, method=FixedAtZero(tuple(names[k] for k in left_out), study.method))
     found = estimate(rows, study.method, intervals)
-    own = found.quantities
-    others = [names[k] for k in unknown if k not in left_out]
-    gone = [names[k] for k in left_out]
-    one = len(gone) == 1
-    text = (
-        f"{joined_names(gone, most=_NAMED)} cannot be told from this log, whose motion does not excite "
-        f"{'it' if one else 'them'}, and {'is' if one else 'are'} left out, at zero"
-    )
-    if others:
-        text += f"; {joined_names(others, most=_NAMED)} {'is' if len(others) == 1 else 'are'} not told apart from that"
-    kinds = {model.device.parameters.kinds[rows.base.independent_columns[k]] for k in left_out}
-    text += f". Torque is predicted for motion like the log's alone. {_advice(kinds)}"
+    own, text = found.quantities, _sentence(rows, left_out, unknown)
     if study.use == "free":
         text += ' The study\'s use = "free" is this fit, without those left out.'
     quantities = replace(own, unbounded=tuple(sorted({*own.unbounded, *unknown})))
     status = "uncertain" if found.status == "ok" else found.status
     return study, replace(found, quantities=quantities, status=status, notes=(text, *found.notes))
+
+
+def _of_motors_without_rows(rows: Observation, left_out: Sequence[int]) -> list[int]:
+    """Those of some parameters that act on no motor of which rows are used."""
+    reached = {int(k) for motor in rows.motors if motor.rows.any() for k in motor.columns}
+    return [k for k in left_out if k not in reached]
+
+
+def _sentence(rows: Observation, left_out: Sequence[int], unknown: Sequence[int]) -> str:
+    """What is left out, why, and what to record."""
+    names, model = rows.base.names, rows.model
+    gone, others = [names[k] for k in left_out], [names[k] for k in unknown if k not in left_out]
+    without = joined_names([motor.label for motor in rows.motors if not motor.rows.any()])
+    one, by_motor = len(gone) == 1, bool(_of_motors_without_rows(rows, left_out))
+    cause = f"whose motion does not excite {'it' if one else 'them'}"
+    if by_motor:
+        cause = f"of which no row of {without} is used"
+    text = (
+        f"{joined_names(gone, most=_NAMED)} cannot be told from this log, {cause}, and {'is' if one else 'are'} left "
+        "out, at zero"
+    )
+    if others:
+        text += f"; {joined_names(others, most=_NAMED)} {'is' if len(others) == 1 else 'are'} not told apart from that"
+    kinds = {model.device.parameters.kinds[rows.base.independent_columns[k]] for k in left_out}
+    advice = f"Record motion with the torque of {without}." if by_motor else _advice(kinds)
+    return f"{text}. Torque is predicted for motion like the log's alone. {advice}"
 
 
 def _advice(kinds: Set[str]) -> str:

@@ -18,6 +18,7 @@ from haptid.log.spectrum import Spectrum, spectra, widest
 from haptid.motion.channels import state
 from haptid.motion.filters import KAISER_REACH
 from haptid.motion.motion import treat
+from haptid.motion.noise_torques import rows_of_noise
 from haptid.motion.treatment import Treatment
 from haptid.observation.plan import Plan
 from haptid.treatment_choice.corners import corners_cut
@@ -289,6 +290,7 @@ class MotionFilters:
         if not np.any(reference.rest_speed):
             return ()
         shares = 1 - self._shares(reference, np.zeros(len(self.model.device.row_names)))
+        shares[np.all([rows_of_noise(self.model.device, log) for log in self.logs], axis=0)] = 0.0  # not at rest
         shares = shares[list(self.model.device.measured)]
         if shares.max() < _MENTIONED:
             return ()

@@ -50,8 +50,9 @@ _LEAST_GAIN = 0.02
 # Error of the consistent fit, in those of the free one, from which on what is wrong is not the noise.
 CLASH = 2.0
 CONSISTENT, FREE, RIDGE, ENTROPIC, ANCHORED = "consistent", "free", "ridge", "entropic", "anchored"
-# Parameters that are named in a sentence.
+# Parameters that are named in a sentence; what to record for them, which a note on those not told at all says itself.
 _NAMED = 4
+_RECORD = " Record motion of these joints, fast and at other poses."
 STRENGTHS: Mapping[str, tuple[float | None, ...]] = {
     CONSISTENT: (None,),
     FREE: (None,),
@@ -153,13 +154,13 @@ def model_for_use(
 
 def _chosen(fitted: Estimate, reference: Sequence[Observation], wanted: str) -> ModelForUse:
     """The consistent fit, or one that is better on held-out blocks."""
-    left = _untold(fitted)
+    untold = left = _untold(fitted)
     if wanted == "auto":
         left = (*left, *(name for name in _open(fitted) if name not in left))
     if left:
         fitted = _made(fitted, ANCHORED, None)
     consistent = _made(fitted, CONSISTENT, None)
-    because = _left_open(left, fitted)
+    because = _left_open(left, fitted, "" if untold else _RECORD)
     if wanted == CONSISTENT:
         why = f"The model for use is {NAMES[CONSISTENT]}, as the study says."
         return ModelForUse(CONSISTENT, consistent, why + because, open=left)
@@ -198,15 +199,15 @@ def _open(fitted: Estimate) -> tuple[str, ...]:
     return open_parameters(fitted.observation, A, fitted.covariance, fitted.classical_covariance)
 
 
-def _left_open(left: Sequence[str], fitted: Estimate) -> str:
-    """What the log does not determine and what was done about it, as a sentence; empty where it determines all."""
+def _left_open(left: Sequence[str], fitted: Estimate, advice: str) -> str:
+    """What the log does not determine and what was done about it, with advice; empty where it determines all."""
     if not left:
         return ""
     others = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
     held_at = "the device file's bodies" if has_prior(fitted.model) else "zero"
     return (
         f" The log does not determine {', '.join(left[:_NAMED])}{others}: a weak prior keeps the torque of other "
-        f"motion near that of {held_at}. Record motion of these joints, fast and at other poses."
+        f"motion near that of {held_at}.{advice}"
     )
 
 

@@ -84,9 +84,13 @@ class WLS:
     def weight(self, motor: MotorRows, beta: Array) -> float:
         """One over the standard deviation of one motor's residual, which is not below the rounding of its channel.
 
+        One for a motor without rows.
+
         Raises:
             IdentifiabilityError: the motor's torque is zero throughout.
         """
+        if not motor.rows.any():
+            return 1.0
         if motor.norm == 0:
             raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptid._internal.blas_threads import on_one_blas_thread
@@ -26,6 +26,7 @@ from haptid.inference.diagnosis.torque_faults import torque_faults
 from haptid.inference.diagnosis.torsion import torsion_findings
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.observation.augmented import CandidateColumns, torque_rates
+from haptid.observation.observation import Observation
 from haptid.simulation import PID
 from haptid.validation.validation import Validation, fit_errors
 
@@ -97,12 +98,10 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     Raises:
         HaptidError: as `observe` does where a motion no longer fits the device.
     """
-    errors = validation or fit_errors(estimate)
+    whole, errors, estimate = estimate, validation or fit_errors(estimate), _of_motors_with_rows(estimate)
     motion = (excitation(estimate), collinearity(estimate))
     if max(motor.relative for motor in fit_errors(estimate).motors) < _EXACT:
-        return Diagnosis(
-            estimate, errors, motion, ("The model fits to rounding error: there are no residuals to test.",)
-        )
+        return Diagnosis(whole, errors, motion, ("The model fits to rounding error: there are no residuals to test.",))
     part = subsample(estimate)
     # A long log is not simulated as a whole.
     instruments = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered_columns(part)
@@ -114,7 +113,23 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     on_rows = (*on_rows, *((loose,) if loose else torsion_findings(estimate)), *((swinging,) if swinging else ()))
     findings = (*motion, torque_faults(estimate), *on_rows, influence(estimate), parameter_drift(estimate))
     sentences = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*sentences, *_left_out(part, instruments)), ranges)
+    return Diagnosis(whole, errors, findings, (*sentences, *_left_out(part, instruments)), ranges)
+
+
+def _of_motors_with_rows(estimate: Estimate) -> Estimate:
+    """The estimate without motors of which no row is used, about which residuals say nothing."""
+    kept = [k for k, motor in enumerate(estimate.observation.motors) if motor.rows.any()]
+    if len(kept) == len(estimate.observation.motors):
+        return estimate
+    fit = estimate.fit
+    noise = None if fit.noise is None else [fit.noise[k] for k in kept]
+    fit = replace(fit, observation=_some(fit.observation, kept), weights=fit.weights[kept], noise=noise)
+    return replace(estimate, observation=_some(estimate.observation, kept), weights=estimate.weights[kept], fit=fit)
+
+
+def _some(observation: Observation, kept: Sequence[int]) -> Observation:
+    """The observation of some motors."""
+    return replace(observation, motors=tuple(observation.motors[k] for k in kept))
 
 
 def _on_rows(estimate: Estimate, instruments: Instruments, left: Residuals) -> Iterator[Finding]:

@@ -101,7 +101,7 @@ def verdict(fitted: Estimate, errors: Validation, findings: Sequence[Finding]) -
         return [Reason(by_name[name].status, _meaning(by_name[name]), name) for name in names if name in by_name]
 
     size, precise, friction = _size(errors), _precision(fitted), of(COMPENSATION)
-    silent = _silent(errors)
+    silent = [*_unused(fitted), *_silent(errors)]
     torque = [size, *silent, *_small(errors), *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
     single = [precise, *silent, *of(PREDICTION), *friction, *of(SINGLE_PARAMETERS)]
@@ -162,6 +162,12 @@ def _size(errors: Validation) -> Reason:
     )
     limits = f"limits {_CLOSE:g} and {ROUGH:g} %"
     return Reason(size, f"the torque error of {largest.label} is {per_cent(largest.relative)} ({kind}; {limits})")
+
+
+def _unused(fitted: Estimate) -> list[Reason]:
+    """Motors of which nothing is known because none of their rows is used."""
+    names = [motor.label for motor in fitted.observation.motors if not motor.rows.any()]
+    return [Reason("doubt", f"no row of {joined_names(names)} is used")] if names else []
 
 
 def _silent(errors: Validation) -> list[Reason]:

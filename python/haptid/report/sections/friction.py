@@ -39,7 +39,8 @@ class FrictionSection(Section):
         if not pairs or not resisted:
             return None
         steady = list(_steady(source))
-        charts = tuple(_chart(source, pairs, motor, steady) for motor in range(len(pairs[0][0].labels)))
+        used = sorted({motor for track, _ in pairs for motor in track.motors_used})
+        charts = tuple(_chart(source, pairs, motor, steady) for motor in used)
         return cls(charts=charts)
 
 

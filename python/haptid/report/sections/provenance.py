@@ -73,7 +73,7 @@ def _log(run: Any) -> dict[str, Any]:
 
 def _estimate(source: ReportSource) -> dict[str, str]:
     estimate = source.estimate
-    raw, scaled = estimate.observation.condition
+    raw, scaled = estimate.observation.condition_without(estimate.zero)
     return {
         "method": weighting(estimate.method).name,
         "constraints": "physical" if isinstance(estimate.method, PhysicallyConsistent) else "none",

@@ -1,0 +1,54 @@
+"""Motors whose torque shows noise alone: which rows that are not used, and the sentence about them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid.device import Device
+from haptid.log import Log
+from haptid.log.noise_alone import noise_alone
+from haptid.motion.channels import torque_map
+
+# Share of the RMS torque of its unit up to which a motor's noise does not matter to the others: its rows are kept.
+_HARDLY = 0.02
+# Samples of which the torque's size is taken, at most.
+_ENOUGH = 1 << 17
+
+
+def rows_of_noise(device: Device, log: Log) -> np.ndarray:
+    """Whether the torque of each row of a log shows noise alone and weighs beside the others, (rows,).
+
+    None where all do, where torques of several channels act on a row, or where the torque is too small to matter.
+    """
+    rows = np.zeros(len(device.row_names), dtype=bool)
+    found = noise_alone(log)
+    if not found.any() or device.drive_varies.any():
+        return rows
+    change = torque_map(device, log)
+    if (np.count_nonzero(change, axis=0) != 1).any() or (np.count_nonzero(change, axis=1) > 1).any():
+        return rows
+    place = np.argmax(change != 0, axis=0)
+    rms = np.zeros(len(rows))
+    rms[place] = np.abs(change).max(axis=0) * np.sqrt(np.mean(np.square(log.torque[:_ENOUGH]), axis=0))
+    units = np.array(device.torque_units)
+    whole = np.sqrt([np.sum(rms[units == unit] ** 2) for unit in units])
+    rows[place[found]] = True
+    rows &= rms > _HARDLY * whole
+    return rows if not rows[place].all() else np.zeros(len(rows), dtype=bool)
+
+
+def said_of_noise(device: Device, log: Log) -> tuple[str, ...]:
+    """A sentence for each motor whose rows are not used because its torque shows noise alone."""
+    return tuple(_sentence(device, log, int(k)) for k in np.flatnonzero(rows_of_noise(device, log)))
+
+
+def _sentence(device: Device, log: Log, row: int) -> str:
+    channel = int(np.flatnonzero(torque_map(device, log)[row])[0])
+    names, unit = log.channels.torque.channels, log.channels.torque_units[channel]
+    size = float(np.std(log.torque[:_ENOUGH][:, channel]))
+    return (
+        f"{log.path.name}: torque of {device.row_labels[row]} shows no part that follows the motion, while its joint "
+        f"moves: channel {names[channel]} is noise, with a standard deviation of {size:.3g} {unit}. Its rows are not "
+        "used, and count in no error. Check that the channel is connected and is that of this motor; where the motor "
+        "was off, record again with it on."
+    )
