@@ -299,10 +299,14 @@ def test_settings_that_are_none_and_no_logs_at_all_are_errors(phantom):
 
 
 def test_a_delay_that_is_none_is_said_to_be_late_or_early():
-    for found, words in ((4e-3, "seem late by 4 ms"), (-2e-3, "seem early by 2 ms")):
+    """Torque that acts before it is recorded may be of a late sensor: it was said to be a missing term in any case."""
+    for found, words, other in (
+        (4e-3, "seem late by 4 ms", "it is a delay all the same, give `torque_delay_s`"),
+        (-2e-3, "act 2 ms before it is recorded", "the sensor is late, give `torque_delay_s`, below zero"),
+    ):
         told = Delays(np.zeros(2), np.zeros((2, 2)), np.full(2, found), False, 1e-3).sentence
         assert words in told
-        assert "If it is a delay all the same, give `torque_delay_s`" in told
+        assert f"If {other}" in told
 
 
 def test_a_joint_that_only_trembles_does_not_set_the_filters(phantom):

@@ -98,12 +98,22 @@ class Delays:
             f"{_numbers(ms)} ms (standard error {_numbers(1e3 * self.se)} ms; sampling period {1e3 * self.dt:.3g} ms)"
         )
         if not self.accepted:
-            side, ms = ("late", ms) if float(np.median(ms)) >= 0 else ("early", -ms)
+            if float(np.median(ms)) >= 0:
+                seems = (
+                    f"The torque channels seem late by {_numbers(ms)} ms, which is no delay of a drive but friction or "
+                    f"a term that the model lacks"
+                )
+                other = "it is a delay all the same, give `torque_delay_s`"
+            else:
+                seems = (
+                    f"The torque seems to act {_numbers(-ms)} ms before it is recorded, which is no delay of a drive: "
+                    f"its sensor is late (a measured current behind a filter), or the model lacks friction or another "
+                    f"term"
+                )
+                other = "the sensor is late, give `torque_delay_s`, below zero"
             return (
-                f"The torque channels seem {side} by {_numbers(ms)} ms, which is no delay of a drive but friction or a "
-                f"term that the model lacks: {1e3 * self.seconds[0]:.3g} ms is compensated, with a standard "
-                f"error of {_numbers(1e3 * self.se)} ms in every interval. If it is a delay all the same, give "
-                f"`torque_delay_s`."
+                f"{seems}; {1e3 * self.seconds[0]:.3g} ms is compensated, with a standard error of "
+                f"{_numbers(1e3 * self.se)} ms in every interval. If {other}."
             )
         held = np.abs(self.seconds / self.dt - HOLD) < 2 * self.se / self.dt + 0.02
         hold = ": half a sampling period, as of a command with zero-order hold" if held.all() else ""
