@@ -26,6 +26,8 @@ TAU = Q + np.cos(5.0 * T)
         ("Zeit [ms];Winkel [°];Drehzahl [1/min];Drehmoment [Nm];Strom [A]",
          (1e3 * T, 50 * Q, 30 * Q, TAU, TAU), ("Zeit [ms]", "ms"), (["Winkel [°]"], "deg"),
          (["Drehmoment [Nm]"], "N m")),
+        ("Time [ms];Angle [rad];Torque [Nm]", (T, Q, TAU),  # in s, by which they come at a likely rate
+         ("Time [ms]", "s"), (["Angle [rad]"], "rad"), (["Torque [Nm]"], "N m")),
         ("Time(ms);Axis1.ActPos;Axis1.SetPos;Axis1.ActTorque", (1e3 * T, 50 * Q, 50 * Q, TAU),
          ("Time(ms)", "ms"), (["Axis1.ActPos"], "deg"), (["Axis1.ActTorque"], "N m")),
         ("IPOC;AIPos.A1;AIPos.A2;MACur.A1;MACur.A2", (1e3 * T, 50 * Q, 60 * Q, TAU, TAU),

@@ -81,6 +81,13 @@ def test_units_of_time(tmp_path: Path, unit: str, per_second: float) -> None:
     assert log.rate_hz == pytest.approx(100, rel=1e-12)
 
 
+def test_stamps_that_would_come_too_fast_are_doubted(tmp_path: Path) -> None:
+    """A header of a public recording says ms of times in s: it was identified at 1 MHz without a word."""
+    made, right = (record(tmp_path, np.arange(500) * 0.001, unit) for unit in ("ms", "s"))
+    assert any("1e+06 Hz" in note and "`time_unit` is probably coarser" in note for note in made.notes)
+    assert not any("time_unit" in note for note in right.notes)
+
+
 def test_stamps_of_the_epoch_in_nanoseconds_are_not_rounded(tmp_path: Path) -> None:
     taken = np.arange(500) * 1_000_000
     log = record(tmp_path, 1_700_000_000_123_456_789 + taken, "ns", taken=taken * 1e-9)

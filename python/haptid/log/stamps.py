@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 FEWEST_SAMPLES = 50
 # Longest sampling period, s; a longer one almost certainly means stamps in another unit.
 SLOWEST = 0.5
-# Shortest one: no log has more than a gigahertz.
-_FASTEST = 1e-9
+# Shortest one: no log has more than a gigahertz. Below the other one, faster than loops and recorders of machines, the
+# unit is doubted.
+_FASTEST, DOUBTED = 1e-9, 5e-6
 # Stamps this many times coarser than the sampling do not give the rate.
 COARSEST = 10.0
 # Largest distance of the first stamp after a restart from the log's first one, steps. The gap that is put between two
@@ -158,6 +159,11 @@ def checked(path: Path, name: str, seconds: Array, fineness: float) -> Stamps:
             found=step,
             limit=_FASTEST,
             advice="Give the channel's `time_unit` as it was recorded.",
+        )
+    if 0 < step < DOUBTED:
+        notes += (
+            f"the time channel {name!r} implies {1 / step:.3g} Hz, faster than machines are recorded: its "
+            "`time_unit` is probably coarser",
         )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     if repeated.size > (1 - 1 / COARSEST) * seconds.size:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid.log.formats.sniff import RawChannel
+from haptid.log.stamps import DOUBTED
 from haptid.log.survey.channels import ChannelSurvey, Quantity
 from haptid.log.survey.names import (
     COMMAND_WORDS,
@@ -69,8 +70,12 @@ def timed(channel: ChannelSurvey, column: RawChannel, stated: str) -> tuple[Chan
     elif column.dtype.kind in "iu" and channel.low > 1e17:
         unit, reason = "ns", "whole numbers of that size are nanoseconds since 1970"
     else:
-        fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2] or ["s"]
-        unit, reason = fits[0], f"its usual step is {step:.4g}"
+        unit, reason = "", f"its usual step is {step:.4g}"
+    fits = [u for u, scale in scales.items() if 2e-5 < step * scale < 0.2]
+    if not unit:
+        unit = fits[0] if fits else "s"
+    elif fits and 0 < step * scales[unit] < DOUBTED:
+        unit, reason = fits[0], f"{reason}, by which its usual step of {step:.4g} is {1 / (step * scales[unit]):.3g} Hz"
     usual, uneven = usual_step(steps)
     rate = 1.0 / (usual * scales[unit]) if usual else 0.0
     return replace(channel, quantity="time", unit=unit, reason=reason + (f"; {uneven}" if uneven else "")), rate
