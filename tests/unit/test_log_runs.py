@@ -46,6 +46,8 @@ def written(path: Path, header: str, *columns: np.ndarray) -> None:
         (["elbow_states", "yaw_states", "pitch_states"], [("yaw",), ("pitch",), ("elbow",)], [1, 2, 0]),
         (["pos.lift", "pos.pan"], [("shoulder_pan_joint", "pan"), ("shoulder_lift_joint", "lift")], [1, 0]),
         (["wrist_roll_pos", "wrist_pos"], [("wrist",), ("wrist_roll",)], [1, 0]),
+        (["rw angle", "pendulum angle"], [("pole",), ("rw",)], [1, 0]),
+        (["a_pos", "b_pos", "elbow_pos"], [("elbow",), ("x",), ("y",)], None),
         (["left_elbow", "right_elbow", "base"], [("elbow",), ("base",)], None),
         (["q1", "q2"], [("1",), ("2",)], None),
         (["a_pos", "b_pos"], [("x",), ("y",)], None),
