@@ -78,11 +78,13 @@ def test_the_estimate_is_that_of_all_logs_observed_together(runs, found):
 
 def test_what_the_delay_leaves_uncertain_does_not_become_less_with_more_files(runs, found):
     study = read_study(runs.study)
-    alone = haptid.identify(study).estimate
-    assert found.estimate.nuisances.keys() == alone.nuisances.keys()
-    assert "torque delay" in alone.nuisances
+    alone, made = haptid.identify(study).estimate, dict(found.estimate.nuisances)
+    by_rows, moved = made.pop("estimated nuisances"), alone.fit.moved
+    np.testing.assert_allclose(by_rows.T @ by_rows, moved.T @ moved, rtol=1e-6, atol=1e-15)
+    assert "torque delay" in made
+    assert made.keys() == alone.nuisances.keys()
     for name, shifts in alone.nuisances.items():
-        np.testing.assert_allclose(found.estimate.nuisances[name], shifts, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(made[name], shifts, rtol=1e-6, atol=1e-12)
 
 
 def test_work_and_bytes_of_every_file_are_recorded(runs, found):

@@ -148,7 +148,7 @@ def test_predicted_intervals_are_those_of_the_motion_recorded(tmp_path: Path) ->
     there.mkdir()
     plant = WrongPlant(weak)
     object.__setattr__(plant, "chi", plant.chi)
-    object.__setattr__(plant, "motion", Faster(plant.motion, speed))
+    object.__setattr__(plant, "motion", Changed(plant.motion, made.stroke, speed))
     object.__setattr__(plant, "case", replace(weak, seconds=made.seconds, motion_hz=weak.motion_hz * speed))
     written(plant, there)
     text = (tmp_path / "study.toml").read_text(encoding="utf-8")
@@ -168,14 +168,15 @@ def spread(estimate: Estimate, of: Identification) -> np.ndarray:
     return np.sqrt(np.diag(np.linalg.inv(T.T @ T)) / (motion.treatment.decimation * motion.dt))
 
 
-class Faster:
-    """A motion along the same path at another speed."""
+class Changed:
+    """A motion along the same path, with larger strokes or at another speed."""
 
-    def __init__(self, motion: Any, speed: float) -> None:
-        self.own, self.speed, self.centre = motion, speed, motion.centre
+    def __init__(self, motion: Any, stroke: float, speed: float) -> None:
+        self.own, self.stroke, self.speed, self.centre = motion, stroke, speed, motion.centre
 
     def __call__(self, t: np.ndarray, order: int = 0) -> np.ndarray:
-        return np.asarray(self.own(t * self.speed, order) * self.speed**order)
+        middle = self.centre[:, None] if order == 0 else 0.0
+        return np.asarray(middle + self.stroke * (self.own(t * self.speed, order) * self.speed**order - middle))
 
     def states(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
         return self(t, 0), self(t, 1), self(t, 2)

@@ -31,6 +31,8 @@ from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
 WELL_CONDITIONED = 200.0
+# Name of nuisances that are estimated from rows of another estimate.
+_MOVED = "estimated nuisances"
 # Standard error of the torque in other motion above which an estimate is uncertain, per cent, and the note on it.
 _LARGEST_SE, _UNDETERMINED = 3.0, "The torque of other motion in the log's poses is uncertain"
 
@@ -125,7 +127,8 @@ class Estimate:
             the active constraints; None of the others.
         zero: indices of the parameters fixed at zero, without uncertainty.
         nuisances: by how much one standard error of each nuisance (a delay, the noise of the encoders) moves the
-            parameters, by its name, (k, p) each, SI; part of `covariance`.
+            parameters, by its name, (k, p) each, SI; part of `covariance`. What nuisances that are estimated from the
+            same rows are moved by is in the scores of `fit`.
     """
 
     observation: Observation
@@ -328,6 +331,28 @@ class Estimate:
             quantities=replace(own, covariance=covariance, dof=dof),
             nuisances={**self.nuisances, name: read_only(shifts)},
         )
+
+    def with_moved_nuisances(self, moved: Array) -> Estimate:
+        """The estimate with the errors of nuisances that are estimated from its own rows in its scores and covariance.
+
+        Args:
+            moved: by how much the errors of each time block move the parameters through them, (blocks, p), SI.
+        """
+        made = replace(self, fit=replace(self.fit, moved=read_only(moved)))
+        spread = made.spread(np.eye(len(self.beta)))
+        return replace(made, quantities=replace(self.quantities, covariance=spread.covariance, dof=spread.dof))
+
+    def with_nuisances_of(self, other: Estimate) -> Estimate:
+        """The estimate with the nuisances of another one: by block where the rows are the same, else by their size."""
+        made, moved = self, other.fit.moved
+        if moved is not None and other.blocks == self.blocks and isinstance(self.intervals, ClusterRobust):
+            made = made.with_moved_nuisances(moved)
+        elif moved is not None:
+            _, sizes, directions = np.linalg.svd(moved, full_matrices=False)
+            made = made.with_nuisance(_MOVED, sizes[:, None] * directions)
+        for name, shifts in other.nuisances.items():
+            made = made.with_nuisance(name, shifts)
+        return made
 
     def _shown(self) -> Overview:
         rows = [

@@ -90,6 +90,8 @@ class Fit:
         unit_residual: whether the weighted residual has unit variance; otherwise its variance is estimated.
         noise: expected W'W of noise in the columns, subtracted from every motor's blocks of [W y]'[W y], each
             (blocks, p + 1, p + 1) over all base parameters; None where columns are exact.
+        moved: by how much the errors of each time block move the parameters through nuisances that are estimated from
+            the same rows, (blocks, p), SI; None without any.
     """
 
     observation: Observation
@@ -97,6 +99,7 @@ class Fit:
     solution: Solution
     unit_residual: bool
     noise: Sequence[Array] | None = None
+    moved: Array | None = None
 
     @cached_property
     def moments(self) -> BlockMoments:
@@ -106,13 +109,15 @@ class Fit:
 
     @cached_property
     def pooled_moments(self) -> BlockMoments:
-        """Of every block of time, summed over motors."""
+        """Of every block of time, summed over motors, and through the nuisances of the same rows."""
         count, k = len(self.observation.blocks), self.solution.root.shape[1]
         G, s, present = np.zeros((count, k, k)), np.zeros((count, k)), np.zeros(count, dtype=bool)
         for blocks, gram, score in self._cells():
             G[blocks] += gram
             s[blocks] += score
             present[blocks] = True
+        if self.moved is not None:
+            s[present] += self.moved[present] @ np.linalg.pinv(self.solution.root).T
         return BlockMoments(G[present], s[present], np.flatnonzero(present))
 
     def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:

@@ -365,10 +365,8 @@ def _group(model: DynamicModel, parts: Sequence[ReducedFile], size: int) -> Obse
 
 def _with_uncertainty(found: Estimate, alone: Observation, study: Study, proposal: Proposal) -> Estimate:
     """An estimate with what its treatment leaves uncertain in the study's own logs."""
-    own = with_all_uncertainty(estimate(alone, study.method, study.intervals), proposal, None)
-    for name, shifts in own.nuisances.items():
-        found = found.with_nuisance(name, shifts)
-    return found
+    own = estimate(alone, study.method, study.intervals)
+    return found.with_nuisances_of(with_all_uncertainty(own, proposal, None))
 
 
 def _unseen(rows: Observation, study: Study) -> tuple[Validation | None, tuple[str, ...]]:

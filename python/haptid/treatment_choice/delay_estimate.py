@@ -18,7 +18,7 @@ from haptid.device.terms.friction import DRY
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
-from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
 from haptid.log import Log
 from haptid.motion.channels import channel_shares, position_map
 from haptid.motion.motion import Motion, treat, with_delay
@@ -65,6 +65,7 @@ class Delays:
         found: as estimated for each channel alone, (channels,), s.
         accepted: whether what was found is compensated, and not taken for friction or a missing term.
         dt: sampling period, s.
+        samples: of the logs that they were estimated from.
         by_positions: by how much one standard error of each part of the positions' errors moves them, (k, channels),
             s; not in `covariance`, because the parameters move with them.
     """
@@ -74,6 +75,7 @@ class Delays:
     found: Array
     accepted: bool
     dt: float
+    samples: int = 0
     by_positions: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __post_init__(self) -> None:
@@ -134,6 +136,7 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
         HaptidError: as `treat` and `observe`.
     """
     dt, channels = max(float(log.dt) for log in logs), logs[0].torque.shape[1]
+    samples = sum(len(log.t) for log in logs)
     hold = HOLD if logs[0].channels.torque.side == "motor" else 0.0
     prior = delay_prior(channels, dt)
     mean = np.full(channels, hold * dt)
@@ -165,9 +168,9 @@ def find_delays(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, 
     if not agrees:
         # What is refused for its size alone says nothing of the delay.
         doubt = _UNKNOWN * dt if odd else min(_HALF * float(np.abs(d - mean).max()), COMMON * dt)
-        return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt)
+        return Delays(mean, doubt**2 * np.ones((channels, channels)), d, False, dt, samples)
     likely, covariance = _likely(d - mean, spread.covariance, dt)
-    return Delays(mean + likely, covariance, d, True, dt)
+    return Delays(mean + likely, covariance, d, True, dt, samples)
 
 
 def _likely(off: Array, covariance: Array, dt: float) -> tuple[Array, Array]:
@@ -285,7 +288,21 @@ def with_delay_uncertainty(estimate: Estimate, delays: Delays) -> Estimate:
     if not np.any(delays.covariance) or any(m.log is None or m.treatment.momentum for m in motions):
         return estimate
     problem = _problem(estimate.model, motions, estimate.free)
-    return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
+    if not _same_rows(problem, estimate, delays):
+        return estimate.with_nuisance("torque delay", problem.propagated(estimate, delays.covariance))
+    moved, by_rows, by_prior = problem.moves(delay_prior(len(delays.seconds), delays.dt))
+    # The mixture of priors draws the delays towards the hold, and what moves them with them.
+    drawn = np.linalg.solve(by_rows + by_prior, delays.covariance)
+    made = estimate.with_moved_nuisances(moved @ drawn @ problem.sensitivity(estimate).T)
+    rest = delays.covariance - drawn.T @ by_rows @ drawn
+    return made.with_nuisance("torque delay", problem.propagated(estimate, rest))
+
+
+def _same_rows(problem: NuisanceProblem, estimate: Estimate, delays: Delays) -> bool:
+    """Whether delays were estimated from the rows of an estimate: then errors of these move both, often oppositely."""
+    samples = sum(len(m.log.t) for m in estimate.observation.motions if m.log is not None)
+    plain = estimate.observation.change is None and isinstance(estimate.intervals, ClusterRobust)
+    return delays.accepted and samples == delays.samples and plain and problem.rows.blocks == estimate.blocks
 
 
 def _problem(model: DynamicModel, motions: Sequence[Motion], beta: Array, smooth: bool = False) -> NuisanceProblem:

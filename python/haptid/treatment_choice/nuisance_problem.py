@@ -15,7 +15,9 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, Spread
-from haptid.estimation.intervals.cluster_robust import clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust, clustered
+from haptid.estimation.least_squares import Solution
+from haptid.estimation.method import Fit
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.motion import Motion
 from haptid.observation.augmented import CandidateColumns, augmented_plan, reduced
@@ -110,12 +112,36 @@ class NuisanceProblem:
             prior: its covariance, (count, count).
         """
         p, m = len(self.beta), len(off)
+        solution = self._solution(off, prior)
+        spread = clustered(self.rows, self.weights, solution, np.eye(p + m)[p:])
+        return solution.beta[:p], solution.beta[p:], spread
+
+    def moves(self, prior: Array) -> tuple[Array, Array, Array]:
+        """By how much each block's errors move the nuisances, and their covariance by the rows and by the prior.
+
+        Args:
+            prior: covariance of the nuisances before, (count, count).
+
+        Returns:
+            (blocks, count), (count, count) and (count, count), SI.
+        """
+        p = len(self.beta)
+        fit = Fit(self.rows, self.weights, self._solution(np.zeros(self.count), prior), True)
+        own, moments = fit.solution.root[p:], fit.pooled_moments
+        moved = np.zeros((len(self.rows.blocks), self.count))
+        moved[moments.block] = moments.s @ own.T
+        pull = own @ fit.solution.pull.T if fit.solution.pull is not None else np.zeros((self.count, 0))
+        by_prior = pull @ pull.T
+        whole = ClusterRobust().spread(fit, np.eye(p + self.count)[p:]).covariance
+        return moved, whole - by_prior, by_prior
+
+    def _solution(self, off: Array, prior: Array) -> Solution:
+        """Parameters and nuisances' changes, as `solve` has them."""
+        p, m = len(self.beta), len(off)
         whiten = np.linalg.inv(np.linalg.cholesky(prior))
         known = np.zeros((m, p + m + 1))
         known[:, p:-1], known[:, -1] = whiten, whiten @ off
-        solution = solve_excited(self.rows.motors, self.weights, known)
-        spread = clustered(self.rows, self.weights, solution, np.eye(p + m)[p:])
-        return solution.beta[:p], solution.beta[p:], spread
+        return solve_excited(self.rows.motors, self.weights, known)
 
     def sensitivity(self, estimate: Estimate) -> Array:
         """Derivative of an estimate's parameters by each nuisance, (p, count), SI.

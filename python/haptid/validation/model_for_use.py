@@ -249,10 +249,8 @@ def _made(fitted: Estimate, name: str, strength: float | None) -> Estimate:
     else:
         method = PhysicallyConsistent(fitted.method)
     limited = isinstance(fitted.intervals, Limiting) and name != CONSISTENT
-    other = estimate(fitted.observation, method, ClusterRobust() if limited else fitted.intervals)
-    for nuisance, shifts in fitted.nuisances.items():
-        other = other.with_nuisance(nuisance, shifts)
-    return other
+    intervals = ClusterRobust() if limited else fitted.intervals
+    return estimate(fitted.observation, method, intervals).with_nuisances_of(fitted)
 
 
 @dataclass(frozen=True, eq=False)
