@@ -28,6 +28,7 @@ from zoo.case import Case
 from zoo.wrong import WrongPlant, identified, written
 
 ARM = Case(1, "arm2", 250, 16, 1.2, 3, bits=16, friction=0.3, level=0.01)
+ARM3 = Case(2, "arm3", 250, 20, 0.8, 3, bits=16, friction=0.3, level=0.01)
 AXIS = Case(2, "axis", 250, 12, 1.5, 4, bits=16, friction=0.3, level=0.01)
 WRONG = {
     "stribeck": AXIS,
@@ -151,6 +152,39 @@ def test_joints_in_another_order_are_put_into_the_device_s(tmp_path: Path) -> No
     assert after.identification.study.path.read_text().count("joints = [1, 2]") == 1
     assert after.after == pytest.approx(right, rel=0.02)
     assert after.before > 4 * right
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        ("offset = [0.0, 1.5707963, 0.0]", "add -90 deg to the position of joint 2"),
+        ("gain = [1.0, -1.0, 1.0]", "reverse position and torque of joint 2"),
+        ("offset = [0.0, 1.5707963, -1.5707963]", "add -90 deg to the position of joint 2"),  # the last one is absorbed
+    ],
+)
+def test_joints_that_the_log_counts_otherwise_are_counted_as_the_device_file_does(
+    count: str, words: str, tmp_path: Path
+) -> None:
+    """A controller's zero a quarter turn from the description's, or its axis reversed, with the torque's sign."""
+    study = written(WrongPlant(ARM3), tmp_path)
+    device = tmp_path / "device.toml"
+    device.write_text("".join(x for x in device.read_text().splitlines(True) if not x.startswith("limits")))
+    right, text = identify(read_study(study)), study.read_text()
+    text = text.replace('"q3"], unit = "rad"', f'"q3"], unit = "rad", {count}')
+    if "gain" in count:
+        text = text.replace('"u3"], unit = "N m"', f'"u3"], unit = "N m", {count}')
+    study.write_text(text)
+    wrong = identify(read_study(study))
+    made = advise(wrong)
+    assert [(action.kind, action.change.split(":")[0]) for action in made.actions] == [("joint zeros", words)]
+    (first,) = made.actions
+    assert first.se is not None
+    assert first.before - first.after > 5 * first.se
+    after = applied(made, wrong, tmp_path / "out")
+    assert after is not None
+    assert after.before > 5 * after.after
+    known = [k for k, name in enumerate(right.estimate.base.names) if name.startswith(("FV", "FC", "ZZ1"))]
+    np.testing.assert_allclose(after.identification.estimate.beta[known], right.estimate.beta[known], rtol=0.02)
 
 
 def test_of_mounting_and_order_the_one_that_leaves_least_is_advised(

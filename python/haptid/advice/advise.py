@@ -13,6 +13,7 @@ from haptid.advice.bodies import Impossible, impossible, right_signs
 from haptid.advice.clash import clash, whole_reversed
 from haptid.advice.common_delay import KIND as COMMON_DELAY
 from haptid.advice.common_delay import with_common_delay
+from haptid.advice.conventions import OtherCounts, other_counts
 from haptid.advice.edits import Edit, edits_of
 from haptid.advice.filters import OtherFilter, other_filter
 from haptid.advice.more_motion import more_motion
@@ -49,6 +50,8 @@ from haptid.uncertainty.figures import per_cent
 # Unseen error, per cent, from which signs and assignments of the positions are tried: each is a pass over the log.
 # The lower one where parameters are found that no bodies have, of which signs are tried in any case, and for sides.
 _ROUGH, _LARGE = 20.0, 10.0
+# The same for zeros and directions of the joints, of which dozens are tried on a part of the log.
+_COUNTS = 5.0
 # Most actions of a combination.
 _MOST = 4
 # Least share of what is negative in the torque of a motor that is reversed.
@@ -106,6 +109,8 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     chosen, after = _combined(search, base, made)
     left = after / max(before, 1e-300)
     whole_changes = [one for one in (_mounting(found, part, left), _order(found, part, left)) if one is not None]
+    left = min([left, *(one.after / one.before for one in whole_changes)])
+    whole_changes += [one for one in (_counts(found, part, left),) if one is not None]
     if whole_changes:  # nothing else can be judged with the one that leaves least
         best = min(whole_changes, key=lambda one: one.after)
         check = tuple(_other_robot(best.after, (0.0, 0.0)))
@@ -233,6 +238,21 @@ def _mounting(found: Identification, part: Estimate, left: float) -> Action | No
     return _of_whole_log("mounting", ("the base",), change, one, tuple(f"gravity {other}{less}" for other in others))
 
 
+def _counts(found: Identification, part: Estimate, left: float) -> Action | None:
+    """Other zeros and directions of the joints, where the best other changes leave more: one zero is like a mounting.
+
+    Args:
+        left: share of the unseen error that the others leave.
+    """
+    if max((v.comparable.relative for v in found.unseen), default=0.0) < _COUNTS:
+        return None
+    one = other_counts(found.model, part.observation.motions, part.beta, part.zero, found.proposal.bandwidth_hz)
+    if one is None or one.after > MOST_LEFT * left * one.before:
+        return None
+    change = f"{one.words}: the log counts otherwise than the device file"
+    return _of_whole_log("joint zeros", one.places, change, one, one.rivals)
+
+
 def _rough(found: Identification) -> bool:
     """Whether the unseen error is so large that an assumption about the whole log may be wrong."""
     return max((v.comparable.relative for v in found.unseen), default=0.0) >= _ROUGH
@@ -242,7 +262,7 @@ def _of_whole_log(
     kind: str,
     places: tuple[str, ...],
     change: str,
-    one: OtherSide | OtherOrder | OtherMounting,
+    one: OtherSide | OtherOrder | OtherMounting | OtherCounts,
     rivals: tuple[str, ...] = (),
 ) -> Action:
     """The action of another assumption about the whole log."""

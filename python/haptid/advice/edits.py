@@ -217,7 +217,7 @@ def written(study: Study, data: Path | None, edits: Sequence[Edit], out: Path, t
             log["exclude"] = sorted([*log.get("exclude", []), *edit.value])
         elif edit.path[0] == "channels":
             for table in [plan, *plan["logs"]]:
-                if "channels" in table:
+                if edit.path[1] in table.get("channels", ()):
                     signal = table["channels"][edit.path[1]]
                     _apply(table, edit.path, edit, len(signal.get("channels") or signal.get("joints") or ()))
                     if edit.operation == "exchange" and edit.path[1] == "position" and "velocity" in table["channels"]:

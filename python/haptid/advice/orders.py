@@ -68,9 +68,9 @@ def other_order(model: DynamicModel, motions: Sequence[Motion], beta: Array, zer
         beta: base parameters, (p,), SI.
         zero: those parameters that are fixed at zero.
     """
-    if sum(map(len, motions)) > MOST_SAMPLES or not _one_to_one(model, motions):
+    if sum(map(len, motions)) > MOST_SAMPLES or not one_to_one(model, motions):
         return None
-    now = [finer(motion) for motion in motions]
+    now = [undelayed(finer(motion)) for motion in motions]
     rows, start = trial_rows(model, now, beta), np.zeros(len(beta))
     kept = np.array([k for k in range(len(beta)) if k not in zero])
     joints = tuple(model.device.joints[k].name for k in model.device.active)
@@ -86,7 +86,7 @@ def other_order(model: DynamicModel, motions: Sequence[Motion], beta: Array, zer
     return max((one for one in tried if one.proven(len(tried))), key=lambda one: one.gain.share, default=None)
 
 
-def _one_to_one(model: DynamicModel, motions: Sequence[Motion]) -> bool:
+def one_to_one(model: DynamicModel, motions: Sequence[Motion]) -> bool:
     """Whether there are several joints, each with a channel of position and one of torque of its own motor."""
     count = len(model.device.active)
     rows = [np.flatnonzero(motor.row).tolist() for motor in model.device.motors]
@@ -122,10 +122,14 @@ def _exchanges(order: Sequence[int]) -> Iterator[tuple[int, int]]:
             yield k, at
 
 
+def undelayed(motion: Motion) -> Motion:
+    """The motion with the delay of a command that is held, the log's torques: that of a wrong model is none."""
+    return motion if motion.log is None else with_delay(motion, 0.5 * motion.dt)
+
+
 def _reordered(motion: Motion, order: Sequence[int]) -> Motion:
     """The motion with positions, torques and the speeds that count as slow in another order."""
-    # The delay of a wrong model is none, but of a command that is held. It is set first, as it takes the log's torques.
-    made = motion if motion.log is None else with_delay(motion, 0.5 * motion.dt)
+    made = undelayed(motion)
     index, slow = list(order), np.asarray(motion.treatment.reversal_speed)
     if slow.ndim:
         made = replace(made, treatment=replace(made.treatment, reversal_speed=tuple(slow[index].tolist())))

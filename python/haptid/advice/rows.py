@@ -16,7 +16,7 @@ from haptid._internal.arrays import Array
 from haptid.advice.grams import Grams
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.subsample import evenly_spaced, row_ranges
+from haptid.inference.diagnosis.subsample import MOST_SAMPLES, evenly_spaced, row_ranges
 from haptid.motion.channels import coordinate_torque
 from haptid.motion.motion import Motion
 from haptid.observation.augmented import ResidualContext
@@ -124,6 +124,7 @@ def trial_rows(
     beta: Array,
     columns: Sequence[Column] = (),
     like: Sequence[Motion] | None = None,
+    most: int = MOST_SAMPLES,
 ) -> TrialRows:
     """The rows of motions with candidate columns; of long logs, those of blocks spread evenly over them.
 
@@ -132,8 +133,9 @@ def trial_rows(
         beta: base parameters from which the candidates' signals are computed, (p,), SI.
         columns: candidates.
         like: motions whose rows are used, where these are simulated copies of them.
+        most: samples in these blocks.
     """
-    return BaseRows.of(model, motions, like).with_columns(beta, columns)
+    return BaseRows.of(model, motions, like, most).with_columns(beta, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,12 @@ class BaseRows:
     log: tuple[np.ndarray, ...]
 
     @staticmethod
-    def of(model: DynamicModel, motions: Sequence[Motion], like: Sequence[Motion] | None = None) -> BaseRows:
+    def of(
+        model: DynamicModel,
+        motions: Sequence[Motion],
+        like: Sequence[Motion] | None = None,
+        most: int = MOST_SAMPLES,
+    ) -> BaseRows:
         """As `trial_rows` has them."""
         own, chunks, block, log, before = model.measured_rows, [], [], [], 0
         plans = [
@@ -162,7 +169,7 @@ class BaseRows:
             for motion, there in zip(motions, like or motions, strict=True)
         ]
         every = [wanted.blocks() for _, wanted in plans]
-        kept = evenly_spaced(sum(map(len, every)), sum(map(len, motions)))
+        kept = evenly_spaced(sum(map(len, every)), sum(map(len, motions)), most)
         for k, (plan, wanted) in enumerate(plans):
             here = kept[(kept >= before) & (kept < before + len(every[k]))] - before
             for start, stop in row_ranges(wanted, [every[k][b] for b in here]):

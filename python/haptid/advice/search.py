@@ -252,8 +252,12 @@ def _channel_factors(model: DynamicModel, motions: Sequence[Motion]) -> Array:
 
 def unseen_percent(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> float:
     """Unseen relative error of a motor, or of all as a validation has it, per cent."""
-    left = trial.errors.sum(axis=0) / bench.weights**2
-    return float(100 * np.sqrt(_factors(model, bench, trial, motor) @ left))
+    return float(100 * np.sqrt(relative_squares(model, bench, trial, motor).sum()))
+
+
+def relative_squares(model: DynamicModel, bench: Bench, trial: Trial, motor: int | None = None) -> Array:
+    """Each block's part of the squared unseen relative error of a motor, or of all, (blocks,)."""
+    return np.asarray(trial.errors / bench.weights**2 @ _factors(model, bench, trial, motor))
 
 
 def paired(model: DynamicModel, bench: Bench, before: Trial, after: Trial, motor: int | None = None) -> float:

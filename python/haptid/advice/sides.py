@@ -15,7 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.advice.edits import Edit
 from haptid.advice.rows import TrialRows, trial_rows
-from haptid.advice.search import LEAST_SE, finer, large_enough, unseen_percent, weights_of
+from haptid.advice.search import LEAST_SE, finer, large_enough, relative_squares, weights_of
 from haptid.advice.trial import Bench, Gain, Setting, Trial, gain
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
@@ -184,7 +184,7 @@ def other_mounting(
         trial, figures = compared(model, (rows, there), (beta, start), kept)
         tried.append(OtherMounting(*figures, tuple((0.0 - magnitude * axis).tolist())))
         trials.append(trial)
-        agreements.append(_agreement(turned, there))
+        agreements.append(agreement(turned, there))
     held = [k for k, one in enumerate(tried) if one.proven(len(tried))]
     best = max(held, key=lambda k: tried[k].gain.share, default=None)
     if best is None:
@@ -198,7 +198,7 @@ def other_mounting(
     return replace(tried[chosen], rivals=rivals, by_bodies=any(agreements))
 
 
-def _agreement(model: DynamicModel, rows: TrialRows) -> float:
+def agreement(model: DynamicModel, rows: TrialRows) -> float:
     """Mean cosine between the torques of motors and those of the device file's bodies; 0 where it has none."""
     told = np.where(rows.used, rows.W[:, :, : len(model.base)] @ model.prior_beta, 0.0)
     y = np.where(rows.used, rows.y, 0.0)
@@ -216,19 +216,24 @@ def compared(
 
     Errors are before and after, per cent.
     """
-    both = rows[0].used & rows[1].used
-    same = np.eye(len(rows[0].y))
-    trials: list[Trial] = []
-    errors: list[float] = []
-    for one, beta, columns in zip(rows, start, kept, strict=True):
-        weights = weights_of(one, len(beta), beta)
-        bench = Bench({"used": one.grams(both)}, len(beta), columns, weights, same)
-        trial = bench.run(Setting())
-        errors.append(unseen_percent(model, bench, trial))
+    trials, parts = [], []
+    for bench, trial in trials_of(rows, start, kept):
+        parts.append(relative_squares(model, bench, trial))
         trials.append(_relative(bench, trial))
-    difference = (trials[0].errors - trials[1].errors).sum(axis=1)
-    se = 1e2 * float(np.sqrt(len(difference)) * difference.std(ddof=1)) / max(sum(errors) / 100, 1e-300)
+    errors = [100 * float(np.sqrt(part.sum())) for part in parts]
+    difference = parts[0] - parts[1]
+    se = 1e4 * float(np.sqrt(len(difference)) * difference.std(ddof=1)) / max(sum(errors), 1e-300)
     return trials[1], (gain(*trials), errors[0], errors[1], se, len(difference))
+
+
+def trials_of(
+    rows: tuple[TrialRows, TrialRows], start: tuple[Array, Array], kept: tuple[np.ndarray, np.ndarray]
+) -> Iterator[tuple[Bench, Trial]]:
+    """The fit of all columns on those rows of each that are used in both, with what judges it."""
+    both, same = rows[0].used & rows[1].used, np.eye(len(rows[0].y))
+    for one, beta, columns in zip(rows, start, kept, strict=True):
+        bench = Bench({"used": one.grams(both)}, len(beta), columns, weights_of(one, len(beta), beta), same)
+        yield bench, bench.run(Setting())
 
 
 def _relative(bench: Bench, trial: Trial) -> Trial:

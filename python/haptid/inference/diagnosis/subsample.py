@@ -36,14 +36,15 @@ def subsample(estimate: Estimate) -> Estimate:
     return replace(estimate, observation=replace(some, motions=motions))
 
 
-def evenly_spaced(blocks: int, samples: int) -> np.ndarray:
+def evenly_spaced(blocks: int, samples: int, most: int = MOST_SAMPLES) -> np.ndarray:
     """Indices of the blocks of the subsample, increasing.
 
     Args:
         blocks: of the whole log.
         samples: in these blocks.
+        most: samples of the subsample.
     """
-    wanted = max(MOST_SAMPLES * blocks // max(samples, 1), FEWEST_BLOCKS)
+    wanted = max(most * blocks // max(samples, 1), FEWEST_BLOCKS)
     if wanted >= blocks:
         return np.arange(blocks)
     length = -(-wanted // RANGES)
