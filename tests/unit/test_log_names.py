@@ -20,6 +20,31 @@ P = np.cos(4.0 * T) - 0.2 * np.sin(6.0 * T)
 TAU = Q + np.cos(5.0 * T)
 
 
+CART = """
+name = "cart and pole"
+gravity = [0, -9.81, 0]
+convention = "placement"
+joints = [{ name = "cart", type = "prismatic", axis = [1, 0, 0] }, { name = "pole" }]
+motors = [{ name = "cart", command_unit = "N" }]
+"""
+
+
+@pytest.mark.parametrize("header", ["t;x;x_dot;theta;theta_dot;F", "t;x;dx;phi;dphi;u"])
+def test_a_cart_and_its_pole_are_drafted_by_letters(tmp_path: Path, header: str) -> None:
+    """The cart's `x` and `F` were left out without a word beside the pole's angle."""
+    columns = (T, P, np.gradient(P, T), Q, np.gradient(Q, T), TAU)
+    (tmp_path / "device.toml").write_text(CART)
+    np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=";", header=header, comments="")
+    out = tmp_path / "study.toml"
+    made = CliRunner().invoke(
+        app, ["channels", str(tmp_path / "log.csv"), "--device", str(tmp_path / "device.toml"), "--out", str(out)]
+    )
+    assert made.exit_code == 0, made.output
+    drafted, names = tomllib.loads(out.read_text())["channels"], header.split(";")
+    assert drafted["position"] == {"channels": [names[1], names[3]], "unit": ["m", "rad"]}
+    assert (drafted["torque"]["channels"], drafted["torque"]["unit"]) == ([names[5]], "N")
+
+
 @pytest.mark.parametrize(
     ("header", "columns", "time", "position", "torque"),
     [
@@ -65,6 +90,12 @@ TAU = Q + np.cos(5.0 * T)
         ("t;x1;x2;x3;x4;u1;u2", (T, Q, P, np.gradient(Q, T), np.gradient(P, T), TAU, Q + np.cos(4 * T)),
          ("t", "s"), (["x1", "x2"], "rad"), (["u1", "u2"], "N m")),
         ("t;x;xdot;u", (T, Q, np.gradient(Q, T), TAU), ("t", "s"), (["x"], "m"), (["u"], "N")),
+        ("t;x;x_dot;theta;theta_dot;F", (T, P, np.gradient(P, T), Q, np.gradient(Q, T), TAU), ("t", "s"), (["x"], "m"),
+         (["F"], "N")),  # a pole's angle beside it, which the draft asks about
+        ("t;target_x;x;q;current", (T, P, P, Q, TAU), ("t", "s"), (["x"], "m"), (["current"], "A")),
+        ("t;x;q;tau", (T, P, Q, TAU), ("t", "s"), (["q"], "rad"), (["tau"], "N m")),  # of a hand, or of anything
+        ("time;angle;angleD;torque", (T, Q, np.gradient(Q, T), TAU), ("time", "s"), (["angle"], "rad"),
+         (["torque"], "N m")),
         ("t;cart_pos_m;FORCE_MN", (T, Q, 50 * TAU), ("t", "s"), (["cart_pos_m"], "m"), (["FORCE_MN"], "mN")),
         ("t;piston_pos;piston_force", (T, 50 * Q, TAU), ("t", "s"), (["piston_pos"], "mm"), (["piston_force"], "N")),
         ("t;angle_x;angle_y;tau_x;tau_y", (T, Q, Q, TAU, TAU), ("t", "s"), (["angle_x", "angle_y"], "rad"),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from haptid._internal.arrays import Array
 from haptid._internal.numerals import whole_number
 from haptid.errors import LogError, LogFileError
+from haptid.log.formats import headers
 from haptid.log.formats.arrow import numbers
 from haptid.log.formats.encoding import encoding_of, opened_text, opened_utf8, text_of
 from haptid.log.formats.headers import NUMBER, fitting_header, is_number, labview_header, numbered, two_levels
@@ -350,9 +351,12 @@ def _without_header(
     """Names of the columns of rows without a header, from a comment or by number, and the line at which rows start."""
     commented = next((k for k in reversed(range(first)) if COMMENT.match(texts[k]) and texts[k].strip("#% \t")), None)
     if commented is not None:
-        cells = _cells(COMMENT.sub("", texts[commented], count=1), separator)
+        text = COMMENT.sub("", texts[commented], count=1)
+        cells = _cells(text, separator)
         if len(cells) == width and not all(is_number(cell, ".") for cell in cells):
             return cells, first
+        if names := headers.blank_names(text, width):
+            return names, first
     if len(rows) > 1 and width > 1 and [whole_number(cell) for cell in rows[0]] == list(range(width)):
         stated.append("the first line counts the columns from 0: it is taken as the header")
         return rows[0], first + 1

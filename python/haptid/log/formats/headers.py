@@ -11,15 +11,28 @@ _LABVIEW = 100
 # The last name of a header, and the first number of the row that follows without an end of line.
 _GLUED = re.compile(r"(?P<name>.*[^\d.+-])[+-]?\d+(?:\.\d+)?")
 
+# A name of times, which headers have and sentences seldom, with a unit or not.
+_TIMES = re.compile(r"(?:t|ts|time|time_?stamp|stamp|sec|seconds|tick|zeit)(?:[_\[(].*)?", re.IGNORECASE)
+
+
+def blank_names(line: str, width: int) -> list[str] | None:
+    """Names that blanks separate, above rows that another mark separates; None where the line may be a sentence."""
+    names = line.split()
+    header = len(names) == len(set(names)) == width > 1 and any(_TIMES.fullmatch(name) for name in names)
+    return names if header else None
+
 
 def fitting_header(header: list[str], rows: list[list[str]], width: int) -> list[str] | None:
     """The header with as many names as rows have cells; None where it is none of theirs.
 
     A separator at the end of each line makes a cell more, comments of LabVIEW have cells in few rows, numbers of rows
-    have no name in tables of R, and a recorder that ends no line after its header has the first row in it.
+    have no name in tables of R, and a recorder that ends no line after its header has the first row in it. Names may be
+    separated by blanks where cells are not.
     """
     if not rows or len(header) == width:
         return header
+    if len(header) == 1 and (names := blank_names(header[0], width)):
+        return names
     glued = _GLUED.fullmatch(header[width - 1]) if len(header) == 2 * width - 1 else None
     if glued and sum(is_number(cell, ".") for cell in header[width:]) > width // 2:
         return [*header[: width - 1], glued["name"].strip()]

@@ -31,13 +31,14 @@ MEASURED_WORDS = frozenset({"measured", "actual", "act", "present", "feedback", 
 # What was done to a signal: another one than that without the word.
 _TREATED = frozenset({"raw", "unfiltered", "filtered", "filt", "lpf", "smooth", "smoothed"})
 # rad or m of a unit of positions.
+_ANGLES = frozenset({"rad", "deg", "turn"})
 SI = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3}
 # A motor's torque is preferred to its current, this to its voltage, this to a duty cycle.
 _DRIVE = ("duty", "voltage", "current", "")
 # Share of their sizes by which ranges of one signal in two units differ at most.
 _SAME_RANGE = 1e-3
-# What is desired of a measured signal beside it: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`.
-_DESIRED = re.compile(r"_d(?=(?:_?\d+|\[\w+\])?$)")
+# What is desired of a measured signal beside it, or its rate: `q_d` of `q`, `tau_J_d[1]` of `tau_J[1]`, `angleD`.
+_DESIRED = re.compile(r"(?:_d|(?<=[a-z])D)(?=(?:_?\d+|\[\w+\])?$)")
 # Words of quantities and of where their values come from: never the name of a joint.
 _KIND = (
     frozenset(word for _, known in QUANTITY_WORDS for word in known) - {"joint"}
@@ -223,12 +224,15 @@ def _of_joint_name(name: str, others: frozenset[str]) -> frozenset[str]:
 def _of_unlike_names(groups: dict[str, list[ChannelSurvey]]) -> Iterator[tuple[str, list[ChannelSurvey]]]:
     """Groups whose names say one quantity by different words, each of joints of its own: a cart's and a pendulum's.
 
-    `shoulder_pos` and `elbow_angle` are of two joints, `elbow_pos` and `elbow_angle` two signals of one.
+    `shoulder_pos` and `elbow_angle` are of two joints, `elbow_pos` and `elbow_angle` two signals of one; a cart's `x`
+    is of another joint than any angle.
     """
     alike: dict[tuple[object, ...], list[list[ChannelSurvey]]] = {}
+    cart = any(channel.name.lower() == "x" for channels in groups.values() for channel in channels)
     for array, channels in groups.items():
         words = [words_of(last_part(base_of(c.name))) for c in channels]
-        if not any("/" in c.name or element_of(c.name) for c in channels) and all(own - _KIND for own in words):
+        plain = not any("/" in c.name or element_of(c.name) for c in channels)
+        if plain and all(own - _KIND or (cart and c.unit in _ANGLES) for own, c in zip(words, channels, strict=True)):
             other = frozenset.union(*words, words_of(array)) & (
                 WANTED_WORDS | MEASURED_WORDS | _TREATED | {"motor", "joint", "rotor"}
             )

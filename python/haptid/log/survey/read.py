@@ -45,6 +45,8 @@ _NUMBERS = 20_000_000
 _FRACTION = 500.0
 # Usual sampling rates, Hz, times powers of ten; one within this share is meant.
 _RATES, _ROUNDED = (1.0, 1.2, 1.25, 1.5, 2.0, 2.4, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), 0.02
+# Names of the rate of a cart's `x`, and the most poles that it carries.
+_RATES_OF_X, _POLES = ("x_dot", "xdot", "dx"), 3
 
 
 def survey(
@@ -204,9 +206,10 @@ def _tabulated(path: Path, kind: Format, notes: list[str]) -> TopicSurvey:
         channels, own = _with_times(channels, content.time, path, kind)
         rate = rate or own
         if not any(channel.quantity == "position" for channel in channels):
-            channels = _lettered(_recognised(channels, content))
+            channels = _recognised(channels, content)
         period = 0.0 if rate else _named_period(channels, path, kind) or content.dt
         by_rates = _usual(1.0 / period) if period > 0 else 0.0
+    channels = _lettered(channels)
     channels = _turning(_without_times(channels, path, kind), path, kind)
     if kind is not LEROBOT and sum(c.quantity == "position" for c in channels) * count < _NUMBERS:
         channels = [_wrapped(c, path, kind) if c.quantity == "position" and c.usable else c for c in channels]
@@ -365,18 +368,27 @@ def _recognised(channels: Sequence[ChannelSurvey], content: Content) -> list[Cha
 
 
 def _lettered(channels: Sequence[ChannelSurvey]) -> list[ChannelSurvey]:
-    """Channels with a cart's `x` and `F`, where nothing else is a position or a torque, and there is no y and z."""
-    quantities = {channel.quantity for channel in channels}
+    """Channels with a cart's `x` and `F`, where there is no y and z; beside other positions, a pole's, with more to it.
+
+    `x` is a cart's beside the angle of a pole where its rate, its planned position or a force `F` is there too.
+    """
+    positions = sum(channel.quantity == "position" for channel in channels)
     letters = {channel.name.lower(): channel for channel in channels if channel.quantity == "other"}
+    more = letters.keys() & {"f", *_RATES_OF_X} or any(
+        {"x"} < words_of(name) & {"x", *WANTED_WORDS} for name in letters
+    )
+    if letters.keys() & {"y", "z", "fy", "fz"} or positions > (_POLES if more else 0):
+        return list(channels)
+    moved = positions and "x" in letters
+    found: list[tuple[str, Quantity]] = [("x", "position"), *((name, "velocity") for name in _RATES_OF_X if moved)]
+    if not any(channel.quantity == "torque" for channel in channels) and (moved or not positions):
+        found.append(("f", "torque"))
     made = list(channels)
-    found: tuple[tuple[str, Quantity], ...] = (("x", "position"), ("f", "torque"))
-    for letter, quantity in found:
-        channel = letters.get(letter)
-        if channel is None or quantity in quantities or letters.keys() & {"y", "z", "fy", "fz"}:
-            continue
-        largest = max(abs(channel.low), abs(channel.high))
-        unit, reason = unit_of(quantity, frozenset({letter}), largest, channel, "")
-        made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
+    for name, quantity in found:
+        if channel := letters.get(name):
+            largest = max(abs(channel.low), abs(channel.high))
+            unit, reason = unit_of(quantity, frozenset({name}), largest, channel, "")
+            made[made.index(channel)] = replace(channel, quantity=quantity, unit=unit, reason=reason)
     return made
 
 
