@@ -7,7 +7,7 @@ composed where the error is raised, and its figures are attributes:
         f"{path}: channel {name!r} is {value:g} in every sample.",
         where=name,
         found=value,
-        advice="Map the channel that is connected, or give its signal constant_ok=True.",
+        advice="Map the channel that is connected, or give its signal `constant_ok = true`.",
     )
 
 Errors that cross processes keep their attributes and notes.

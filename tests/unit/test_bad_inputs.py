@@ -146,7 +146,7 @@ BAD = {
     "dead position": (change(q2=lambda q, _: 0 * q + 0.5), r"q2.*(never changes|constant)"),
     "dead torque": (change(tau1=lambda q, _: 0 * q), r"tau1.*(never changes|constant)"),
     "saturated torque": (change(tau1=lambda y, _: np.clip(y, -0.3, 0.3)), r"tau1.*(limit|held)"),
-    "degrees for radians": (change(q1=lambda q, _: np.degrees(q), q2=lambda q, _: np.degrees(q)), r"unit=.deg"),
+    "degrees for radians": (change(q1=lambda q, _: np.degrees(q), q2=lambda q, _: np.degrees(q)), r"unit = .deg"),
     "radians for degrees": (text("study.toml", 'unit = "rad"', 'unit = "deg"'), r"radians"),
     "one column twice": (change(q2=lambda _, table: table["q1"].copy()), r"equal in every sample"),
     "wrapped angle": (change(q2=lambda q, _: q - 2 * np.pi * (q > 0.2)), r"wrap"),

@@ -14,8 +14,10 @@ from haptid.uncertainty.figures import per_cent
 Proof = Literal["unseen error", "consistent fit", "possible bodies", "prior bodies"]
 # Actions that are shown.
 SHOWN = 6
+# Factor by which the first action lowers the error where it explains the rest, and by which the others leave more.
+_EXPLAINS = 3.0
 # Kinds that leave rows out.
-MASKS = ("dead torque", "stuck position", "contact", "slip", "limit cycle", "other log")
+MASKS = ("dead torque", "noise alone", "stuck position", "contact", "slip", "limit cycle", "other log")
 # Kind of what changes the fit for use, and not the rows or the free model.
 USE = "model for use"
 # What to do, by the kind of the change.
@@ -48,6 +50,10 @@ CHANGES: Mapping[str, str] = {
     "length": "correct {where} in the device file",
     "gravity direction": "correct the direction of gravity in the device file",
     "dead torque": "leave out the torque channel of {where}, which is dead: check its wiring, and record again",
+    "noise alone": (
+        "leave out the torque channel of {where}, which shows noise alone: check that it is connected and of this "
+        "motor, and record again"
+    ),
     "coarse torque": "record the torque of {where} with a finer resolution",
     "clipped torque": "leave out the parts in which the torque of {where} is clipped",
     "stuck position": "leave out the parts in which the position of {where} is stuck",
@@ -72,12 +78,28 @@ _OPEN: Mapping[str, str] = {
     "gravity direction": "whether the base is tilted or several zeros are wrong",
     "mounting": "whether the base is tilted from that axis",
     "dead torque": "what the channel would have shown",
+    "noise alone": "what the channel would have shown",
     "contact": "what touched it, and lighter contacts elsewhere",
     "slip": "the sizes of slips that are smaller than what the encoders show",
     "limit cycle": "whether play or dry friction with a controller that integrates makes it",
     "other log": "what differs in it: a payload, a setting, another device",
     "filter": "the effect in faster motion than the log's",
 }
+
+
+def told_apart(before: float, after: float) -> tuple[str, str]:
+    """Two errors, per cent, in as many digits as show their difference: three at least, and six at most."""
+    for digits in range(3, 7):
+        first, second = f"{before:.{digits}g}", f"{after:.{digits}g}"
+        shown = abs(float(first) - float(second))
+        if abs(shown - abs(before - after)) <= 0.1 * abs(before - after):
+            break
+    return first, second
+
+
+def _plain(ratio: float) -> str:
+    """A ratio to three digits, without an exponent where it is of thousands."""
+    return f"{round(ratio, 0):.0f}" if 1e3 <= abs(ratio) < 1e6 else f"{ratio:.3g}"
 
 
 @dataclass(frozen=True)
@@ -132,14 +154,14 @@ class Action:
             rows = f"{per_cent(self.before, 3)} of all rows, {per_cent(self.after, 3)} of the others without them"
             return f": {on} is {rows}."
         if self.proof == "unseen error":
-            size = f"{self.before:.3g} to {self.after:.3g} % (paired standard error {self.se:.2g})"
-            return f": {on} falls from {size}."
+            before, after = told_apart(self.before, self.after)
+            return f": {on} falls from {before} to {after} % (paired standard error {self.se:.2g})."
         if self.proof == "consistent fit":
             size = f"falls from {self.before:.3g} to {self.after:.3g} %"
             return f": on {self.blocks} unseen time blocks the error of the fit with bodies that can exist {size}."
         if self.proof == "possible bodies":
             return f" negative: without it they are {self.before:.3g} standard errors below zero or more."
-        return f": the torque is {self.before:.3g} times that of the prior bodies, and then {self.after:.3g}."
+        return f": the torque is {_plain(self.before)} times that of the prior bodies, and then {_plain(self.after)}."
 
     @property
     def _open(self) -> Iterator[str]:
@@ -200,14 +222,30 @@ class Advice:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The first actions, further motion, then open questions."""
+        listed = [action for action in self.actions if not self._far_behind(action)]
         shown = [
-            f"{k}. {action.sentence}{'' if action.adds else ' Not in addition to the others.'}"
-            for k, action in enumerate(self.actions[:SHOWN], 1)
+            f"{k}. {action.sentence}{'' if action.adds else ' It adds nothing to the best combination.'}"
+            for k, action in enumerate(listed[:SHOWN], 1)
         ]
-        together = [action.kind for action in self.combination if action.kind != USE]
-        if len(together) > 1:
-            shown.append(f"Together ({joined_names(together)}): unseen error {self.before:.3g} to {self.after:.3g} %.")
+        together = [action.kind for action in self.combination if action.kind != USE and action.falls > 0]
+        if len(together) > 1 and self.after < self.before:
+            before, after = told_apart(self.before, self.after)
+            shown.append(f"Together ({joined_names(together)}): unseen error {before} to {after} %.")
+        if behind := len(self.actions) - len(listed):
+            others = "One other change lowers" if behind == 1 else f"{behind} other changes lower"
+            shown.append(f"{others} the error by less, which the first explains; `haptid advise --json` lists all.")
         return (*shown, *((self.motion.sentence,) if self.motion else ()), *self.undetermined)
+
+    def _far_behind(self, action: Action) -> bool:
+        """Whether an action is left out of the sentences: the first leaves little, and this one several times as much.
+
+        A wrong channel makes many changes help a little.
+        """
+        first = self.actions[0]
+        explains = first.adds and first.proof == "unseen error" and not first.motor and first.kind not in MASKS
+        if action.adds or action.proof != "unseen error" or not explains or first.after > first.before / _EXPLAINS:
+            return False
+        return bool(action.motor) or action.after > _EXPLAINS * first.after
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""

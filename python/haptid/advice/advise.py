@@ -37,6 +37,7 @@ from haptid.advice.spoiled import spoiled_parts
 from haptid.advice.trial import Setting, Trial, gain
 from haptid.advice.undetermined import undetermined
 from haptid.advice.use import other_use
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis
@@ -137,7 +138,7 @@ def advise(found: Identification, diagnosis: Diagnosis | None = None) -> Advice:
     unknown = undetermined(search, base, {action.kind for action in every}, not every)
     sentences = [
         *_other_robot(after, (0.0, 0.0) if first else clash(found.use)),
-        *_other_motion(found, before),
+        *(() if masks else _other_motion(found, before)),  # what spoils rows may do so in the other logs too
         *unknown,
     ]
     # Columns and noise of a model that is known to be wrong predict nothing.
@@ -318,7 +319,7 @@ def _action(
     """A proven candidate in words."""
     candidate, model, bench = one.candidate, search.model, search.bench
     where = joined_names(list(dict.fromkeys(candidate.places)), most=8)
-    change = CHANGES[candidate.kind].format(where=where) + _size(one)
+    change = CHANGES[candidate.kind].format(where=where) + _size(one, _travel_unit(model))
     errors = stated(search, base, one.trial)
     label = "" if errors.motor is None else model.device.row_labels[model.measured_rows[errors.motor]]
     return Action(
@@ -337,8 +338,19 @@ def _rivals(base: Trial, one: Proven, made: Sequence[Proven]) -> tuple[str, ...]
     return tuple(alike)
 
 
-def _size(one: Proven) -> str:
-    """The size of the effect, in words."""
+def _travel_unit(model: DynamicModel) -> str:
+    """Unit of the joints' positions in words."""
+    kinds = {model.device.joints[k].prismatic for k in model.device.active}
+    return "rad or m" if len(kinds) > 1 else "m" if kinds == {True} else "rad"
+
+
+def _size(one: Proven, unit: str) -> str:
+    """The size of the effect, in words.
+
+    Args:
+        one: what is proven.
+        unit: of the joints' positions.
+    """
     kind = one.candidate.kind
     if kind == COMMON_DELAY:
         return f", by {1e3 * one.candidate.seconds:.3g} ms"
@@ -346,7 +358,7 @@ def _size(one: Proven) -> str:
         return f", which is {float(one.trial.whole.factors[one.candidate.indices[0]]):.4g} times the model's"
     if not one.values:
         return ""
-    theta = [float(v[0]) for v in one.values]
+    theta, speed = [float(v[0]) for v in one.values], " or ".join(f"{x}/s" for x in unit.split(" or "))
     match kind:
         case "time shift":
             return f" by {', '.join(f'{1e3 * x:.3g}' for x in theta)} ms"
@@ -355,11 +367,11 @@ def _size(one: Proven) -> str:
         case "zero offset" | "gravity direction":
             return f" by {', '.join(f'{x:.3g}' for x in theta)} rad"
         case "stribeck":
-            return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} rad/s or m/s)"
+            return f" (velocity {', '.join(format(s['velocity'], '.3g') for s in one.settings)} {speed})"
         case "presliding":
-            return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} rad or m)"
+            return f" (distance {', '.join(format(s['distance'], '.3g') for s in one.settings)} {unit})"
         case "ripple":
-            return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} rad or m)"
+            return f" (period {', '.join(format(s['period'], '.3g') for s in one.settings)} {unit})"
         case "payload":
             return f" (from t = {one.settings[0]['time']:.4g} s)" if one.settings else ""
         case _:

@@ -13,6 +13,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import HaptidError
 from haptid.inference.diagnosis.torque_faults import clipped
 from haptid.log import Log
+from haptid.log.noise_alone import noise_alone
 from haptid.motion.channels import channel_shares, channel_torque, coordinates, motor_torque
 from haptid.motion.motion import Motion, treat
 from haptid.motion.treatment import Treatment
@@ -34,11 +35,12 @@ class ChannelFault:
     """A fault of a channel, and the samples that it spoils.
 
     Attributes:
-        kind: "dead torque", "coarse torque", "clipped torque", "stuck position".
+        kind: "dead torque", "noise alone", "coarse torque", "clipped torque", "stuck position".
         channel: index of it.
         samples: spoiled, (n,); all of them for a dead channel.
         share: of the samples.
-        size: the value at which it stays, or the step of a coarse one, in its own unit as the log has it.
+        size: the value at which it stays, the step of a coarse one, or the deviation of noise, in its own unit as the
+            log has it.
     """
 
     kind: str
@@ -51,8 +53,12 @@ class ChannelFault:
 def faults(log: Log) -> Iterator[ChannelFault]:
     """Faults of a log's channels."""
     torque, position = np.asarray(log.torque), np.asarray(log.position)
+    noise = noise_alone(log)
     for k in range(torque.shape[1]):
-        yield from _torque_faults(torque[:, k], k)
+        if noise[k]:
+            yield ChannelFault("noise alone", k, np.ones(len(torque), dtype=bool), 1.0, float(torque[:, k].std()))
+        else:
+            yield from _torque_faults(torque[:, k], k)
     for k in range(position.shape[1]):
         x = position[:, k]
         stuck = _stuck(x)

@@ -297,7 +297,7 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
 
     A fault shows in the channel by itself, and it is enough that leaving it out does not harm the others, that it is a
     good part of the error, and that the error of the others is less: dry friction stops a joint too. A contact, slip,
-    a limit cycle or another log has to harm the others too.
+    a limit cycle, another log, or a torque of noise, as of a motor with little friction, has to harm the others too.
     """
     share = 1.0 - (mask & search.rows.used).sum() / search.rows.used.sum()
     if share <= 0:
@@ -306,7 +306,8 @@ def _masked(search: Trials, whole: Bench, base: Trial, one: TriedChange, mask: n
     trial, before = bench.run(Setting(rows="clean")), bench.run(Setting(), judged="clean")
     made = gain(before, trial)
     total = 1.0 - trial.total / (1.0 - share) / base.total
-    harmless = one.fault is not None and made.share > -LEAST_SE * made.se
+    shows = one.fault is not None and one.kind != "noise alone"
+    harmless = shows and made.share > -LEAST_SE * made.se
     dead = one.kind == "dead torque" and _unseen(search, base)[one.indices[0]] > DEAD_ERROR
     helps = made.p < SIGNIFICANCE / 4 and large_enough(made)
     if not (helps or dead or (harmless and total > LEAST_GAIN)):

@@ -106,7 +106,7 @@ def check_range(path: Path, name: str, column: RawChannel, quantity: str, ok: bo
             "moved.",
             where=name,
             found=float(column[0]),
-            advice="Map the connected channel, or give its signal constant_ok=True if it is constant on purpose.",
+            advice="Map the connected channel, or give its signal `constant_ok = true` if it is constant on purpose.",
         )
     return f"{quantity} channel {name!r} is {column[0]:.6g} in every sample, as allowed"
 

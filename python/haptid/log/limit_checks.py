@@ -185,13 +185,14 @@ def _degrees(name: str, channel: str, low: float, high: float, limits: _Range | 
     why = f"{(high - low) / (2 * math.pi):.1f} turns"
     if limits:
         why = f"far beyond its limits {limits[0]:.4g} .. {limits[1]:.4g} rad"
+    other = (
+        " correct the joint's limits." if limits else ", if it turns so far, give the joint limits in the device file."
+    )
     return LogMismatchError(
         f"joint {name} (channel {channel!r}) runs from {low:.4g} to {high:.4g} rad, {why}; divided by 57.3 it would be "
         "plausible.",
         where=name,
         found=(low, high),
         limit=limits,
-        advice="Give the position signal unit='deg', or correct the joint's limits."
-        if limits
-        else "Give the position signal unit='deg', or, if it turns so far, give the joint limits in the device file.",
+        advice=f'Give the position signal `unit = "deg"`, or{other}',
     )

@@ -1,0 +1,121 @@
+"""Sentences of an advice, as a newcomer reads them: the cause first, and what it explains not beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+
+import haptid
+import small_study
+from diagnosed import phantom
+from haptid.advice.action import Action, Advice, told_apart
+from haptid.advice.advise import _travel_unit, advise
+from haptid.advice.recorder import faults
+from haptid.study.identify import identify
+from haptid.study.read import read_study
+from motions import multisine
+
+
+def action(kind: str, after: float, adds: bool, **changes) -> Action:
+    made = Action(kind, ("motor 1",), f"mend {kind}", "unseen error", 48.2, after, 0.5, 0.9, adds, (), 24)
+    return replace(made, **changes)
+
+
+def advice(*actions: Action, after: float = 0.06) -> Advice:
+    return Advice(actions, 48.2, after, (), 40)
+
+
+def test_what_the_first_change_explains_is_counted_and_not_listed() -> None:
+    """Exchanged channels: a gain and an offset help a little, and were listed as five more causes."""
+    one, two = action("torque swap", 0.0585, True), action("gain", 12.8, False)
+    three = action("position swap", 0.1, False, before=69.0, motor="motor 1")
+    said = advice(one, two, three).sentences
+    assert [sentence[:2] for sentence in said] == ["1.", "2 "]
+    assert said[1].startswith("2 other changes lower the error by less, which the first explains")
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ({"after": 0.0585}, {"after": 0.06}),  # as good
+        ({"after": 20.0}, {"after": 40.0}),  # the first does not explain all
+        ({"after": 0.0585, "kind": "contact"}, {"after": 12.8}),  # on other rows
+        ({"after": 0.0585}, {"after": 12.8, "adds": True}),
+        ({"after": 0.0585}, {"after": 2.0, "before": 1e3, "proof": "prior bodies"}),
+    ],
+)
+def test_what_the_first_change_does_not_explain_is_listed(first: dict, second: dict) -> None:
+    kind, adds = first.get("kind", "torque swap"), second.pop("adds", False)
+    made = advice(action(kind, first["after"], True), action("gain", second.pop("after"), adds, **second))
+    assert [sentence[:2] for sentence in made.sentences if sentence[0].isdigit()] == ["1.", "2."]
+
+
+def test_errors_are_stated_so_that_their_difference_shows() -> None:
+    """A length was said to lower the error from 1.11 to 1.1 %."""
+    assert told_apart(1.1132, 1.0981) == ("1.113", "1.098")
+    assert told_apart(48.2, 0.0585) == ("48.2", "0.0585")
+    assert told_apart(2.0, 2.0) == ("2", "2")
+
+
+def test_units_are_plain_numbers_and_no_error_that_stays_is_called_a_gain() -> None:
+    """Both were: '1e+03 times that of the prior bodies', 'together unseen error 0.0885 to 0.0885 %'."""
+    units = [action("unit", 1.0, True, before=1000.2, proof="prior bodies", places=(f"motor {k}",)) for k in (1, 2)]
+    said = replace(advice(*units), before=0.0885, after=0.0885).sentences
+    assert "the torque is 1000 times that of the prior bodies, and then 1." in said[0]
+    assert not any(sentence.startswith("Together") for sentence in said)
+
+
+def test_positions_of_revolute_joints_are_in_rad() -> None:
+    assert _travel_unit(phantom()) == "rad"
+
+
+def test_a_torque_of_noise_that_is_small_is_named_and_not_given_a_gain(tmp_path: Path) -> None:
+    """The first advice was a gain of 0.00025 on the channel, which then has noise as large as the torque."""
+    path = small_study.write_study(tmp_path)
+    for seed, name in ((1, "log.csv"), (2, "check.csv")):
+        made = small_study.columns(seed, 20.0)
+        size = 1e-3 * float(np.std(made["tau1"]))
+        made["tau2"] = size * np.random.default_rng(seed).standard_normal(len(made["t"]))
+        pyarrow.csv.write_csv(pa.table(made), tmp_path / name)
+    said = advise(identify(read_study(path))).sentences
+    assert said[0].startswith("1. Leave out the torque channel of motor 2, which shows noise alone")
+    assert not any("gain" in sentence.split(":")[0] for sentence in said if sentence[0].isdigit())
+
+
+STAGE = """
+schema = 1
+name = "turntable and wrist"
+gravity = [0.0, 0.0, -9.81]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+alpha = 1.5707963267948966
+[[terms]]
+kind = "coulomb"
+joints = "all"
+"""
+
+
+def test_friction_below_its_noise_is_no_torque_to_leave_out(tmp_path: Path) -> None:
+    """A right model of a small wrist, whose friction no test finds: its rows harm no other."""
+    path = small_study.write_study(tmp_path)
+    (tmp_path / "device.toml").write_text(STAGE)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
+    beta = np.array([{"ZZ1R": 0.3, "FC1": 0.4, "FC2": 1e-5}.get(name, 0.0) for name in model.base.names])
+    for seed, name in ((1, "log.csv"), (2, "check.csv")):
+        q, qd, qdd = multisine(2, 20.0, 2e-3, seed)
+        tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
+        tau += np.array([[0.01], [1e-3]]) * np.random.default_rng(seed).standard_normal(tau.shape)
+        table = {"t": 2e-3 * np.arange(q.shape[1]), "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
+        pyarrow.csv.write_csv(pa.table(table), tmp_path / name)
+    found = identify(read_study(path))
+    (log,) = found.runs[0].observation.motions
+    assert [fault.kind for fault in faults(log.log)] == ["noise alone"]
+    assert not advise(found).actions
